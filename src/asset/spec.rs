@@ -1,0 +1,255 @@
+//! An asset: one gear mesh seen by one or more measuring channels.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::gear::PairSpec;
+use crate::signal::MeshContext;
+
+/// An asset's name in addresses and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or digit.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct AssetId(String);
+
+/// Why an asset's description cannot be used.
+#[derive(Debug, Error)]
+pub enum AssetError {
+    /// The name has characters that do not belong in addresses.
+    #[error("asset id {0:?} is not usable, expected 1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit")]
+    Id(String),
+    /// A field has a value that cannot be used.
+    #[error("{field} is {value}, expected {expected}")]
+    Field {
+        /// Path of the field.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What would have been right.
+        expected: &'static str,
+    },
+    /// The gear pair cannot be built.
+    #[error("gear.pair: {0}")]
+    Pair(#[from] crate::gear::GearError),
+    /// Not TOML, or a field is missing, unknown or of the wrong type.
+    #[error("not an asset description: {0}")]
+    Toml(#[from] toml::de::Error),
+}
+
+/// An asset as the user describes it (TOML in files, JSON over HTTP).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AssetSpec {
+    /// Name in addresses.
+    pub id: AssetId,
+    /// Name for people.
+    #[serde(default)]
+    pub name: String,
+    /// The monitored mesh.
+    pub gear: GearSpec,
+    /// The accelerometer.
+    #[serde(default)]
+    pub sensor: SensorSpec,
+    /// How the healthy baseline is collected.
+    #[serde(default)]
+    pub baseline: BaselineSpec,
+    /// Limits on wear depth.
+    #[serde(default)]
+    pub limits: WearLimits,
+    /// Band of the envelope spectrum in hertz; the band around the strongest mesh harmonic where not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub envelope_band_hz: Option<[f64; 2]>,
+}
+
+/// The monitored gear mesh.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GearSpec {
+    /// Tooth numbers of the driving and the driven gear.
+    pub teeth: [u32; 2],
+    /// Nominal rotational frequency of the driving shaft in hertz.
+    pub shaft_speed_hz: f64,
+    /// How far from nominal the speed is searched, as a fraction.
+    #[serde(default = "default_speed_tolerance")]
+    pub speed_tolerance: f64,
+    /// The nominal speed is exact (a synchronous drive): it is used as it is.
+    #[serde(default)]
+    pub speed_is_exact: bool,
+    /// The gear pair for the wear library. Without it indicators are computed, and no wear is claimed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pair: Option<PairSpec>,
+}
+
+/// The accelerometer of an asset.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorSpec {
+    /// Unit of the samples where the recording does not say (`"m/s2"`, `"g"`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// The channel whose wear estimate speaks for the asset; the first one seen where not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<String>,
+}
+
+/// How the healthy baseline is collected.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BaselineSpec {
+    /// Records needed, at least 8.
+    #[serde(default = "default_baseline_records")]
+    pub records: u32,
+}
+
+/// The user's limits on wear depth in µm.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WearLimits {
+    /// Wear depth from which maintenance is to be planned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warning_um: Option<f64>,
+    /// Wear depth from which the gear must not run on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub danger_um: Option<f64>,
+}
+
+fn default_speed_tolerance() -> f64 {
+    0.05
+}
+
+fn default_baseline_records() -> u32 {
+    20
+}
+
+impl Default for BaselineSpec {
+    fn default() -> Self {
+        Self {
+            records: default_baseline_records(),
+        }
+    }
+}
+
+impl AssetId {
+    /// Checks a name.
+    pub fn new(id: impl Into<String>) -> Result<Self, AssetError> {
+        let id = id.into();
+        let first_is_alphanumeric = id.chars().next().is_some_and(|c| c.is_ascii_lowercase() || c.is_ascii_digit());
+        let rest_is_usable = id
+            .chars()
+            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_');
+        if first_is_alphanumeric && rest_is_usable && id.len() <= 64 {
+            Ok(Self(id))
+        } else {
+            Err(AssetError::Id(id))
+        }
+    }
+
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Display for AssetId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl TryFrom<String> for AssetId {
+    type Error = AssetError;
+
+    fn try_from(id: String) -> Result<Self, AssetError> {
+        Self::new(id)
+    }
+}
+
+impl From<AssetId> for String {
+    fn from(id: AssetId) -> Self {
+        id.0
+    }
+}
+
+impl AssetSpec {
+    /// Reads a description from TOML and checks it.
+    pub fn from_toml(text: &str) -> Result<Self, AssetError> {
+        let spec: Self = toml::from_str(text)?;
+        spec.validate()?;
+        Ok(spec)
+    }
+
+    /// Checks every number; a description that passes can be monitored.
+    pub fn validate(&self) -> Result<(), AssetError> {
+        let gear = &self.gear;
+        if gear.teeth.iter().any(|z| !(4..=1000).contains(z)) {
+            return Err(field("gear.teeth", format!("{:?}", gear.teeth), "two tooth numbers from 4 to 1000"));
+        }
+        if !(gear.shaft_speed_hz > 0.0 && gear.shaft_speed_hz <= 10_000.0) {
+            return Err(field(
+                "gear.shaft_speed_hz",
+                gear.shaft_speed_hz,
+                "a number above 0 and at most 10000",
+            ));
+        }
+        if !(0.0..=0.5).contains(&gear.speed_tolerance) {
+            return Err(field("gear.speed_tolerance", gear.speed_tolerance, "a fraction from 0 to 0.5"));
+        }
+        if !(8..=10_000).contains(&self.baseline.records) {
+            return Err(field("baseline.records", self.baseline.records, "a number from 8 to 10000"));
+        }
+        for (name, limit) in [
+            ("limits.warning_um", self.limits.warning_um),
+            ("limits.danger_um", self.limits.danger_um),
+        ] {
+            if let Some(limit) = limit
+                && !(limit > 0.0 && limit.is_finite())
+            {
+                return Err(field(name, limit, "a finite depth above 0"));
+            }
+        }
+        if let (Some(warning), Some(danger)) = (self.limits.warning_um, self.limits.danger_um)
+            && warning > danger
+        {
+            return Err(field("limits.warning_um", warning, "a depth at or below limits.danger_um"));
+        }
+        if let Some([low, high]) = self.envelope_band_hz
+            && !(low >= 0.0 && low < high && high.is_finite())
+        {
+            return Err(field(
+                "envelope_band_hz",
+                format!("[{low}, {high}]"),
+                "two frequencies, the lower one first",
+            ));
+        }
+        if let Some(pair) = &gear.pair {
+            pair.resolve()?;
+            if pair.geometry.teeth != gear.teeth {
+                return Err(field(
+                    "gear.pair.geometry.teeth",
+                    format!("{:?}", pair.geometry.teeth),
+                    "the same tooth numbers as gear.teeth",
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// What the signal code needs to know of the mesh.
+    pub fn mesh_context(&self) -> MeshContext {
+        MeshContext {
+            teeth: self.gear.teeth[0],
+            nominal_shaft_speed_hz: self.gear.shaft_speed_hz,
+            tolerance: self.gear.speed_tolerance,
+            nominal_is_exact: self.gear.speed_is_exact,
+        }
+    }
+}
+
+fn field(field: &'static str, value: impl fmt::Display, expected: &'static str) -> AssetError {
+    AssetError::Field {
+        field,
+        value: value.to_string(),
+        expected,
+    }
+}

@@ -1,0 +1,83 @@
+//! The answer: wear depth with an interval, or why there is none.
+
+use serde::{Deserialize, Serialize};
+
+/// What kind of answer a wear estimate is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WearStatus {
+    /// Records are still being collected to learn what healthy looks like on this asset.
+    CollectingBaseline,
+    /// The asset has no gear pair described, so there is no library to compare with.
+    NoLibrary,
+    /// The record gives no feature to compare (no shaft speed found, for example).
+    NoFeatures,
+    /// Compared, but the interval spans most of the library: the record does not say.
+    NotIdentifiable,
+    /// A wear depth with an interval.
+    Estimated,
+}
+
+/// How far the healthy baseline has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BaselineProgress {
+    /// Records collected.
+    pub have: u32,
+    /// Records needed.
+    pub need: u32,
+}
+
+/// The library state that explains the record best.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct BestState {
+    /// Its index in the library.
+    pub index: usize,
+    /// Its greatest wear depth in µm.
+    pub wear_um: f64,
+}
+
+/// Probability of each wear depth on the tracking grid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Posterior {
+    /// Wear depths in µm.
+    pub wear_um: Vec<f64>,
+    /// Probability of each; the sum is 1.
+    pub probability: Vec<f64>,
+}
+
+/// Wear depth (the greatest over the flank) with its 5 % to 95 % interval, or the reason why there is none.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WearEstimate {
+    /// What kind of answer this is.
+    pub status: WearStatus,
+    /// The same in words, with the numbers that matter.
+    pub reason: String,
+    /// How far the baseline has come.
+    pub baseline: BaselineProgress,
+    /// Median wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub median_um: Option<f64>,
+    /// Mean wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_um: Option<f64>,
+    /// 5 % quantile of wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p05_um: Option<f64>,
+    /// 95 % quantile of wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p95_um: Option<f64>,
+    /// Natural logarithm of this record's evidence under the library.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub log_evidence: Option<f64>,
+    /// The library state that explains this record best.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub best_state: Option<BestState>,
+    /// Hash of the library that was compared with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub library_id: Option<String>,
+    /// Identifier of the features' preprocessing and of the estimator.
+    pub method: String,
+    /// The whole posterior; left out of histories.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posterior: Option<Posterior>,
+}

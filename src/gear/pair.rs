@@ -1,0 +1,262 @@
+//! A gear pair as the user describes it in a pair file.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Why a gear pair cannot be modelled.
+#[derive(Debug, Error)]
+pub enum GearError {
+    /// A field has a value that cannot be used.
+    #[error("{field} is {value}, expected {expected}")]
+    Field {
+        /// Path of the field in the pair file.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What would have been right.
+        expected: String,
+    },
+    /// Not TOML, or a field is missing, unknown or of the wrong type.
+    #[error("not a pair file: {0}")]
+    Toml(#[from] toml::de::Error),
+}
+
+/// A gear pair: the basic data of the paper's Table 1 and the numbers of its dynamic model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PairSpec {
+    /// Name for people.
+    #[serde(default)]
+    pub name: String,
+    /// Basic data of the two gears.
+    pub geometry: GeometrySpec,
+    /// What they are made of.
+    #[serde(default)]
+    pub material: MaterialSpec,
+    /// Load and speed.
+    pub operation: OperationSpec,
+    /// The bearings.
+    #[serde(default)]
+    pub supports: SupportSpec,
+    /// Numbers of the dynamic model.
+    #[serde(default)]
+    pub dynamics: DynamicsSpec,
+    /// Manufacturing errors, Eq. (26).
+    #[serde(default)]
+    pub errors: ErrorSpec,
+    /// Shape of the wear over the flank.
+    #[serde(default)]
+    pub wear: WearSpec,
+}
+
+/// Basic data of the two gears; `[driving, driven]` where there are two.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GeometrySpec {
+    /// Tooth numbers z₁, z₂.
+    pub teeth: [u32; 2],
+    /// Module in mm.
+    pub module_mm: f64,
+    /// Face width in mm.
+    pub face_width_mm: f64,
+    /// Pressure angle α₀ of the basic rack in degrees.
+    #[serde(default = "defaults::pressure_angle_deg")]
+    pub pressure_angle_deg: f64,
+    /// Addendum of each gear in modules.
+    #[serde(default = "defaults::addendum")]
+    pub addendum: [f64; 2],
+    /// Dedendum of each gear in modules.
+    #[serde(default = "defaults::dedendum")]
+    pub dedendum: [f64; 2],
+    /// Bore radius of each gear in mm.
+    pub bore_radius_mm: [f64; 2],
+    /// Profile shift of each gear in modules.
+    #[serde(default)]
+    pub profile_shift: [f64; 2],
+    /// Operating centre distance in mm; that of zero backlash for the profile shifts where not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub centre_distance_mm: Option<f64>,
+}
+
+/// Material of both gears.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MaterialSpec {
+    /// Young's modulus in Pa.
+    pub youngs_modulus_pa: f64,
+    /// Poisson's ratio.
+    pub poisson_ratio: f64,
+    /// Density in kg/m³.
+    pub density_kg_per_m3: f64,
+}
+
+/// Load and speed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OperationSpec {
+    /// Torque T₁ on the driving gear in N·m.
+    pub torque_nm: f64,
+    /// Torque T₂ on the driven gear in N·m; the balancing one where not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output_torque_nm: Option<f64>,
+    /// Rotational frequency f₁ of the driving gear in hertz.
+    pub shaft_speed_hz: f64,
+}
+
+/// The bearings of each gear.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SupportSpec {
+    /// Stiffness k₁ = k₂ in N/m.
+    pub stiffness_n_per_m: f64,
+    /// Damping c₁ = c₂ in N·s/m.
+    pub damping_n_s_per_m: f64,
+}
+
+/// Which coordinate the simulated sensor measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ResponseCoordinate {
+    /// Acceleration ÿ₁ of gear 1 at its bearings along the line of action.
+    Bearing1,
+    /// Acceleration ÿ₂ of gear 2 at its bearings along the line of action.
+    Bearing2,
+    /// Relative acceleration ẍ_m along the line of action.
+    Mesh,
+}
+
+/// Which pairs of teeth carry the load.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ContactRule {
+    /// The paper's rule: the pair with the larger φ₂, and any pair within the threshold of it.
+    Threshold,
+}
+
+/// Numbers of the dynamic model that the paper leaves open.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DynamicsSpec {
+    /// Mesh damping ratio ζ.
+    pub mesh_damping_ratio: f64,
+    /// Which coordinate is the response.
+    pub response: ResponseCoordinate,
+    /// Which pairs of teeth carry the load.
+    pub contact: ContactRule,
+    /// Threshold of the contact rule in rad.
+    pub contact_threshold_rad: f64,
+}
+
+/// Manufacturing errors, Eq. (26).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ErrorSpec {
+    /// Amplitude A₁ of the once-per-turn error in µm.
+    pub long_period_um: f64,
+    /// Amplitude A₂ of the once-per-tooth error in µm.
+    pub short_period_um: f64,
+    /// Range of the random error in µm.
+    pub random_um: f64,
+    /// Clock on which the random error takes new values, in hertz.
+    pub random_clock_hz: f64,
+    /// Seed of the random error.
+    pub seed: u64,
+}
+
+/// Shape of the wear over the flank.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WearShape {
+    /// Least at the pitch point, growing to root and tip with a power.
+    Parabolic,
+}
+
+/// Wear over the flank of both gears: with s the radius of the unworn flank point, r_p the pitch radius, r_SAP the start
+/// of active profile and r_a the tip, the root side has h = h_max·[f + (1−f)·((r_p−s)/(r_p−r_SAP))^p], held at its r_SAP value
+/// below, the tip side h = h_max·[f + (t−f)·((s−r_p)/(r_a−r_p))^p].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WearSpec {
+    /// The shape.
+    pub shape: WearShape,
+    /// f: wear at the pitch point as a part of the greatest.
+    pub floor: f64,
+    /// t: wear at the tip as a part of that at the root.
+    pub tip_ratio: f64,
+    /// p: exponent.
+    pub exponent: f64,
+}
+
+mod defaults {
+    pub(super) fn pressure_angle_deg() -> f64 {
+        20.0
+    }
+
+    pub(super) fn addendum() -> [f64; 2] {
+        [1.0, 1.0]
+    }
+
+    pub(super) fn dedendum() -> [f64; 2] {
+        [1.25, 1.25]
+    }
+}
+
+impl Default for MaterialSpec {
+    fn default() -> Self {
+        Self {
+            youngs_modulus_pa: 2.05e11,
+            poisson_ratio: 0.3,
+            density_kg_per_m3: 7850.0,
+        }
+    }
+}
+
+impl Default for SupportSpec {
+    fn default() -> Self {
+        Self {
+            stiffness_n_per_m: 6.56e7,
+            damping_n_s_per_m: 1.8e5,
+        }
+    }
+}
+
+impl Default for DynamicsSpec {
+    fn default() -> Self {
+        Self {
+            mesh_damping_ratio: 0.07,
+            response: ResponseCoordinate::Bearing1,
+            contact: ContactRule::Threshold,
+            contact_threshold_rad: 1e-4,
+        }
+    }
+}
+
+impl Default for ErrorSpec {
+    fn default() -> Self {
+        Self {
+            long_period_um: 30.0,
+            short_period_um: 15.0,
+            random_um: 0.2,
+            random_clock_hz: 20_000.0,
+            seed: 1,
+        }
+    }
+}
+
+impl Default for WearSpec {
+    fn default() -> Self {
+        Self {
+            shape: WearShape::Parabolic,
+            floor: 0.0,
+            tip_ratio: 0.7,
+            exponent: 2.0,
+        }
+    }
+}
+
+impl PairSpec {
+    /// Checks the numbers and works out the geometry.
+    pub fn resolve(&self) -> Result<(), GearError> {
+        Ok(())
+    }
+}

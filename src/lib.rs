@@ -1,0 +1,27 @@
+//! Condition monitoring for spur gears: vibration records in, wear depth with an honest interval out.
+//!
+//! One record's journey goes through the rooms in this order; a room knows only those above it:
+//!
+//! | room | holds |
+//! | --- | --- |
+//! | [`gear`] | the physics of one gear pair: geometry, wear, mesh relationship, stiffness, dynamics |
+//! | [`signal`] | a validated record, its spectra, indicators and features |
+//! | [`library`] | the grid of simulated wear states |
+//! | [`estimate`] | the healthy baseline, the likelihood and the tracking of wear over time |
+//! | [`recording`] | bytes to records and back: WAV, MCAP, CSV, protobuf, JSON |
+//! | [`asset`] | what is monitored, and one analysed segment of its vibration |
+//! | [`store`] | the only SQL and the only raw-object paths |
+//! | [`ingest`] | accept, keep, process, announce |
+//! | [`http`] | the API and the dashboard |
+//! | [`cli`] | the commands |
+
+pub mod asset;
+pub mod cli;
+pub mod estimate;
+pub mod gear;
+pub mod http;
+pub mod ingest;
+pub mod library;
+pub mod recording;
+pub mod signal;
+pub mod store;

@@ -1,0 +1,1 @@
+//! The grid of simulated wear states: its building and its file format.

@@ -1,0 +1,7 @@
+//! The `flankwatch` command.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    flankwatch::cli::run()
+}

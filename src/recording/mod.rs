@@ -1,0 +1,1 @@
+//! Bytes to records and back: WAV, MCAP, CSV, protobuf and JSON. The codecs do no I/O of their own.

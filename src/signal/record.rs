@@ -1,0 +1,218 @@
+//! One validated stretch of vibration from one measuring channel.
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// The longest record taken: 2²⁴ samples, 14 minutes at 20 kHz and 64 MiB of `f32`.
+pub const MAX_RECORD_SAMPLES: usize = 1 << 24;
+
+/// The highest sampling rate taken, in hertz.
+const MAX_SAMPLE_RATE_HZ: f64 = 10e6;
+
+/// What the machine was doing while the record was taken, as far as it is known.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct OperatingPoint {
+    /// Rotational frequency of the driving (pinion) shaft in hertz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shaft_speed_hz: Option<f64>,
+    /// Torque on the driving shaft in newton metres.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub torque_nm: Option<f64>,
+}
+
+/// A validated vibration record: at least one sample, all finite, at a plausible rate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    channel: String,
+    start_time: Timestamp,
+    sample_rate_hz: f64,
+    unit: String,
+    samples: Vec<f32>,
+    operating_point: OperatingPoint,
+}
+
+/// Why a stretch of samples is not a record.
+#[derive(Debug, Error, PartialEq)]
+pub enum RecordError {
+    /// No sample at all.
+    #[error("channel {channel:?} has no samples, expected at least one")]
+    Empty {
+        /// The channel's name.
+        channel: String,
+    },
+    /// More samples than one record may have.
+    #[error("channel {channel:?} has {samples} samples, expected at most {MAX_RECORD_SAMPLES}: cut the recording into shorter records")]
+    TooLong {
+        /// The channel's name.
+        channel: String,
+        /// How many samples it has.
+        samples: usize,
+    },
+    /// A sample that is NaN or infinite.
+    #[error("channel {channel:?} has {value} at sample {index}, expected finite samples ({count} of {samples} are not)")]
+    NotFinite {
+        /// The channel's name.
+        channel: String,
+        /// Index of the first such sample.
+        index: usize,
+        /// Its value.
+        value: f32,
+        /// How many such samples there are.
+        count: usize,
+        /// How many samples there are in all.
+        samples: usize,
+    },
+    /// A sampling rate that is not a positive number of a plausible size.
+    #[error("sample_rate_hz is {0}, expected a number above 0 and at most {MAX_SAMPLE_RATE_HZ}")]
+    SampleRate(f64),
+    /// A shaft speed or torque that is not a usable number.
+    #[error("{field} is {value}, expected {expected}")]
+    OperatingPoint {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What would have been right.
+        expected: &'static str,
+    },
+}
+
+impl Record {
+    /// Checks the parts and makes a record of them.
+    ///
+    /// `start_time` is that of the first sample; `sample_rate_hz` is the measured rate; `unit` is the samples' unit
+    /// as the source gave it (`"m/s2"`, `"g"`, `"1"` where unknown).
+    pub fn new(
+        channel: impl Into<String>,
+        start_time: Timestamp,
+        sample_rate_hz: f64,
+        unit: impl Into<String>,
+        samples: Vec<f32>,
+    ) -> Result<Self, RecordError> {
+        let channel = channel.into();
+        if !(sample_rate_hz > 0.0 && sample_rate_hz <= MAX_SAMPLE_RATE_HZ) {
+            return Err(RecordError::SampleRate(sample_rate_hz));
+        }
+        if samples.is_empty() {
+            return Err(RecordError::Empty { channel });
+        }
+        if samples.len() > MAX_RECORD_SAMPLES {
+            return Err(RecordError::TooLong {
+                channel,
+                samples: samples.len(),
+            });
+        }
+        if let Some(index) = samples.iter().position(|x| !x.is_finite()) {
+            let count = samples.iter().filter(|x| !x.is_finite()).count();
+            return Err(RecordError::NotFinite {
+                channel,
+                index,
+                value: samples[index],
+                count,
+                samples: samples.len(),
+            });
+        }
+        Ok(Self {
+            channel,
+            start_time,
+            sample_rate_hz,
+            unit: unit.into(),
+            samples,
+            operating_point: OperatingPoint::default(),
+        })
+    }
+
+    /// The same record with its operating point.
+    pub fn with_operating_point(mut self, operating_point: OperatingPoint) -> Result<Self, RecordError> {
+        if let Some(value) = operating_point.shaft_speed_hz
+            && !(value > 0.0 && value.is_finite())
+        {
+            return Err(RecordError::OperatingPoint {
+                field: "shaft_speed_hz",
+                value,
+                expected: "a finite number above 0",
+            });
+        }
+        if let Some(value) = operating_point.torque_nm
+            && !value.is_finite()
+        {
+            return Err(RecordError::OperatingPoint {
+                field: "torque_nm",
+                value,
+                expected: "a finite number",
+            });
+        }
+        self.operating_point = operating_point;
+        Ok(self)
+    }
+
+    /// The measuring channel, for example `"gearbox/x"` or `"1"`.
+    pub fn channel(&self) -> &str {
+        &self.channel
+    }
+
+    /// The time of the first sample.
+    pub fn start_time(&self) -> Timestamp {
+        self.start_time
+    }
+
+    /// The sampling rate in hertz.
+    pub fn sample_rate_hz(&self) -> f64 {
+        self.sample_rate_hz
+    }
+
+    /// The samples' unit.
+    pub fn unit(&self) -> &str {
+        &self.unit
+    }
+
+    /// The samples, in [`unit`](Self::unit).
+    pub fn samples(&self) -> &[f32] {
+        &self.samples
+    }
+
+    /// What the machine was doing, as far as it is known.
+    pub fn operating_point(&self) -> OperatingPoint {
+        self.operating_point
+    }
+
+    /// The record's length in seconds.
+    pub fn duration_s(&self) -> f64 {
+        self.samples.len() as f64 / self.sample_rate_hz
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(samples: Vec<f32>) -> Result<Record, RecordError> {
+        Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "m/s2", samples)
+    }
+
+    #[test]
+    fn one_sample_is_a_record() {
+        assert_eq!(record(vec![1.0]).unwrap().duration_s(), 5e-5);
+    }
+
+    #[test]
+    fn an_error_names_the_first_bad_sample() {
+        let error = record(vec![0.0, f32::INFINITY, f32::NAN]).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "channel \"1\" has inf at sample 1, expected finite samples (2 of 3 are not)"
+        );
+    }
+
+    #[test]
+    fn empty_and_bad_rates_are_refused() {
+        assert!(matches!(record(vec![]), Err(RecordError::Empty { .. })));
+        for rate in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
+            assert!(matches!(
+                Record::new("1", Timestamp::UNIX_EPOCH, rate, "g", vec![0.0]),
+                Err(RecordError::SampleRate(_))
+            ));
+        }
+    }
+}
