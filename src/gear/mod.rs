@@ -2,10 +2,38 @@
 //! mesh stiffness, unloaded static transmission error, and the 4-DOF dynamics that turn them into vibration.
 //!
 //! Gear 1 drives; X₁ is the tooth's centre line; φ₁ is the angle of X₁ above the line of centres. Knows nothing of signals.
+//!
+//! The way through: a [`PairSpec`] (pair file) resolves to a [`GearPair`] (checked geometry); a [`FlankWear`] says what its flanks have
+//! lost; [`MeshCycle::compute`] works out one mesh period; [`simulate`] turns it into vibration.
 
+mod decimator;
+mod dynamics;
+mod error;
+mod flank;
+mod geometry;
+mod mesh_cycle;
 mod pair;
+mod relationship;
+mod response;
+mod root;
+mod stiffness;
+mod tooth;
+mod transmission_error;
+mod wear;
+mod wear_table;
 
+pub use error::GearError;
+pub use flank::{Flank, FlankPoint};
+pub use geometry::{Gear, GearPair};
+pub use mesh_cycle::MeshCycle;
 pub use pair::{
-    ContactRule, DynamicsSpec, ErrorSpec, GearError, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, ResponseCoordinate, SupportSpec,
+    ContactRule, DynamicsSpec, ErrorSpec, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, ResponseCoordinate, SupportSpec, WearPoint,
     WearShape, WearSpec,
 };
+pub use relationship::MeshRelationship;
+pub use response::{RunSettings, simulate};
+pub use stiffness::PairStiffness;
+pub use wear::FlankWear;
+
+/// Version of the model: it changes when any number that the model gives for the same input changes.
+pub const MODEL_VERSION: &str = "1";

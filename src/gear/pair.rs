@@ -1,25 +1,7 @@
 //! A gear pair as the user describes it in a pair file.
 
+use super::{GearError, GearPair};
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
-
-/// Why a gear pair cannot be modelled.
-#[derive(Debug, Error)]
-pub enum GearError {
-    /// A field has a value that cannot be used.
-    #[error("{field} is {value}, expected {expected}")]
-    Field {
-        /// Path of the field in the pair file.
-        field: &'static str,
-        /// Its value.
-        value: String,
-        /// What would have been right.
-        expected: String,
-    },
-    /// Not TOML, or a field is missing, unknown or of the wrong type.
-    #[error("not a pair file: {0}")]
-    Toml(#[from] toml::de::Error),
-}
 
 /// A gear pair: the basic data of the paper's Table 1 and the numbers of its dynamic model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -121,7 +103,7 @@ pub enum ResponseCoordinate {
     Bearing1,
     /// Acceleration ÿ₂ of gear 2 at its bearings along the line of action.
     Bearing2,
-    /// Relative acceleration ẍ_m along the line of action.
+    /// Relative acceleration R_b1 θ̈₁ − R_b2 θ̈₂ − ÿ₁ + ÿ₂ of the gears along the line of action: ẍ_m without the error's own ë.
     Mesh,
 }
 
@@ -134,6 +116,8 @@ pub enum ContactRule {
 }
 
 /// Numbers of the dynamic model that the paper leaves open.
+///
+/// The mesh damping is c = 2ζ√(k̄ m_e), with k̄ the mean of k(t) over a mesh period and 1/m_e = R_b1²/I₁ + R_b2²/I₂.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DynamicsSpec {
@@ -145,6 +129,13 @@ pub struct DynamicsSpec {
     pub contact: ContactRule,
     /// Threshold of the contact rule in rad.
     pub contact_threshold_rad: f64,
+    /// Masses m₁, m₂ in kg; where not given those of solid discs of the reference pitch radius and the face width, the bore filled by its
+    /// shaft.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mass_kg: Option<[f64; 2]>,
+    /// Moments of inertia I₁, I₂ in kg·m²; where not given those of the same discs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inertia_kg_m2: Option<[f64; 2]>,
 }
 
 /// Manufacturing errors, Eq. (26).
@@ -169,12 +160,28 @@ pub struct ErrorSpec {
 pub enum WearShape {
     /// Least at the pitch point, growing to root and tip with a power.
     Parabolic,
+    /// The same depth along Y over the whole flank.
+    Floor,
+    /// The depths of [`WearSpec::table`], scaled so that the greatest of them is h_max.
+    Table,
 }
 
-/// Wear over the flank of both gears: with s the radius of the unworn flank point, r_p the pitch radius, r_SAP the start
+/// One line of a wear table.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WearPoint {
+    /// 1 for the driving gear, 2 for the driven.
+    pub gear: u32,
+    /// Radius of the unworn flank point in mm.
+    pub radius_mm: f64,
+    /// Wear depth along Y in µm.
+    pub depth_um: f64,
+}
+
+/// Wear over the flank of both gears, measured along Y. Parabolic: with s the radius of the unworn flank point, r_p the pitch radius, r_SAP the start
 /// of active profile and r_a the tip, the root side has h = h_max·[f + (1−f)·((r_p−s)/(r_p−r_SAP))^p], held at its r_SAP value
 /// below, the tip side h = h_max·[f + (t−f)·((s−r_p)/(r_a−r_p))^p].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WearSpec {
     /// The shape.
@@ -183,8 +190,11 @@ pub struct WearSpec {
     pub floor: f64,
     /// t: wear at the tip as a part of that at the root.
     pub tip_ratio: f64,
-    /// p: exponent.
+    /// p: exponent, above 1 so that the slope is continuous at the pitch point.
     pub exponent: f64,
+    /// Depths over the radius of the unworn flank, for the shape `table`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub table: Vec<WearPoint>,
 }
 
 mod defaults {
@@ -227,6 +237,8 @@ impl Default for DynamicsSpec {
             response: ResponseCoordinate::Bearing1,
             contact: ContactRule::Threshold,
             contact_threshold_rad: 1e-4,
+            mass_kg: None,
+            inertia_kg_m2: None,
         }
     }
 }
@@ -250,13 +262,25 @@ impl Default for WearSpec {
             floor: 0.0,
             tip_ratio: 0.7,
             exponent: 2.0,
+            table: Vec::new(),
         }
     }
 }
 
 impl PairSpec {
-    /// Checks the numbers and works out the geometry.
-    pub fn resolve(&self) -> Result<(), GearError> {
-        Ok(())
+    /// Reads a pair file.
+    ///
+    /// # Errors
+    /// [`GearError::Toml`] for anything but TOML of these fields; numbers are looked at by [`PairSpec::resolve`].
+    pub fn from_toml(text: &str) -> Result<Self, GearError> {
+        Ok(toml::from_str(text)?)
+    }
+
+    /// Checks every number and works out the geometry.
+    ///
+    /// # Errors
+    /// [`GearError::Field`] with the first field that cannot be used, its value and the limit.
+    pub fn resolve(&self) -> Result<GearPair, GearError> {
+        GearPair::resolve(self)
     }
 }

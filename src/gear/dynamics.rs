@@ -1,0 +1,130 @@
+//! The 4-DOF dynamics, Eqs. (23) and (24), in the relative coordinate.
+//!
+//! With x = R_b1 θ₁ − R_b2 θ₂ the rotations leave one equation, ẍ = T₁R_b1/I₁ + T₂R_b2/I₂ − F_m/m_e with F_m = k x_m + c ẋ_m, while the mean
+//! speed is prescribed: torques that do not balance then cannot run away. ė is never needed: for each coordinate of
+//! mass m that F_m pushes, the velocity less its part c x_m/m of the damper's push is integrated, which stays continuous where e jumps.
+
+use super::{GearPair, MeshCycle};
+
+/// Numbers of the equations of motion, in SI units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Motion {
+    /// 1/m_e, 1/m₁, 1/m₂.
+    pub(super) inverse_mass: [f64; 3],
+    /// T₁R_b1/I₁ + T₂R_b2/I₂ in m/s².
+    pub(super) drive_m_per_s2: f64,
+    /// Mesh damping c.
+    pub(super) mesh_damping: f64,
+    /// k₁ = k₂.
+    pub(super) support_stiffness: f64,
+    /// c₁ = c₂.
+    pub(super) support_damping: f64,
+}
+
+/// x, y₁, y₂ and the velocities less the damper's part, in m and m/s.
+pub(super) type State = [f64; 6];
+
+/// Mesh stiffness in N/m and transmission error in m at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Excitation {
+    pub(super) stiffness: f64,
+    pub(super) error: f64,
+}
+
+impl Motion {
+    pub(super) fn new(pair: &GearPair, cycle: &MeshCycle, torque_nm: f64) -> Self {
+        let [driving, driven] = &pair.gears;
+        let operation = &pair.spec.operation;
+        // The driven torque keeps its proportion to the driving one; where not given it balances.
+        let balanced = driven.base_radius_mm / driving.base_radius_mm;
+        let proportion = operation.output_torque_nm.map_or(balanced, |output| output / operation.torque_nm);
+        let push = |torque: f64, gear: &super::Gear| torque * gear.base_radius_mm * 1e-3 / gear.inertia_kg_m2;
+        let mesh_mass = pair.mesh_mass_kg();
+        Self {
+            inverse_mass: [1.0 / mesh_mass, 1.0 / driving.mass_kg, 1.0 / driven.mass_kg],
+            drive_m_per_s2: push(torque_nm, driving) + push(torque_nm * proportion, driven),
+            mesh_damping: 2.0 * pair.spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt(),
+            support_stiffness: pair.spec.supports.stiffness_n_per_m,
+            support_damping: pair.spec.supports.damping_n_s_per_m,
+        }
+    }
+
+    /// Static balance under constant excitation.
+    pub(super) fn at_rest(&self, excitation: Excitation) -> State {
+        let force = self.drive_m_per_s2 / self.inverse_mass[0];
+        let mesh = force / excitation.stiffness;
+        let support = force / self.support_stiffness;
+        let part = self.inverse_mass.map(|inverse| self.mesh_damping * mesh * inverse);
+        let x = mesh + 2.0 * support + excitation.error;
+        [x, support, -support, part[0], -part[1], part[2]]
+    }
+
+    /// ẋ, ẏ₁, ẏ₂ in m/s.
+    #[inline]
+    pub(super) fn velocities(&self, state: &State, error: f64) -> [f64; 3] {
+        let mesh = state[0] - state[1] + state[2] - error;
+        let damped = self.mesh_damping * mesh;
+        [
+            state[3] - damped * self.inverse_mass[0],
+            state[4] + damped * self.inverse_mass[1],
+            state[5] - damped * self.inverse_mass[2],
+        ]
+    }
+
+    #[inline]
+    fn derivative(&self, state: &State, excitation: Excitation) -> State {
+        let velocities = self.velocities(state, excitation.error);
+        let push = excitation.stiffness * (state[0] - state[1] + state[2] - excitation.error);
+        let support = |i: usize| self.support_damping * velocities[i] + self.support_stiffness * state[i];
+        [
+            velocities[0],
+            velocities[1],
+            velocities[2],
+            self.drive_m_per_s2 - push * self.inverse_mass[0],
+            (push - support(1)) * self.inverse_mass[1],
+            (-push - support(2)) * self.inverse_mass[2],
+        ]
+    }
+
+    /// One step of the classical Runge–Kutta method over `step` seconds, with the excitation at its start, middle and end.
+    #[inline]
+    pub(super) fn step(&self, state: &State, excitation: &[Excitation; 3], step: f64) -> State {
+        let ahead = |slope: &State, length: f64| -> State { std::array::from_fn(|i| state[i] + length * slope[i]) };
+        let k1 = self.derivative(state, excitation[0]);
+        let k2 = self.derivative(&ahead(&k1, 0.5 * step), excitation[1]);
+        let k3 = self.derivative(&ahead(&k2, 0.5 * step), excitation[1]);
+        let k4 = self.derivative(&ahead(&k3, step), excitation[2]);
+        std::array::from_fn(|i| state[i] + step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]))
+    }
+
+    /// Fastest rate of the linear system with stiffness up to `stiffness`, in rad/s: what the step must resolve.
+    pub(super) fn fastest_rate(&self, stiffness: f64) -> f64 {
+        let mesh: f64 = self.inverse_mass.iter().sum();
+        let translation = self.inverse_mass[1].max(self.inverse_mass[2]);
+        let spring = (stiffness * mesh + self.support_stiffness * translation).sqrt();
+        spring.max(self.mesh_damping * mesh + self.support_damping * translation)
+    }
+
+    /// Slowest decay rate in 1/s, of the mesh mode at `stiffness` or of a support alone: what the start-up dies out with.
+    pub(super) fn slowest_decay(&self, stiffness: f64) -> f64 {
+        let decay = |inverse: f64, damping: f64, stiffness: f64| {
+            let half = 0.5 * damping * inverse;
+            let under = half * half - stiffness * inverse;
+            if under > 0.0 {
+                // half − √under without cancellation.
+                stiffness * inverse / (half + under.sqrt())
+            } else {
+                half
+            }
+        };
+        let mesh = decay(self.inverse_mass[0], self.mesh_damping, stiffness);
+        let supports = [1, 2].map(|i| {
+            decay(
+                self.inverse_mass[i],
+                self.support_damping + self.mesh_damping,
+                self.support_stiffness,
+            )
+        });
+        mesh.min(supports[0]).min(supports[1])
+    }
+}

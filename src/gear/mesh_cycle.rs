@@ -1,0 +1,288 @@
+//! One mesh period of a pair: which pairs of teeth carry, how stiff they are together, and where the driven gear stands.
+
+use super::error::within;
+use super::{FlankWear, GearError, GearPair, MeshRelationship, PairStiffness, root};
+
+/// Cells of the mesh period in which a change of the carrying pairs is looked for, and of the smooth parts between two changes.
+const CELLS: usize = 1024;
+/// Accuracy of a change's place in mesh periods.
+const PLACE_TOLERANCE: f64 = 1e-12;
+/// Rounding of φ₁ in rad at the ends of a pair's contact.
+const ROUNDING_RAD: f64 = 1e-12;
+
+/// One mesh period, from the nominal start of contact of the driving tooth pair on, that point included and the period's end excluded.
+///
+/// Multi-tooth rule (Section 3.2.2): pair n is the single pair shifted by (n − 1)·2π/z, Eq. (28); the pair with the largest φ₂ carries,
+/// and with it every pair whose φ₂ is less than the threshold below; their stiffnesses add, Eq. (29).
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshCycle {
+    /// φ₁ in rad of the driving tooth that starts its contact at the first point.
+    pub phi1_rad: Vec<f64>,
+    /// φ₂ in rad of the driven tooth in contact with that driving tooth (were it alone ahead): the leading pair's φ₂ counted back to it.
+    pub phi2_rad: Vec<f64>,
+    /// Mesh stiffness k in N/m.
+    pub stiffness_n_per_m: Vec<f64>,
+    /// e_wear in rad of the driven gear, Eq. (31): φ₁ R_b1/R_b2 − φ₂, less its constant for perfect flanks (a tooth's centre line of one
+    /// gear faces a space's of the other: −π/z₂ without backlash). Positive where the driven gear lags.
+    pub uste_rad: Vec<f64>,
+    /// Pairs of teeth that carry.
+    pub pairs_in_contact: Vec<u32>,
+    /// The same period in parts without jumps.
+    pub(super) pieces: Vec<CyclePiece>,
+}
+
+/// A part of the mesh period during which the same pairs carry.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CyclePiece {
+    /// Start in mesh periods.
+    pub(super) start: f64,
+    /// End in mesh periods.
+    pub(super) end: f64,
+    /// Stiffness in N/m at evenly spaced places, both ends included.
+    pub(super) stiffness_n_per_m: Vec<f64>,
+    /// e_wear in rad at the same places.
+    pub(super) uste_rad: Vec<f64>,
+}
+
+/// What carries at one rotation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Carrying {
+    /// Bit n set where the pair n periods ahead of the entering one carries.
+    pairs: u32,
+    leader: usize,
+    phi2_rad: f64,
+    stiffness_n_per_m: f64,
+}
+
+/// The single pair's contact over φ₁.
+struct PairCurve {
+    relationship: MeshRelationship,
+    stiffness_n_per_m: Vec<f64>,
+    /// Least and greatest φ₁.
+    range: (f64, f64),
+    /// Whether φ₁ rises throughout.
+    rising: bool,
+}
+
+/// Lead in rad below which two pairs are level: the rounding of perfect flanks.
+const TIE_RAD: f64 = 1e-11;
+
+/// All pairs of teeth.
+struct Mesh<'a> {
+    pair: &'a GearPair,
+    curve: PairCurve,
+    /// φ₁ R_b1/R_b2 − φ₂ of perfect flanks.
+    perfect_lag_rad: f64,
+    /// Most pairs that can touch at once.
+    most_pairs: usize,
+}
+
+impl MeshCycle {
+    /// Works out one mesh period at `points` evenly spaced rotations.
+    ///
+    /// # Errors
+    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where wear leaves a part of the
+    /// period without contact.
+    pub fn compute(pair: &GearPair, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
+        within("points", points as f64, 2.0, 1e6)?;
+        let mesh = Mesh::new(pair, wear)?;
+        let (start, pitch) = (pair.start_of_contact_rad(), pair.gears[0].pitch_angle_rad());
+        let mut cycle = Self {
+            phi1_rad: Vec::with_capacity(points),
+            phi2_rad: Vec::with_capacity(points),
+            stiffness_n_per_m: Vec::with_capacity(points),
+            uste_rad: Vec::with_capacity(points),
+            pairs_in_contact: Vec::with_capacity(points),
+            pieces: mesh.pieces()?,
+        };
+        for i in 0..points {
+            let phi1 = start + pitch * (i as f64 / points as f64);
+            let carrying = mesh.carrying(phi1)?;
+            cycle.phi1_rad.push(phi1);
+            cycle.phi2_rad.push(carrying.phi2_rad);
+            cycle.stiffness_n_per_m.push(carrying.stiffness_n_per_m);
+            cycle.uste_rad.push(mesh.lag(phi1, carrying.phi2_rad));
+            cycle.pairs_in_contact.push(carrying.pairs.count_ones());
+        }
+        Ok(cycle)
+    }
+
+    /// Mean of k over the mesh period in N/m.
+    pub fn mean_stiffness_n_per_m(&self) -> f64 {
+        self.pieces
+            .iter()
+            .map(|piece| (piece.end - piece.start) * piece.mean_stiffness())
+            .sum()
+    }
+}
+
+impl CyclePiece {
+    /// By the trapezoidal rule.
+    fn mean_stiffness(&self) -> f64 {
+        let ends = 0.5 * (self.stiffness_n_per_m[0] + self.stiffness_n_per_m[self.stiffness_n_per_m.len() - 1]);
+        let inner: f64 = self.stiffness_n_per_m[1..self.stiffness_n_per_m.len() - 1].iter().sum();
+        (ends + inner) / (self.stiffness_n_per_m.len() - 1) as f64
+    }
+}
+
+impl<'a> Mesh<'a> {
+    fn new(pair: &'a GearPair, wear: &FlankWear) -> Result<Self, GearError> {
+        let relationship = MeshRelationship::solve(pair, wear)?;
+        let stiffness = PairStiffness::new(pair, wear);
+        let stiffness_n_per_m = relationship.alpha1_rad.iter().zip(&relationship.alpha1_prime_rad);
+        let stiffness_n_per_m = stiffness_n_per_m
+            .map(|(alpha1, prime)| stiffness.single_pair_n_per_m(*alpha1, *prime))
+            .collect();
+        let range = relationship
+            .phi1_rad
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), phi1| {
+                (least.min(*phi1), most.max(*phi1))
+            });
+        let pitch = pair.gears[0].pitch_angle_rad();
+        Ok(Self {
+            pair,
+            perfect_lag_rad: pair.perfect_lag_rad(),
+            most_pairs: (((range.1 - pair.start_of_contact_rad()) / pitch).ceil() as usize + 1).min(30),
+            curve: PairCurve {
+                rising: relationship.phi1_rad.windows(2).all(|two| two[0] < two[1]),
+                relationship,
+                stiffness_n_per_m,
+                range,
+            },
+        })
+    }
+
+    /// What carries at φ₁ of the entering tooth pair.
+    fn carrying(&self, phi1: f64) -> Result<Carrying, GearError> {
+        let pitches = self.pair.gears.each_ref().map(|gear| gear.pitch_angle_rad());
+        // A worn pair may start before the nominal start: the pair that follows is number 0.
+        let mut contacts: [Option<(f64, f64)>; 32] = [None; 32];
+        let mut leader = None;
+        for (n, contact) in contacts.iter_mut().enumerate().take(self.most_pairs + 1) {
+            let ahead = n as f64 - 1.0;
+            *contact = self
+                .curve
+                .at(phi1 + ahead * pitches[0])
+                .map(|(phi2, k)| (phi2 - ahead * pitches[1], k));
+            if let Some((phi2, _)) = contact
+                && leader.is_none_or(|(_, most)| *phi2 > most + TIE_RAD)
+            {
+                leader = Some((n, *phi2));
+            }
+        }
+        let Some((leader, phi2_rad)) = leader else {
+            return Err(GearError::NoContact { phi1_rad: phi1 });
+        };
+        let threshold = self.pair.spec.dynamics.contact_threshold_rad;
+        let mut carrying = Carrying {
+            pairs: 0,
+            leader,
+            phi2_rad,
+            stiffness_n_per_m: 0.0,
+        };
+        for (n, contact) in contacts.iter().enumerate() {
+            if let Some((phi2, stiffness)) = contact
+                && phi2_rad - phi2 < threshold
+            {
+                carrying.pairs |= 1 << n;
+                carrying.stiffness_n_per_m += stiffness;
+            }
+        }
+        Ok(carrying)
+    }
+
+    /// The period cut where the carrying pairs or the leader change.
+    fn pieces(&self) -> Result<Vec<CyclePiece>, GearError> {
+        let key = |place: f64| self.carrying(self.phi1_at(place)).map(|carrying| (carrying.pairs, carrying.leader));
+        let mut cuts = vec![0.0];
+        // Looked at in the cells' middles, so that the rounding of a change at the period's own ends is not one.
+        let mut before = (0.0, key(1e-9)?);
+        for cell in 0..=CELLS {
+            let place = ((cell as f64 + 0.5) / CELLS as f64).min(1.0 - 1e-9);
+            let after = (place, key(place)?);
+            while before.1 != after.1 {
+                // Bisection on the key itself finds the first change; a second one in the same cell is found from there.
+                let differs = |place: f64| key(place).map_or(1.0, |at| if at == before.1 { -1.0 } else { 1.0 });
+                let cut = root::find(differs, (before.0, -1.0), (after.0, 1.0), PLACE_TOLERANCE);
+                cuts.push(cut);
+                before = (cut + 2.0 * PLACE_TOLERANCE, key((cut + 4.0 * PLACE_TOLERANCE).min(after.0))?);
+                if cuts.len() > CELLS {
+                    break;
+                }
+            }
+            before = after;
+        }
+        cuts.push(1.0);
+        cuts.windows(2)
+            .filter(|two| two[1] - two[0] > 1e-9)
+            .map(|two| self.piece(two[0], two[1]))
+            .collect()
+    }
+
+    fn piece(&self, start: f64, end: f64) -> Result<CyclePiece, GearError> {
+        let count = ((end - start) * CELLS as f64).ceil() as usize + 1;
+        let mut piece = CyclePiece {
+            start,
+            end,
+            stiffness_n_per_m: Vec::with_capacity(count + 1),
+            uste_rad: Vec::with_capacity(count + 1),
+        };
+        for i in 0..=count {
+            // The ends belong to this piece: a little inside of them, where no other pair carries yet.
+            let inside = (i as f64 / count as f64).clamp(1e-6 / count as f64, 1.0 - 1e-6 / count as f64);
+            let phi1 = self.phi1_at(start + (end - start) * inside);
+            let carrying = self.carrying(phi1)?;
+            piece.stiffness_n_per_m.push(carrying.stiffness_n_per_m);
+            piece.uste_rad.push(self.lag(phi1, carrying.phi2_rad));
+        }
+        Ok(piece)
+    }
+
+    /// e_wear in rad, Eq. (31).
+    fn lag(&self, phi1: f64, phi2: f64) -> f64 {
+        self.pair.gears[0].base_radius_mm / self.pair.gears[1].base_radius_mm * phi1 - phi2 - self.perfect_lag_rad
+    }
+
+    /// φ₁ in rad at a place in mesh periods.
+    fn phi1_at(&self, place: f64) -> f64 {
+        self.pair.start_of_contact_rad() + self.pair.gears[0].pitch_angle_rad() * place
+    }
+}
+
+impl PairCurve {
+    /// φ₂ in rad and stiffness in N/m of the single pair at φ₁, where it touches.
+    fn at(&self, phi1: f64) -> Option<(f64, f64)> {
+        if phi1 < self.range.0 - ROUNDING_RAD || phi1 > self.range.1 + ROUNDING_RAD {
+            return None;
+        }
+        let phi1 = phi1.clamp(self.range.0, self.range.1);
+        let nodes = &self.relationship.phi1_rad;
+        if self.rising {
+            let after = nodes.partition_point(|node| *node <= phi1).clamp(1, nodes.len() - 1);
+            return Some(self.interpolate(after - 1, phi1));
+        }
+        // Worn flanks can fold: the branch that pushes the driven gear furthest is the one that touches.
+        (0..nodes.len() - 1)
+            .filter(|i| nodes[*i] <= phi1 && phi1 <= nodes[i + 1] && nodes[*i] < nodes[i + 1])
+            .map(|i| self.interpolate(i, phi1))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Between nodes `i` and `i` + 1: φ₂ by the cubic with the exact slopes at both, the stiffness linearly.
+    fn interpolate(&self, i: usize, phi1: f64) -> (f64, f64) {
+        let MeshRelationship {
+            phi1_rad: x,
+            phi2_rad: y,
+            phi2_slope: slope,
+            ..
+        } = &self.relationship;
+        let width = x[i + 1] - x[i];
+        let t = (phi1 - x[i]) / width;
+        let rise = y[i + 1] - y[i];
+        let (m0, m1) = (slope[i] * width, slope[i + 1] * width);
+        let phi2 = y[i] + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)));
+        let k = &self.stiffness_n_per_m;
+        (phi2, k[i] + t * (k[i + 1] - k[i]))
+    }
+}
