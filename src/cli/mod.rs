@@ -1,8 +1,57 @@
-//! The commands.
+//! The commands: each module reads its arguments, calls the rooms, and prints.
 
+mod analyze;
+mod error;
+mod library;
+mod output;
+mod pair_file;
+mod report;
+mod simulate;
+
+use std::io::{self, IsTerminal};
 use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use tracing_subscriber::EnvFilter;
+
+pub use error::CliError;
+
+/// Condition monitoring for spur gears: vibration records in, wear depth with an honest interval out.
+#[derive(Parser)]
+#[command(name = "flankwatch", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Indicators and wear of recordings, without a server
+    Analyze(analyze::AnalyzeArgs),
+    /// Simulate a run to failure with the true wear known
+    Simulate(simulate::SimulateArgs),
+    /// Build, list and show libraries of simulated wear states
+    Library(library::LibraryArgs),
+}
 
 /// Runs the command line of this process.
 pub fn run() -> ExitCode {
-    ExitCode::SUCCESS
+    let cli = Cli::parse();
+    tracing_subscriber::fmt()
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
+        .with_env_filter(EnvFilter::try_from_env("FLANKWATCH_LOG").unwrap_or_else(|_| EnvFilter::new("warn,flankwatch=info")))
+        .init();
+    let outcome = match &cli.command {
+        Command::Analyze(args) => analyze::run(args),
+        Command::Simulate(args) => simulate::run(args),
+        Command::Library(args) => library::run(args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }

@@ -1,6 +1,9 @@
 //! A gear pair as the user describes it in a pair file.
 
 use super::{GearError, GearPair};
+use std::fmt;
+use std::str::FromStr;
+
 use serde::{Deserialize, Serialize};
 
 /// A gear pair: the basic data of the paper's Table 1 and the numbers of its dynamic model.
@@ -113,6 +116,25 @@ pub enum ResponseCoordinate {
 pub enum ContactRule {
     /// The paper's rule: the pair with the larger φ₂, and any pair within the threshold of it.
     Threshold,
+}
+
+impl fmt::Display for ContactRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Threshold => "threshold",
+        })
+    }
+}
+
+impl FromStr for ContactRule {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name {
+            "threshold" => Ok(Self::Threshold),
+            _ => Err(format!("{name:?} is not a contact rule, expected threshold")),
+        }
+    }
 }
 
 /// Numbers of the dynamic model that the paper leaves open.

@@ -266,7 +266,11 @@ impl Contents {
         if self.other_topics.len() > NAMED_TOPICS {
             named.push(&more);
         }
-        let found = if named.is_empty() { "no topics".to_owned() } else { named.join(", ") };
+        let found = if named.is_empty() {
+            "no topics".to_owned()
+        } else {
+            named.join(", ")
+        };
         RecordingError::NoVibration { found }
     }
 }

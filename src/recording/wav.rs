@@ -63,7 +63,12 @@ impl<R: Read> WavBlocks<R> {
     pub fn new(reader: R, file_bytes: u64, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
         let frames = WavFrames::new(reader)?;
         let format = frames.format();
-        let plan = CutPlan::new(cut, frames.frames_at_most(file_bytes), format.sample_rate_hz.into(), format.channels)?;
+        let plan = CutPlan::new(
+            cut,
+            frames.frames_at_most(file_bytes),
+            format.sample_rate_hz.into(),
+            format.channels,
+        )?;
         Ok(Self::with_plan(frames, defaults, plan))
     }
 

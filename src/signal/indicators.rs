@@ -31,8 +31,10 @@ pub enum Absence {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Indicators {
     /// Value by indicator name.
+    #[serde(rename = "indicators")]
     pub values: BTreeMap<String, f64>,
     /// Reason by the name of an indicator that is missing.
+    #[serde(default)]
     pub absent: BTreeMap<String, Absence>,
 }
 

@@ -19,6 +19,18 @@ pub struct MeshContext {
     pub nominal_is_exact: bool,
 }
 
+impl MeshContext {
+    /// Nothing is known of the mesh: indicators that need it are absent.
+    pub fn unknown() -> Self {
+        Self {
+            teeth: 0,
+            nominal_shaft_speed_hz: 0.0,
+            tolerance: 0.0,
+            nominal_is_exact: false,
+        }
+    }
+}
+
 /// Where a shaft speed came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
