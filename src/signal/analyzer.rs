@@ -1,27 +1,17 @@
 //! One record's analysis: a single transform of the whole record serves everything.
 
-use realfft::num_complex::Complex;
-use serde::Serialize;
-
-use super::envelope::{BandError, BandSource, Envelope, band_bins};
+use super::envelope::{BandError, BandSource, band_bins};
 use super::features::Features;
 use super::indicators::{Absence, Indicators};
-use super::line::{background, fits, read_line};
-use super::mesh_comb::SHAFT_RESOLVED_BINS;
-use super::moments::Moments;
+use super::line::read_line;
+use super::mesh_lines::{MeshLine, MeshPositions};
 use super::record::Record;
-use super::spectrum::{Spectrum, hann_amplitude};
+use super::record_spectrum::RecordSpectrum;
+use super::spectrum::Spectrum;
 use super::speed::{MeshContext, ShaftSpeed, locate};
-use super::transform::{Transforms, spectrum_length};
+use super::transform::spectrum_length;
 
-/// Mesh harmonics whose sidebands and envelopes are features.
-const SIDEBAND_HARMONICS: usize = 4;
-
-/// Sidebands taken on each side of a harmonic.
-const SIDEBANDS: usize = 2;
-
-/// The envelope band's reach around a mesh harmonic: in shaft rates for the features, in mesh frequencies by default otherwise.
-const FEATURE_BAND_SHAFTS: f64 = 2.5;
+/// The default envelope band's reach around a mesh harmonic in mesh frequencies.
 const DEFAULT_BAND_MESHES: f64 = 1.5;
 
 /// Work space for records above this length is given back after use: one long record must not hold its memory for ever.
@@ -38,17 +28,6 @@ impl Default for AnalysisSettings {
     fn default() -> Self {
         Self { harmonics: 10 }
     }
-}
-
-/// One mesh harmonic as it was found.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct MeshLine {
-    /// Its order h, from 1.
-    pub order: u32,
-    /// Its frequency in hertz, interpolated between bins.
-    pub frequency_hz: f64,
-    /// Its amplitude (peak) in the record's unit.
-    pub amplitude: f64,
 }
 
 /// What one record says.
@@ -68,34 +47,7 @@ pub struct Analysis {
 /// belongs to each worker thread.
 pub struct Analyzer {
     settings: AnalysisSettings,
-    work: Work,
-}
-
-/// Everything of a record's transform, and room to work in.
-#[derive(Default)]
-struct Work {
-    transforms: Transforms,
-    centred: Vec<f64>,
-    bins: Vec<Complex<f64>>,
-    amplitude: Vec<f64>,
-    envelope: Envelope,
-    sorting: Vec<f64>,
-    length: usize,
-}
-
-impl Work {
-    /// Transforms a record, its mean removed: `bins` without a window, `amplitude` with the Hann window.
-    fn transform(&mut self, record: &Record) -> Moments {
-        let moments = Moments::of(record.samples(), &mut self.centred);
-        self.length = spectrum_length(self.centred.len());
-        self.transforms.forward(&mut self.centred[..self.length], &mut self.bins);
-        hann_amplitude(&self.bins, self.length, &mut self.amplitude);
-        moments
-    }
-
-    fn resolution_hz(&self, record: &Record) -> f64 {
-        record.sample_rate_hz() / self.length as f64
-    }
+    work: RecordSpectrum,
 }
 
 impl Analyzer {
@@ -103,7 +55,7 @@ impl Analyzer {
     pub fn new(settings: AnalysisSettings) -> Self {
         Self {
             settings,
-            work: Work::default(),
+            work: RecordSpectrum::default(),
         }
     }
 
@@ -125,37 +77,28 @@ impl Analyzer {
             features.values.insert("ln_kurtosis".to_owned(), kurtosis.ln());
         }
 
+        let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh.teeth));
         let mut mesh_lines = Vec::new();
         for order in 1..=self.settings.harmonics {
-            let line = located
-                .mesh
-                .and_then(|mesh| read_line(&work.amplitude, order as f64 * mesh).ok_or(Absence::AboveNyquist));
-            if let Ok(line) = line {
-                mesh_lines.push(MeshLine {
-                    order: order as u32,
-                    frequency_hz: line.position * resolution_hz,
-                    amplitude: line.amplitude,
-                });
-            }
-            let amplitude = line.map(|line| line.amplitude);
+            let line = lines.and_then(|lines| lines.read(work, order as f64).ok_or(Absence::AboveNyquist));
+            let amplitude = line.map(|(line, _)| line.amplitude);
             indicators.insert(format!("mesh_{order}"), amplitude);
             if order == 1 {
                 indicators.insert("omx", amplitude);
             }
-        }
-        if let (Ok(mesh_bins), Ok(deviation)) = (located.mesh, deviation) {
-            let shaft_bins = mesh_bins / f64::from(mesh.teeth);
-            let shaft_bins = (shaft_bins >= SHAFT_RESOLVED_BINS).then_some(shaft_bins);
-            let lines = MeshFeatures {
-                mesh_bins,
-                shaft_bins,
-                deviation,
-            };
-            lines.mesh(work, &mesh_lines, &mut features);
-            if let Some(shaft_bins) = shaft_bins {
-                lines.sidebands(work, shaft_bins, &mut features);
-                lines.envelopes(work, shaft_bins, &mut features);
+            let Ok((line, noise)) = line else { continue };
+            mesh_lines.push(MeshLine {
+                order: order as u32,
+                frequency_hz: line.position * resolution_hz,
+                amplitude: line.amplitude,
+            });
+            if let Ok(deviation) = deviation {
+                features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
             }
+        }
+        if let (Ok(lines), Ok(deviation)) = (lines, deviation) {
+            lines.sidebands(work, deviation, &mut features);
+            lines.envelopes(work, deviation, &mut features);
         }
         self.give_back(record);
         Analysis {
@@ -209,60 +152,7 @@ impl Analyzer {
     /// Drops work space that only a very long record needs.
     fn give_back(&mut self, record: &Record) {
         if record.samples().len() > KEPT_SAMPLES {
-            self.work = Work::default();
-        }
-    }
-}
-
-/// The line features of one record. Positions are in bins.
-struct MeshFeatures {
-    mesh_bins: f64,
-    /// The shaft rate, where the record resolves it.
-    shaft_bins: Option<f64>,
-    deviation: f64,
-}
-
-impl MeshFeatures {
-    /// The noise in one bin beside mesh harmonic `order`.
-    fn noise(&self, work: &mut Work, order: f64) -> Option<f64> {
-        let reach = 0.5 * self.mesh_bins;
-        background(&work.amplitude, order * self.mesh_bins, self.shaft_bins, reach, &mut work.sorting)
-    }
-
-    fn mesh(&self, work: &mut Work, lines: &[MeshLine], features: &mut Features) {
-        for line in lines {
-            let noise = self.noise(work, f64::from(line.order));
-            features.insert_line(format!("ln_mesh_{}", line.order), line.amplitude, noise, self.deviation);
-        }
-    }
-
-    fn sidebands(&self, work: &mut Work, shaft_bins: f64, features: &mut Features) {
-        for order in 1..=SIDEBAND_HARMONICS {
-            let centre = order as f64 * self.mesh_bins;
-            let sidebands = (1..=SIDEBANDS).flat_map(|k| [centre - k as f64 * shaft_bins, centre + k as f64 * shaft_bins]);
-            let energy: Option<f64> = sidebands
-                .map(|position| read_line(&work.amplitude, position).map(|line| line.amplitude * line.amplitude))
-                .sum();
-            let Some(energy) = energy else { return };
-            let noise = self.noise(work, order as f64).map(|noise| noise * (2.0 * SIDEBANDS as f64).sqrt());
-            features.insert_line(format!("ln_sideband_{order}"), energy.sqrt(), noise, self.deviation);
-        }
-    }
-
-    fn envelopes(&self, work: &mut Work, shaft_bins: f64, features: &mut Features) {
-        let reach = FEATURE_BAND_SHAFTS * shaft_bins;
-        for order in 1..=SIDEBAND_HARMONICS {
-            let centre = order as f64 * self.mesh_bins;
-            if centre <= reach + 1.0 || !fits(centre + reach, work.bins.len()) {
-                return;
-            }
-            let band = [(centre - reach).ceil() as usize, (centre + reach).floor() as usize];
-            work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
-            let Some(line) = read_line(&work.envelope.amplitude, shaft_bins) else {
-                return;
-            };
-            let noise = background(&work.envelope.amplitude, shaft_bins, Some(shaft_bins), reach, &mut work.sorting);
-            features.insert_line(format!("ln_env_{order}"), line.amplitude, noise, self.deviation);
+            self.work = RecordSpectrum::default();
         }
     }
 }
