@@ -1,5 +1,7 @@
 //! The commands.
 
+pub mod convert;
+
 use std::process::ExitCode;
 
 /// Runs the command line of this process.

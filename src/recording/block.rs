@@ -126,7 +126,11 @@ impl DecodedBlock {
                 "at most 256 bytes without control characters",
             ));
         }
-        let unit = if self.unit.is_empty() { defaults.unit_or_unknown() } else { &self.unit };
+        let unit = if self.unit.is_empty() {
+            defaults.unit_or_unknown()
+        } else {
+            &self.unit
+        };
         if unit.len() > MAX_UNIT_BYTES || unit.chars().any(char::is_control) {
             return Err(RecordingError::field(
                 "unit",

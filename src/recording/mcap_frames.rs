@@ -172,9 +172,6 @@ impl McapFrames {
     }
 
     fn ends(&self, part: &'static str) -> RecordingError {
-        RecordingError::McapEnds {
-            byte: self.position,
-            part,
-        }
+        RecordingError::McapEnds { byte: self.position, part }
     }
 }

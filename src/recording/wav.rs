@@ -63,7 +63,12 @@ impl<R: Read> WavBlocks<R> {
     pub fn new(reader: R, file_bytes: u64, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
         let frames = WavFrames::new(reader)?;
         let format = frames.format();
-        let plan = CutPlan::new(cut, frames.frames_at_most(file_bytes), format.sample_rate_hz.into(), format.channels)?;
+        let plan = CutPlan::new(
+            cut,
+            frames.frames_at_most(file_bytes),
+            format.sample_rate_hz.into(),
+            format.channels,
+        )?;
         Ok(Self::with_plan(frames, defaults, plan))
     }
 
@@ -121,7 +126,7 @@ pub struct WavWriter<W: Write + Seek> {
 impl<W: Write + Seek> WavWriter<W> {
     /// Begins a recording; its rate must be a whole number of hertz, for the header has no more.
     pub fn new(writer: W, channels: usize, sample_rate_hz: f64) -> Result<Self, RecordingError> {
-        if !(sample_rate_hz >= 1.0 && sample_rate_hz <= 1e7 && sample_rate_hz.fract() == 0.0) {
+        if !(1.0..=1e7).contains(&sample_rate_hz) || sample_rate_hz.fract() != 0.0 {
             return Err(RecordingError::wav(
                 "sample rate",
                 sample_rate_hz,

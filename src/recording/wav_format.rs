@@ -184,7 +184,13 @@ impl<'a, R: Read> Chunks<'a, R> {
         let float = match tag {
             1 => false,
             3 => true,
-            other => return Err(RecordingError::wav("format tag", describe(other), "1 (integer PCM) or 3 (IEEE float)")),
+            other => {
+                return Err(RecordingError::wav(
+                    "format tag",
+                    describe(other),
+                    "1 (integer PCM) or 3 (IEEE float)",
+                ));
+            }
         };
         if !(1..=MAX_CHANNELS).contains(&channels) {
             return Err(RecordingError::wav("channel count", channels, "1 to 256"));
@@ -193,7 +199,7 @@ impl<'a, R: Read> Chunks<'a, R> {
             return Err(RecordingError::wav("sample rate", 0, "a rate above 0 Hz"));
         }
         let container = block_align / channels;
-        if block_align % channels != 0 || !(1..=8).contains(&container) || bits == 0 || container_bits > 8 * container {
+        if !block_align.is_multiple_of(channels) || !(1..=8).contains(&container) || bits == 0 || container_bits > 8 * container {
             return Err(RecordingError::wav(
                 "block align",
                 format!("{block_align} bytes with {channels} channels of {container_bits} bits"),
@@ -264,11 +270,19 @@ impl<'a, R: Read> Chunks<'a, R> {
     }
 
     fn u16(&self, bytes: [u8; 2]) -> u16 {
-        if self.big_endian { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) }
+        if self.big_endian {
+            u16::from_be_bytes(bytes)
+        } else {
+            u16::from_le_bytes(bytes)
+        }
     }
 
     fn u32(&self, bytes: [u8; 4]) -> u32 {
-        if self.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
+        if self.big_endian {
+            u32::from_be_bytes(bytes)
+        } else {
+            u32::from_le_bytes(bytes)
+        }
     }
 }
 
