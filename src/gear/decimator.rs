@@ -118,7 +118,7 @@ mod tests {
         let rate = 2.0 * PI * frequency / factor as f64;
         let outputs = 400;
         let (mut sine, mut cosine, mut j) = (0.0, 0.0, 0);
-        for n in -reach..reach + outputs * factor as i64 {
+        for n in -reach..reach + (outputs - 1) * factor as i64 {
             let mean = (rate * n as f64).cos() - (rate * (n + 1) as f64).cos();
             if let Some(output) = decimator.push(mean / rate) {
                 sine += output * (2.0 * PI * frequency * f64::from(j)).sin();

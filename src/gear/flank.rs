@@ -119,3 +119,56 @@ impl<'a> Flank<'a> {
         (0..=count).map(move |i| self.at(root + (tip - root) * i as f64 / count as f64))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{shen2022, typical_wear};
+    use super::Flank;
+    use crate::gear::FlankWear;
+
+    #[test]
+    fn perfect_points_obey_equations_1_and_2() {
+        let (pair, wear) = (shen2022(), FlankWear::none());
+        for (i, gear) in pair.gears.iter().enumerate() {
+            for point in Flank::new(gear, &wear, i).active_points(50) {
+                let gamma = (gear.base_half_angle_rad + point.alpha_rad).atan() - point.alpha_rad;
+                let radius = gear.base_radius_mm / (point.alpha_rad + gamma).cos();
+                assert!((point.gamma_rad() - gamma).abs() < 1e-14);
+                assert!((point.worn_radius_mm() - radius).abs() < 1e-12);
+                assert!((point.radius_mm - radius).abs() < 1e-12);
+                // The normal of an involute touches its base circle.
+                assert!((point.normal_arm_mm() - gear.base_radius_mm).abs() < 1e-12);
+                assert!((point.lambda_rad - point.alpha_rad).abs() < 1e-15);
+            }
+        }
+    }
+
+    #[test]
+    fn worn_points_obey_equations_3_and_4() {
+        let (pair, wear) = typical_wear();
+        for point in Flank::new(&pair.gears[0], &wear, 0).active_points(50) {
+            let perfect = point.y_mm.atan2(point.x_mm);
+            let gamma = ((point.radius_mm * perfect.sin() - point.depth_mm) / (point.radius_mm * perfect.cos())).atan();
+            assert!((point.gamma_rad() - gamma).abs() < 1e-14);
+            assert!((point.worn_radius_mm() - point.radius_mm * perfect.cos() / gamma.cos()).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn slope_of_the_wear_is_the_derivative_along_x() {
+        let (pair, wear) = typical_wear();
+        for (i, gear) in pair.gears.iter().enumerate() {
+            let flank = Flank::new(gear, &wear, i);
+            let step = 1e-6;
+            for k in 1..40 {
+                let alpha = gear.root_angle_rad + (gear.tip_angle_rad - gear.root_angle_rad) * (f64::from(k) + 0.3) / 41.0;
+                let (before, point, after) = (flank.at(alpha - step), flank.at(alpha), flank.at(alpha + step));
+                let differenced = (after.depth_mm - before.depth_mm) / (after.x_mm - before.x_mm);
+                assert!((differenced - point.depth_slope).abs() < 1e-8, "{differenced} {}", point.depth_slope);
+                // Eq. (19): the worn flank's own tangent.
+                let tangent = ((after.y_mm - after.depth_mm) - (before.y_mm - before.depth_mm)) / (after.x_mm - before.x_mm);
+                assert!((tangent + point.lambda_rad.tan()).abs() < 1e-8);
+            }
+        }
+    }
+}

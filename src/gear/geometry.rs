@@ -351,3 +351,137 @@ fn inertia(spec: &PairSpec, i: usize, radius_mm: f64) -> f64 {
     let disc = || disc_mass(spec, radius_mm) * (radius_mm * 1e-3).powi(2) / 2.0;
     spec.dynamics.inertia_kg_m2.map_or_else(disc, |inertias| inertias[i])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{shen2022, shen2022_spec};
+    use crate::gear::{GearError, PairSpec};
+
+    #[test]
+    fn table_1_is_reproduced_to_its_last_digit() {
+        let pair = shen2022();
+        let rounded = |value: f64, digits: i32| (value * 10.0_f64.powi(digits)).round() / 10.0_f64.powi(digits);
+        let of = |value: fn(&crate::gear::Gear) -> f64, digits| pair.gears.each_ref().map(|gear| rounded(value(gear), digits));
+        assert_eq!(of(|gear| gear.base_radius_mm, 1), [67.7, 73.3]);
+        assert_eq!(of(|gear| gear.root_radius_mm, 1), [64.5, 70.5]);
+        assert_eq!(of(|gear| gear.root_angle_rad, 4), [0.0714, 0.0951]);
+        assert_eq!(of(|gear| gear.tip_angle_rad, 4), [0.4933, 0.4845]);
+        // To more digits than the table has: z m cos α₀/2 and π/(2z) + inv α₀ by hand.
+        assert_eq!(of(|gear| gear.base_radius_mm, 3), [67.658, 73.296]);
+        assert_eq!(of(|gear| gear.base_half_angle_rad, 6), [0.080_354, 0.075_320]);
+        assert_eq!(of(|gear| gear.tip_radius_mm, 6), [78.0, 84.0]);
+        assert_eq!(rounded(pair.centre_distance_mm, 6), 150.0);
+        assert_eq!(rounded(pair.contact_ratio(), 4), 1.6114);
+        assert_eq!(rounded(pair.start_of_contact_rad(), 5), -0.27762);
+    }
+
+    #[test]
+    fn centre_distance_follows_from_the_profile_shifts() {
+        // Niemann/Winter's formulae by hand: z 20/40, m 3, x 0.3/0.2; inv α_w = inv 20° + 2 tan 20° 0.5/60 = 0.020 970 7,
+        // α_w = 22.336°, a = 90 cos 20°/cos α_w.
+        let mut spec = shen2022_spec();
+        spec.geometry.teeth = [20, 40];
+        spec.geometry.module_mm = 3.0;
+        spec.geometry.profile_shift = [0.3, 0.2];
+        spec.geometry.bore_radius_mm = [10.0, 10.0];
+        spec.geometry.centre_distance_mm = None;
+        let pair = spec.resolve().unwrap();
+        let angle = pair.pressure_angle_rad;
+        assert!((angle.tan() - angle - 0.020_970_7).abs() < 2e-7, "inv {}", angle.tan() - angle);
+        assert!((pair.centre_distance_mm - 90.0 * 20.0_f64.to_radians().cos() / angle.cos()).abs() < 1e-9);
+        assert!((pair.gears[0].pitch_radius_mm * 3.0 - pair.centre_distance_mm).abs() < 1e-9);
+        // Zero backlash: the two operating pitch circles' thicknesses fill one pitch.
+        let thickness: f64 = pair.gears.iter().map(|gear| 2.0 * gear.pitch_radius_mm * (gear.base_half_angle_rad - (angle.tan() - angle))).sum();
+        assert!((thickness - pair.gears[0].pitch_radius_mm * pair.gears[0].pitch_angle_rad()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn length_of_contact_over_the_base_pitch_is_the_contact_ratio() {
+        // The textbook's ε = (√(r_a1² − r_b1²) + √(r_a2² − r_b2²) − a sin α_w)/p_b, at an extended centre distance.
+        let mut spec = shen2022_spec();
+        spec.geometry.centre_distance_mm = Some(151.5);
+        let pair = spec.resolve().unwrap();
+        let reach: f64 = pair.gears.iter().map(|gear| (gear.tip_radius_mm.powi(2) - gear.base_radius_mm.powi(2)).sqrt()).sum();
+        let length = reach - 151.5 * pair.pressure_angle_rad.sin();
+        let base_pitch = pair.gears[0].base_radius_mm * pair.gears[0].pitch_angle_rad();
+        assert!((length / base_pitch - pair.contact_ratio()).abs() < 1e-12);
+        assert!(pair.contact_ratio() < 1.6114);
+    }
+
+    #[test]
+    fn values_that_cannot_be_used_are_refused_with_the_field() {
+        type Change = fn(&mut PairSpec);
+        let cases: [(&str, Change); 31] = [
+            ("geometry.teeth", |s| s.geometry.teeth[0] = 0),
+            ("geometry.teeth", |s| s.geometry.teeth[1] = 12),
+            ("geometry.teeth", |s| s.geometry.profile_shift = [-0.5, 0.5]),
+            ("geometry.module_mm", |s| s.geometry.module_mm = 0.0),
+            ("geometry.module_mm", |s| s.geometry.module_mm = f64::NAN),
+            ("geometry.face_width_mm", |s| s.geometry.face_width_mm = -50.0),
+            ("geometry.pressure_angle_deg", |s| s.geometry.pressure_angle_deg = 0.0),
+            ("geometry.pressure_angle_deg", |s| s.geometry.pressure_angle_deg = 90.0),
+            ("geometry.addendum", |s| s.geometry.addendum[1] = f64::INFINITY),
+            ("geometry.addendum", |s| s.geometry.addendum = [0.3, 0.3]),
+            ("geometry.addendum", |s| s.geometry.addendum = [1.3, 1.0]),
+            ("geometry.dedendum", |s| s.geometry.dedendum[0] = 0.0),
+            ("geometry.profile_shift", |s| s.geometry.profile_shift[0] = f64::NAN),
+            ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[0] = 64.5),
+            ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[1] = 0.0),
+            ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(140.0)),
+            ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(149.0)),
+            ("geometry.addendum", |s| s.geometry.centre_distance_mm = Some(158.0)),
+            ("material.youngs_modulus_pa", |s| s.material.youngs_modulus_pa = 0.0),
+            ("material.poisson_ratio", |s| s.material.poisson_ratio = 0.5),
+            ("material.density_kg_per_m3", |s| s.material.density_kg_per_m3 = f64::NAN),
+            ("operation.torque_nm", |s| s.operation.torque_nm = 0.0),
+            ("operation.torque_nm", |s| s.operation.torque_nm = f64::NAN),
+            ("operation.output_torque_nm", |s| s.operation.output_torque_nm = Some(-1.0)),
+            ("operation.shaft_speed_hz", |s| s.operation.shaft_speed_hz = 0.0),
+            ("supports.stiffness_n_per_m", |s| s.supports.stiffness_n_per_m = 0.0),
+            ("supports.damping_n_s_per_m", |s| s.supports.damping_n_s_per_m = -1.0),
+            ("dynamics.mesh_damping_ratio", |s| s.dynamics.mesh_damping_ratio = 0.0),
+            ("dynamics.contact_threshold_rad", |s| s.dynamics.contact_threshold_rad = f64::NAN),
+            ("dynamics.mass_kg", |s| s.dynamics.mass_kg = Some([1.0, 0.0])),
+            ("errors.random_clock_hz", |s| s.errors.random_clock_hz = 0.0),
+        ];
+        for (wanted, change) in cases {
+            let mut spec = shen2022_spec();
+            change(&mut spec);
+            match spec.resolve() {
+                Err(GearError::Field { field, expected, .. }) => assert_eq!(field, wanted, "{expected}"),
+                other => panic!("{wanted}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn refusals_say_what_is_wrong_with_the_teeth() {
+        let refusal = |change: fn(&mut PairSpec)| {
+            let mut spec = shen2022_spec();
+            spec.geometry.centre_distance_mm = None;
+            change(&mut spec);
+            spec.resolve().unwrap_err().to_string()
+        };
+        assert!(refusal(|s| s.geometry.teeth = [12, 26]).contains("at least 18 teeth on gear 1"));
+        let pointed = refusal(|s| {
+            s.geometry.teeth = [16, 60];
+            s.geometry.profile_shift = [1.2, 0.0];
+        });
+        assert!(pointed.contains("pointed"), "{pointed}");
+        let short = refusal(|s| s.geometry.addendum = [0.4, 0.4]);
+        assert!(short.contains("contact ratio"), "{short}");
+    }
+
+    #[test]
+    fn masses_and_inertias_are_those_of_solid_discs_unless_given() {
+        let mut spec = shen2022_spec();
+        let pair = spec.resolve().unwrap();
+        // 7850 π 0.072² 0.05 kg and half of that times 0.072².
+        assert!((pair.gears[0].mass_kg - 6.392_261).abs() < 1e-6);
+        assert!((pair.gears[0].inertia_kg_m2 - 0.016_568_74).abs() < 1e-8);
+        spec.dynamics.mass_kg = Some([5.0, 6.0]);
+        spec.dynamics.inertia_kg_m2 = Some([0.01, 0.02]);
+        let pair = spec.resolve().unwrap();
+        assert_eq!((pair.gears[1].mass_kg, pair.gears[0].inertia_kg_m2), (6.0, 0.01));
+    }
+}

@@ -17,6 +17,8 @@ mod relationship;
 mod response;
 mod root;
 mod stiffness;
+#[cfg(test)]
+mod testing;
 mod tooth;
 mod transmission_error;
 mod wear;

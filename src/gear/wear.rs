@@ -181,3 +181,65 @@ fn parabola(spec: &WearSpec, gear: &Gear, h_max_mm: f64) -> Parabola {
         tip_mm: gear.tip_radius_mm,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{shen2022, shen2022_spec};
+    use crate::gear::{FlankWear, GearError, WearPoint, WearShape};
+
+    #[test]
+    fn parabolic_wear_has_its_given_depths() {
+        let pair = shen2022();
+        let wear = FlankWear::from_shape(&pair, 0.1).unwrap();
+        for (gear, profile) in pair.gears.iter().zip(&wear.profiles) {
+            let depth = |radius| profile.depth_and_slope(radius).0;
+            let (sap, pitch, tip) = (gear.sap_radius_mm, gear.pitch_radius_mm, gear.tip_radius_mm);
+            // floor 0.4, tip ratio 0.5, exponent 2.
+            assert!((depth(sap) - 0.1).abs() < 1e-15);
+            assert!((depth(0.5 * (sap + pitch)) - 0.1 * (0.4 + 0.6 * 0.25)).abs() < 1e-15);
+            assert!((depth(pitch) - 0.04).abs() < 1e-15);
+            assert!((depth(0.5 * (tip + pitch)) - 0.1 * (0.4 + 0.1 * 0.25)).abs() < 1e-15);
+            assert!((depth(tip) - 0.05).abs() < 1e-15);
+            assert_eq!(profile.depth_and_slope(sap - 1.0), (0.1, 0.0));
+        }
+        assert!((wear.greatest_depth_mm(&pair)[0] - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_floor_is_the_same_everywhere() {
+        let mut spec = shen2022_spec();
+        spec.wear.shape = WearShape::Floor;
+        let pair = spec.resolve().unwrap();
+        let wear = FlankWear::from_shape(&pair, 0.03).unwrap();
+        assert_eq!(wear.profiles[1].depth_and_slope(80.0), (0.03, 0.0));
+    }
+
+    #[test]
+    fn a_table_is_scaled_to_the_greatest_depth() {
+        let mut spec = shen2022_spec();
+        spec.wear.shape = WearShape::Table;
+        let point = |gear, radius_mm, depth_um| WearPoint { gear, radius_mm, depth_um };
+        spec.wear.table = vec![point(1, 78.0, 10.0), point(1, 70.0, 40.0), point(2, 80.0, 20.0)];
+        let pair = spec.resolve().unwrap();
+        let wear = FlankWear::from_shape(&pair, 0.1).unwrap();
+        assert!((wear.profiles[0].depth_and_slope(60.0).0 - 0.1).abs() < 1e-15);
+        assert!((wear.profiles[0].depth_and_slope(90.0).0 - 0.025).abs() < 1e-15);
+        assert!((wear.profiles[1].depth_and_slope(77.0).0 - 0.05).abs() < 1e-15);
+        let text = toml::to_string(&spec).unwrap();
+        assert_eq!(crate::gear::PairSpec::from_toml(&text).unwrap(), spec);
+    }
+
+    #[test]
+    fn wear_that_cannot_be_is_refused() {
+        let pair = shen2022();
+        for depth in [-0.01, f64::NAN, f64::INFINITY, 4.5] {
+            let refusal = FlankWear::from_shape(&pair, depth).unwrap_err();
+            assert!(matches!(refusal, GearError::Field { field: "wear depth in mm", .. }), "{refusal}");
+        }
+        let mut spec = shen2022_spec();
+        for exponent in [1.0, 0.0, f64::NAN, 50.0] {
+            spec.wear.exponent = exponent;
+            assert!(FlankWear::from_shape(&spec.resolve().unwrap(), 0.1).unwrap_err().to_string().starts_with("wear.exponent"));
+        }
+    }
+}

@@ -191,3 +191,78 @@ fn row_error(line: u64, field: &'static str, value: String, expected: &str) -> G
         expected: expected.to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing::shen2022;
+    use super::DepthCurve;
+    use crate::gear::FlankWear;
+
+    #[test]
+    fn curve_is_fritsch_and_carlsons() {
+        // scipy.interpolate.PchipInterpolator([0, 1, 3, 4], [1, 2, 5, 5.5]) has inner slopes 9/(5/1 + 4/1.5) and 9/(4/1.5 + 5/0.5).
+        let curve = DepthCurve::new(&[(0.0, 1.0), (1.0, 2.0), (3.0, 5.0), (4.0, 5.5)]);
+        assert!((curve.depth_and_slope(1.0).1 - 9.0 / (5.0 + 4.0 / 1.5)).abs() < 1e-14);
+        assert!((curve.slopes[2] - 9.0 / (4.0 / 1.5 + 10.0)).abs() < 1e-14);
+        assert_eq!(curve.depth_and_slope(-5.0), (1.0, 0.0));
+        assert_eq!(curve.depth_and_slope(5.0), (5.5, 0.0));
+    }
+
+    proptest! {
+        #[test]
+        fn depth_stays_between_its_neighbours_with_a_continuous_slope(
+            depths in prop::collection::vec(0.0..200.0_f64, 2..12),
+            gaps in prop::collection::vec(0.05..3.0_f64, 12),
+        ) {
+            let mut radius = 60.0;
+            let points: Vec<(f64, f64)> = depths.iter().zip(&gaps).map(|(depth, gap)| { radius += gap; (radius, *depth) }).collect();
+            let curve = DepthCurve::new(&points);
+            for two in points.windows(2) {
+                let (low, high) = (two[0].1.min(two[1].1), two[0].1.max(two[1].1));
+                for i in 0..=20 {
+                    let at = two[0].0 + (two[1].0 - two[0].0) * f64::from(i) / 20.0;
+                    let depth = curve.depth_and_slope(at).0;
+                    prop_assert!(depth >= low - 1e-9 && depth <= high + 1e-9);
+                }
+                // The second derivative is at most 12 · 200/0.05², so the slope changes by less than 0.002 over two steps.
+                let step = 1e-9;
+                for knot in [two[0].0, two[1].0] {
+                    let (before, after) = (curve.depth_and_slope(knot - step), curve.depth_and_slope(knot + step));
+                    prop_assert!((before.0 - after.0).abs() < 1e-4);
+                    prop_assert!((before.1 - after.1).abs() < 2e-3, "{} {}", before.1, after.1);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn csv_is_read_in_any_order_and_a_missing_gear_is_unworn() {
+        let text = "gear,radius_mm,depth_um\n1, 78.0, 30\n1,69.0,50\n\n1,72,5\n";
+        let wear = FlankWear::from_table_csv(&shen2022(), text).unwrap();
+        assert!((wear.profiles[0].depth_and_slope(72.0).0 - 0.005).abs() < 1e-15);
+        assert!((wear.profiles[0].depth_and_slope(65.0).0 - 0.05).abs() < 1e-15);
+        assert_eq!(wear.profiles[1].depth_and_slope(78.0), (0.0, 0.0));
+    }
+
+    #[test]
+    fn broken_tables_are_refused_with_line_field_and_value() {
+        let refusal = |rows: &str| {
+            let text = format!("gear,radius_mm,depth_um\n{rows}");
+            FlankWear::from_table_csv(&shen2022(), &text).unwrap_err().to_string()
+        };
+        assert!(refusal("1,70,5\n3,70,5\n").starts_with("wear table line 3: gear is \"3\""));
+        assert!(refusal("1,70,5\n1,-70,5\n").starts_with("wear table line 3: radius_mm is \"-70\""));
+        assert!(refusal("1,70,NaN\n").starts_with("wear table line 2: depth_um is \"NaN\""));
+        assert!(refusal("1,70,deep\n").starts_with("wear table line 2: depth_um is \"deep\""));
+        assert!(refusal("1,70,-1\n").contains("depth_um is \"-1\""));
+        assert!(refusal("1,70,5\n2,80,1\n1,70,6\n").starts_with("wear table line 4: radius_mm is \"70\""));
+        assert!(refusal("1,70\n").contains("line: 2"));
+        assert!(refusal("").contains("at least one line"));
+        assert!(refusal("1,70,9000\n").contains("half of the tooth"));
+        let other = FlankWear::from_table_csv(&shen2022(), "gear,radius,depth\n1,70,5\n").unwrap_err().to_string();
+        assert!(other.contains("gear,radius_mm,depth_um"), "{other}");
+        assert!(FlankWear::from_table_csv(&shen2022(), "").is_err());
+    }
+}

@@ -33,6 +33,9 @@ pub(crate) struct CutPlan {
 impl CutPlan {
     /// The plan for `total_frames` samples a channel (at most: an upper bound will do).
     pub(crate) fn new(cut: Option<Cut>, total_frames: u64, sample_rate_hz: f64, channels: usize) -> Result<Self, RecordingError> {
+        if !(sample_rate_hz > 0.0 && sample_rate_hz.is_finite()) {
+            return Err(RecordError::SampleRate(sample_rate_hz).into());
+        }
         let most = MAX_RECORD_SAMPLES.min(MAX_HELD_SAMPLES / channels.max(1));
         let frames = match cut {
             Some(Cut::Samples(frames)) => frames as f64,

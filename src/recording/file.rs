@@ -49,8 +49,8 @@ pub struct RecordingFile {
 }
 
 enum Records {
-    Wav(WavBlocks<BufReader<File>>),
-    Mcap(McapReader),
+    Wav(Box<WavBlocks<BufReader<File>>>),
+    Mcap(Box<McapReader>),
 }
 
 impl RecordingFile {
@@ -68,8 +68,8 @@ impl RecordingFile {
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         let reader = BufReader::with_capacity(1 << 16, file);
         let records = match Format::detect(&beginning)? {
-            Format::Wav => Records::Wav(WavBlocks::new(reader, bytes, &defaults, cut)?),
-            Format::Mcap => Records::Mcap(McapReader::with_defaults(reader, defaults)),
+            Format::Wav => Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?)),
+            Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(reader, defaults))),
         };
         Ok(Self { records })
     }

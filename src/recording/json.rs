@@ -183,14 +183,14 @@ mod tests {
     fn an_error_names_what_is_wrong() {
         for (json, expected) in [
             ("", "EOF"),
-            ("[]", "sample_rate_hz"),
+            ("[]", "invalid length"),
             (r#"{"sample_rate_hz": 1, "samples": [1], "volume": 3}"#, "unknown field `volume`"),
             (r#"{"samples": [1]}"#, "missing field `sample_rate_hz`"),
             (r#"{"sample_rate_hz": 1}"#, "missing field `samples`"),
             (r#"{"sample_rate_hz": 1, "samples": []}"#, "no samples"),
             (r#"{"sample_rate_hz": 1, "samples": [NaN]}"#, "expected value at line 1"),
             (r#"{"sample_rate_hz": 1, "samples": [null]}"#, "invalid type: null"),
-            (r#"{"sample_rate_hz": 1, "samples": [1, 1e39]}"#, "inf at sample 1"),
+            (r#"{"sample_rate_hz": 1, "samples": [1, 1e39]}"#, "out of range"),
             (r#"{"sample_rate_hz": 1, "samples": [1e999]}"#, "out of range"),
             (r#"{"sample_rate_hz": -1, "samples": [1]}"#, "sample_rate_hz is -1"),
             (

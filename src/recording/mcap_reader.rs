@@ -212,10 +212,15 @@ impl Contents {
 
     fn message(&mut self, message: &MessageView<'_>) -> Outcome {
         let Some(channel) = self.channels.get(&message.channel_id) else {
-            return Outcome::Damage(format!(
-                "message {} refers to channel {}, which is not declared",
-                message.sequence, message.channel_id
-            ));
+            return Outcome::Item(Err(RecordingError::Message {
+                topic: format!("(channel {})", message.channel_id),
+                sequence: message.sequence,
+                source: Box::new(RecordingError::field(
+                    "channel id",
+                    message.channel_id,
+                    "that of a channel declared before",
+                )),
+            }));
         };
         let failed = |source| RecordingError::Message {
             topic: channel.topic.clone(),

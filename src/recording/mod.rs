@@ -29,3 +29,6 @@ pub use mcap_writer::{McapCompression, McapOptions, McapWriter};
 pub(crate) use wav::channel_names;
 pub use wav::{WavBlocks, WavWriter, decode_wav};
 pub(crate) use wav_frames::WavFrames;
+
+#[cfg(test)]
+mod tests;

@@ -126,7 +126,7 @@ pub struct WavWriter<W: Write + Seek> {
 impl<W: Write + Seek> WavWriter<W> {
     /// Begins a recording; its rate must be a whole number of hertz, for the header has no more.
     pub fn new(writer: W, channels: usize, sample_rate_hz: f64) -> Result<Self, RecordingError> {
-        if !(sample_rate_hz >= 1.0 && sample_rate_hz <= 1e7 && sample_rate_hz.fract() == 0.0) {
+        if !(1.0..=1e7).contains(&sample_rate_hz) || sample_rate_hz.fract() != 0.0 {
             return Err(RecordingError::wav(
                 "sample rate",
                 sample_rate_hz,

@@ -199,7 +199,7 @@ impl<'a, R: Read> Chunks<'a, R> {
             return Err(RecordingError::wav("sample rate", 0, "a rate above 0 Hz"));
         }
         let container = block_align / channels;
-        if block_align % channels != 0 || !(1..=8).contains(&container) || bits == 0 || container_bits > 8 * container {
+        if !block_align.is_multiple_of(channels) || !(1..=8).contains(&container) || bits == 0 || container_bits > 8 * container {
             return Err(RecordingError::wav(
                 "block align",
                 format!("{block_align} bytes with {channels} channels of {container_bits} bits"),

@@ -1,27 +1,17 @@
 //! One record's analysis: a single transform of the whole record serves everything.
 
-use realfft::num_complex::Complex;
-use serde::Serialize;
-
-use super::envelope::{BandError, BandSource, Envelope, band_bins};
+use super::envelope::{BandError, BandSource, band_bins};
 use super::features::Features;
 use super::indicators::{Absence, Indicators};
-use super::line::{background, fits, read_line};
-use super::mesh_comb::SHAFT_RESOLVED_BINS;
-use super::moments::Moments;
+use super::line::read_line;
+use super::mesh_lines::{MeshLine, MeshPositions};
 use super::record::Record;
-use super::spectrum::{Spectrum, hann_amplitude};
+use super::record_spectrum::RecordSpectrum;
+use super::spectrum::Spectrum;
 use super::speed::{MeshContext, ShaftSpeed, locate};
-use super::transform::{Transforms, spectrum_length};
+use super::transform::spectrum_length;
 
-/// Mesh harmonics whose sidebands and envelopes are features.
-const SIDEBAND_HARMONICS: usize = 4;
-
-/// Sidebands taken on each side of a harmonic.
-const SIDEBANDS: usize = 2;
-
-/// The envelope band's reach around a mesh harmonic: in shaft rates for the features, in mesh frequencies by default otherwise.
-const FEATURE_BAND_SHAFTS: f64 = 2.5;
+/// The default envelope band's reach around a mesh harmonic in mesh frequencies.
 const DEFAULT_BAND_MESHES: f64 = 1.5;
 
 /// Work space for records above this length is given back after use: one long record must not hold its memory for ever.
@@ -38,17 +28,6 @@ impl Default for AnalysisSettings {
     fn default() -> Self {
         Self { harmonics: 10 }
     }
-}
-
-/// One mesh harmonic as it was found.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct MeshLine {
-    /// Its order h, from 1.
-    pub order: u32,
-    /// Its frequency in hertz, interpolated between bins.
-    pub frequency_hz: f64,
-    /// Its amplitude (peak) in the record's unit.
-    pub amplitude: f64,
 }
 
 /// What one record says.
@@ -68,34 +47,7 @@ pub struct Analysis {
 /// belongs to each worker thread.
 pub struct Analyzer {
     settings: AnalysisSettings,
-    work: Work,
-}
-
-/// Everything of a record's transform, and room to work in.
-#[derive(Default)]
-struct Work {
-    transforms: Transforms,
-    centred: Vec<f64>,
-    bins: Vec<Complex<f64>>,
-    amplitude: Vec<f64>,
-    envelope: Envelope,
-    sorting: Vec<f64>,
-    length: usize,
-}
-
-impl Work {
-    /// Transforms a record, its mean removed: `bins` without a window, `amplitude` with the Hann window.
-    fn transform(&mut self, record: &Record) -> Moments {
-        let moments = Moments::of(record.samples(), &mut self.centred);
-        self.length = spectrum_length(self.centred.len());
-        self.transforms.forward(&mut self.centred[..self.length], &mut self.bins);
-        hann_amplitude(&self.bins, self.length, &mut self.amplitude);
-        moments
-    }
-
-    fn resolution_hz(&self, record: &Record) -> f64 {
-        record.sample_rate_hz() / self.length as f64
-    }
+    work: RecordSpectrum,
 }
 
 impl Analyzer {
@@ -103,7 +55,7 @@ impl Analyzer {
     pub fn new(settings: AnalysisSettings) -> Self {
         Self {
             settings,
-            work: Work::default(),
+            work: RecordSpectrum::default(),
         }
     }
 
@@ -125,37 +77,28 @@ impl Analyzer {
             features.values.insert("ln_kurtosis".to_owned(), kurtosis.ln());
         }
 
+        let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh.teeth));
         let mut mesh_lines = Vec::new();
         for order in 1..=self.settings.harmonics {
-            let line = located
-                .mesh
-                .and_then(|mesh| read_line(&work.amplitude, order as f64 * mesh).ok_or(Absence::AboveNyquist));
-            if let Ok(line) = line {
-                mesh_lines.push(MeshLine {
-                    order: order as u32,
-                    frequency_hz: line.position * resolution_hz,
-                    amplitude: line.amplitude,
-                });
-            }
-            let amplitude = line.map(|line| line.amplitude);
+            let line = lines.and_then(|lines| lines.read(work, order as f64).ok_or(Absence::AboveNyquist));
+            let amplitude = line.map(|(line, _)| line.amplitude);
             indicators.insert(format!("mesh_{order}"), amplitude);
             if order == 1 {
                 indicators.insert("omx", amplitude);
             }
-        }
-        if let (Ok(mesh_bins), Ok(deviation)) = (located.mesh, deviation) {
-            let shaft_bins = mesh_bins / f64::from(mesh.teeth);
-            let shaft_bins = (shaft_bins >= SHAFT_RESOLVED_BINS).then_some(shaft_bins);
-            let lines = MeshFeatures {
-                mesh_bins,
-                shaft_bins,
-                deviation,
-            };
-            lines.mesh(work, &mesh_lines, &mut features);
-            if let Some(shaft_bins) = shaft_bins {
-                lines.sidebands(work, shaft_bins, &mut features);
-                lines.envelopes(work, shaft_bins, &mut features);
+            let Ok((line, noise)) = line else { continue };
+            mesh_lines.push(MeshLine {
+                order: order as u32,
+                frequency_hz: line.position * resolution_hz,
+                amplitude: line.amplitude,
+            });
+            if let Ok(deviation) = deviation {
+                features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
             }
+        }
+        if let (Ok(lines), Ok(deviation)) = (lines, deviation) {
+            lines.sidebands(work, deviation, &mut features);
+            lines.envelopes(work, deviation, &mut features);
         }
         self.give_back(record);
         Analysis {
@@ -209,60 +152,232 @@ impl Analyzer {
     /// Drops work space that only a very long record needs.
     fn give_back(&mut self, record: &Record) {
         if record.samples().len() > KEPT_SAMPLES {
-            self.work = Work::default();
+            self.work = RecordSpectrum::default();
         }
     }
 }
 
-/// The line features of one record. Positions are in bins.
-struct MeshFeatures {
-    mesh_bins: f64,
-    /// The shaft rate, where the record resolves it.
-    shaft_bins: Option<f64>,
-    deviation: f64,
-}
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{PI, SQRT_2};
 
-impl MeshFeatures {
-    /// The noise in one bin beside mesh harmonic `order`.
-    fn noise(&self, work: &mut Work, order: f64) -> Option<f64> {
-        let reach = 0.5 * self.mesh_bins;
-        background(&work.amplitude, order * self.mesh_bins, self.shaft_bins, reach, &mut work.sorting)
-    }
+    use jiff::Timestamp;
+    use proptest::prelude::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
 
-    fn mesh(&self, work: &mut Work, lines: &[MeshLine], features: &mut Features) {
-        for line in lines {
-            let noise = self.noise(work, f64::from(line.order));
-            features.insert_line(format!("ln_mesh_{}", line.order), line.amplitude, noise, self.deviation);
-        }
-    }
+    use super::super::{OperatingPoint, SpeedSource};
+    use super::*;
 
-    fn sidebands(&self, work: &mut Work, shaft_bins: f64, features: &mut Features) {
-        for order in 1..=SIDEBAND_HARMONICS {
-            let centre = order as f64 * self.mesh_bins;
-            let sidebands = (1..=SIDEBANDS).flat_map(|k| [centre - k as f64 * shaft_bins, centre + k as f64 * shaft_bins]);
-            let energy: Option<f64> = sidebands
-                .map(|position| read_line(&work.amplitude, position).map(|line| line.amplitude * line.amplitude))
+    const RATE_HZ: f64 = 20_000.0;
+    const SHAFT_HZ: f64 = 16.71;
+
+    const MESH: MeshContext = MeshContext {
+        teeth: 24,
+        nominal_shaft_speed_hz: 16.64,
+        tolerance: 0.05,
+        nominal_is_exact: false,
+    };
+
+    /// Harmonics of amplitude 1/h, once-per-turn amplitude modulation of depth 0.2, and white noise of this deviation.
+    fn gear(samples: usize, noise: f64, offset: f64) -> Record {
+        let mut random = ChaCha8Rng::seed_from_u64(11);
+        let signal = (0..samples).map(|i| {
+            let turn = 2.0 * PI * SHAFT_HZ * i as f64 / RATE_HZ;
+            let lines: f64 = (1..=10)
+                .map(|h| (1.0 + 0.2 * turn.cos()) / f64::from(h) * (24.0 * f64::from(h) * turn + f64::from(h * h)).sin())
                 .sum();
-            let Some(energy) = energy else { return };
-            let noise = self.noise(work, order as f64).map(|noise| noise * (2.0 * SIDEBANDS as f64).sqrt());
-            features.insert_line(format!("ln_sideband_{order}"), energy.sqrt(), noise, self.deviation);
+            let normal: f64 = StandardNormal.sample(&mut random);
+            (offset + lines + noise * normal) as f32
+        });
+        record(signal.collect())
+    }
+
+    fn record(samples: Vec<f32>) -> Record {
+        Record::new("1", Timestamp::UNIX_EPOCH, RATE_HZ, "m/s2", samples).unwrap()
+    }
+
+    fn at_speed(record: Record, shaft_speed_hz: f64) -> Record {
+        let point = OperatingPoint {
+            shaft_speed_hz: Some(shaft_speed_hz),
+            torque_nm: None,
+        };
+        record.with_operating_point(point).unwrap()
+    }
+
+    fn analyze(record: &Record, mesh: MeshContext) -> Analysis {
+        Analyzer::new(AnalysisSettings::default()).analyze(record, &mesh)
+    }
+
+    /// The amplitudes put in: A_h = 1/h; each sideband 0.1/h, two of them; the envelope's shaft line 0.2/h. With and without noise.
+    #[test]
+    fn lines_put_in_come_out() {
+        for noise in [0.0, 0.05] {
+            let got = analyze(&gear(40_000, noise, 0.0), MESH);
+            let speed = got.shaft_speed.unwrap();
+            assert_eq!(speed.source, SpeedSource::MeshComb);
+            assert!((speed.shaft_speed_hz - SHAFT_HZ).abs() < 1e-3, "{speed:?}");
+            let within = 2e-3 + 0.1 * noise;
+            for order in 1..=10 {
+                let want = 1.0 / f64::from(order);
+                let line = got.indicators.values[&format!("mesh_{order}")];
+                assert!((line / want - 1.0).abs() < within, "{order}: {line}");
+            }
+            assert_eq!(got.indicators.values["omx"], got.indicators.values["mesh_1"]);
+            assert_eq!(got.mesh_lines.len(), 10);
+            assert!((got.mesh_lines[9].frequency_hz - 240.0 * SHAFT_HZ).abs() < 0.1);
+            for order in 1..=4 {
+                let sideband = got.features.values[&format!("ln_sideband_{order}")].exp();
+                assert!(
+                    (sideband * f64::from(order) / (0.1 * SQRT_2) - 1.0).abs() < 10.0 * within,
+                    "{order}: {sideband}"
+                );
+                let envelope = got.features.values[&format!("ln_env_{order}")].exp();
+                assert!(
+                    (envelope * f64::from(order) / 0.2 - 1.0).abs() < 10.0 * within,
+                    "{order}: {envelope}"
+                );
+            }
         }
     }
 
-    fn envelopes(&self, work: &mut Work, shaft_bins: f64, features: &mut Features) {
-        let reach = FEATURE_BAND_SHAFTS * shaft_bins;
-        for order in 1..=SIDEBAND_HARMONICS {
-            let centre = order as f64 * self.mesh_bins;
-            if centre <= reach + 1.0 || !fits(centre + reach, work.bins.len()) {
-                return;
+    /// White noise of deviation s: root-mean-square amplitude s·√(4·1.5/N) in a Hann bin, twice that in four sidebands.
+    #[test]
+    fn backgrounds_are_those_of_the_noise_put_in() {
+        let got = analyze(&gear(40_000, 0.05, 0.0), MESH);
+        let bin = 0.05 * (6.0_f64 / 40_000.0).sqrt();
+        for order in 1..=4 {
+            for (name, want) in [("ln_mesh", bin), ("ln_sideband", 2.0 * bin)] {
+                let background = got.features.background[&format!("{name}_{order}")];
+                assert!((background - want.ln()).abs() < 0.3, "{name} {order}: {background} {}", want.ln());
             }
-            let band = [(centre - reach).ceil() as usize, (centre + reach).floor() as usize];
-            work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
-            let Some(line) = read_line(&work.envelope.amplitude, shaft_bins) else {
-                return;
-            };
-            let noise = background(&work.envelope.amplitude, shaft_bins, Some(shaft_bins), reach, &mut work.sorting);
-            features.insert_line(format!("ln_env_{order}"), line.amplitude, noise, self.deviation);
         }
+        assert!(got.features.background.keys().all(|name| got.features.values.contains_key(name)));
+    }
+
+    /// A gain shifts every feature but the kurtosis by its logarithm; an offset changes none.
+    #[test]
+    fn gain_is_an_offset_and_offset_nothing() {
+        let plain = analyze(&gear(20_000, 0.05, 0.0), MESH).features;
+        let record_with_gain = gear(20_000, 0.05, 0.0).samples().iter().map(|x| 8.0 * x).collect();
+        let gained = analyze(&record(record_with_gain), MESH).features;
+        let moved = analyze(&gear(20_000, 0.05, 3.0), MESH).features;
+        assert_eq!(plain.values.len(), 10 + 4 + 4 + 2);
+        for (name, value) in &plain.values {
+            let gain = if name == "ln_kurtosis" { 0.0 } else { 8.0_f64.ln() };
+            assert!((gained.values[name] - value - gain).abs() < 1e-9, "{name}");
+            assert!((moved.values[name] - value).abs() < 1e-3, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_given_speed_is_kept_and_its_lines_found_beside_it() {
+        let got = analyze(&at_speed(gear(200_000, 0.05, 0.0), 16.7), MESH);
+        let speed = got.shaft_speed.unwrap();
+        assert_eq!((speed.shaft_speed_hz, speed.source), (16.7, SpeedSource::Record));
+        assert!((got.mesh_lines[0].frequency_hz - 24.0 * SHAFT_HZ).abs() < 0.01);
+        let exact = MeshContext {
+            nominal_is_exact: true,
+            nominal_shaft_speed_hz: SHAFT_HZ,
+            ..MESH
+        };
+        assert_eq!(
+            analyze(&gear(20_000, 0.05, 0.0), exact).shaft_speed.unwrap().source,
+            SpeedSource::Asset
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_computed_says_why() {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let noise = record((0..20_000).map(|_| StandardNormal.sample(&mut random)).collect());
+        let got = analyze(&noise, MESH);
+        assert_eq!((got.shaft_speed, got.mesh_lines.len()), (None, 0));
+        assert_eq!(got.indicators.absent["omx"], Absence::NoSpeed);
+        assert_eq!(got.features.values.keys().collect::<Vec<_>>(), ["ln_kurtosis", "ln_rms"]);
+
+        for (samples, reason) in [
+            (vec![0.0; 20_000], Absence::Constant),
+            (vec![-9.81; 199_999], Absence::Constant),
+            (vec![1.0], Absence::Constant),
+            (vec![1.0, 2.0], Absence::TooShort),
+            (noise.samples()[..150].to_vec(), Absence::TooShort),
+        ] {
+            for given in [false, true] {
+                let record = record(samples.clone());
+                let record = if given { at_speed(record, SHAFT_HZ) } else { record };
+                let got = analyze(&record, MESH);
+                assert_eq!(got.indicators.absent["omx"], reason, "{} samples", samples.len());
+                assert_eq!(got.shaft_speed.is_some(), given);
+            }
+        }
+
+        let got = analyze(&at_speed(gear(20_000, 0.05, 0.0), 100.0), MESH);
+        assert_eq!(got.indicators.absent["mesh_5"], Absence::AboveNyquist);
+        assert!(got.indicators.get("mesh_4").is_some());
+        for shaft_speed_hz in [1e5, f64::MAX, 1e-300] {
+            assert_eq!(analyze(&at_speed(gear(2000, 0.05, 0.0), shaft_speed_hz), MESH).mesh_lines, []);
+        }
+        for nominal_shaft_speed_hz in [0.0, -5.0, f64::NAN, f64::INFINITY] {
+            for nominal_is_exact in [false, true] {
+                let mesh = MeshContext {
+                    nominal_shaft_speed_hz,
+                    nominal_is_exact,
+                    ..MESH
+                };
+                assert_eq!(analyze(&noise, mesh).indicators.absent["omx"], Absence::NoSpeed);
+            }
+        }
+    }
+
+    #[test]
+    fn every_short_length_is_analysed() {
+        let mut analyzer = Analyzer::new(AnalysisSettings::default());
+        let long = gear(1200, 0.05, 1.0);
+        for length in 1..=1200 {
+            let record = at_speed(record(long.samples()[..length].to_vec()), SHAFT_HZ);
+            let got = analyzer.analyze(&record, &MESH);
+            let numbers = got.indicators.values.values().chain(got.features.values.values());
+            assert!(numbers.chain(got.features.background.values()).all(|x| x.is_finite()), "{length}");
+            assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
+            let spectrum = analyzer.amplitude_spectrum(&record);
+            assert_eq!(spectrum.amplitude.len(), length / 2 + 1);
+            let (band_hz, _) = analyzer.envelope_band(&record, got.shaft_speed.as_ref());
+            let envelope = analyzer.envelope_spectrum(&record, band_hz);
+            let too_short = length < 60 && matches!(envelope, Err(BandError::TooNarrow { .. }));
+            assert!(envelope.is_ok() || too_short, "{length}: {envelope:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_finite_samples_give_finite_numbers(
+            samples in prop::collection::vec(prop::num::f32::NORMAL | prop::num::f32::SUBNORMAL | prop::num::f32::ZERO, 1..600),
+            shaft_speed_hz in prop::option::of(1e-3..1e4),
+            teeth in 0_u32..300,
+            tolerance in 0.0..1.5,
+        ) {
+            let point = OperatingPoint { shaft_speed_hz, torque_nm: None };
+            let record = record(samples).with_operating_point(point).unwrap();
+            let got = analyze(&record, MeshContext { teeth, tolerance, ..MESH });
+            prop_assert!(got.indicators.values.values().all(|x| x.is_finite()), "{:?}", got.indicators);
+            prop_assert!(got.features.values.values().all(|x| x.is_finite()), "{:?}", got.features);
+            prop_assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
+        }
+    }
+
+    #[test]
+    fn the_default_band_is_around_the_strongest_harmonic() {
+        let mut analyzer = Analyzer::new(AnalysisSettings::default());
+        let record = gear(20_000, 0.05, 0.0);
+        let speed = analyzer.analyze(&record, &MESH).shaft_speed.unwrap();
+        let mesh_hz = speed.mesh_frequency_hz;
+        let (band_hz, source) = analyzer.envelope_band(&record, Some(&speed));
+        assert_eq!(
+            (band_hz, source),
+            ([0.5 * mesh_hz, 2.5 * mesh_hz], BandSource::StrongestMeshHarmonic)
+        );
+        assert_eq!(analyzer.envelope_band(&record, None), ([0.0, 10_000.0], BandSource::Whole));
     }
 }

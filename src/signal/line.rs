@@ -8,8 +8,14 @@ pub(super) const MAIN_LOBE_BINS: f64 = 2.0;
 /// A line is looked for this far from where it should be, in bins.
 const SEARCH_BINS: f64 = 1.5;
 
-/// And this part of its own position more: shaft speeds wander a little within a record.
+/// And this part of its own position more: no speed is known better.
 const SEARCH_FRACTION: f64 = 1e-4;
+
+/// A line that stands out is looked for this part of its position further away: shaft speeds wander within a record.
+const WANDER_FRACTION: f64 = 5e-4;
+
+/// What stands out: noise alone reaches 4 times its root mean square in one bin of e¹⁶ = 9 million.
+const STANDING_OUT: f64 = 4.0;
 
 /// Bins on each side of a line that its background is taken from.
 const BACKGROUND_BINS: usize = 32;
@@ -38,18 +44,32 @@ pub(super) fn read_line(amplitude: &[f64], position: f64) -> Option<LineReading>
         return None;
     }
     let reach = SEARCH_BINS + SEARCH_FRACTION * position;
+    let peak = highest_peak(amplitude, position, reach);
+    Some(peak.unwrap_or(LineReading {
+        position,
+        amplitude: amplitude[position.round() as usize],
+    }))
+}
+
+/// Reads a mesh line as [`read_line`] does, or the highest peak within 5·10⁻⁴ of its position (at most `reach` bins away) where
+/// that one stands 4 times above `noise`, the root-mean-square amplitude of the noise in one bin. The condition keeps weak lines from
+/// being read as the highest of much noise.
+pub(super) fn read_mesh_line(amplitude: &[f64], position: f64, reach: f64, noise: Option<f64>) -> Option<LineReading> {
+    let near = read_line(amplitude, position)?;
+    let far = noise.and_then(|noise| {
+        let reach = (SEARCH_BINS + WANDER_FRACTION * position).min(reach);
+        highest_peak(amplitude, position, reach).filter(|peak| peak.amplitude > near.amplitude && peak.amplitude >= STANDING_OUT * noise)
+    });
+    Some(far.unwrap_or(near))
+}
+
+fn highest_peak(amplitude: &[f64], position: f64, reach: f64) -> Option<LineReading> {
     let first = ((position - reach).ceil() as usize).max(1);
     let last = ((position + reach).floor() as usize).min(amplitude.len() - 2);
-    let peak = (first..=last)
+    (first..=last)
         .filter(|&k| amplitude[k] > amplitude[k - 1] && amplitude[k] >= amplitude[k + 1])
-        .max_by(|&a, &b| amplitude[a].total_cmp(&amplitude[b]));
-    Some(match peak {
-        Some(k) => interpolate(amplitude, k),
-        None => LineReading {
-            position,
-            amplitude: amplitude[position.round() as usize],
-        },
-    })
+        .max_by(|&a, &b| amplitude[a].total_cmp(&amplitude[b]))
+        .map(|k| interpolate(amplitude, k))
 }
 
 /// The sine that a peak at bin `k` belongs to. With α the ratio of the higher neighbour to the peak, the Hann window's
@@ -167,6 +187,18 @@ mod tests {
         assert_eq!(read_line(&amplitude, f64::NAN), None);
         assert_eq!(read_line(&[], 0.0), None);
         assert!(read_line(&amplitude, 30.0).is_some());
+    }
+
+    #[test]
+    fn a_wandering_mesh_line_is_read_where_it_stands_out() {
+        let mut x = sine(80_000, 20_000.0, 0.0);
+        x.iter_mut().zip(sine(80_000, 20_006.2, 1.0)).for_each(|(x, y)| *x += 2.0 * y);
+        let amplitude = spectrum(x);
+        let read = |reach, noise| read_mesh_line(&amplitude, 20_000.0, reach, noise).unwrap();
+        assert!((read(100.0, Some(1.2)).position - 20_006.2).abs() < 0.01);
+        for (reach, noise) in [(100.0, Some(1.3)), (5.0, Some(1.2)), (100.0, None)] {
+            assert!((read(reach, noise).position - 20_000.0).abs() < 0.01);
+        }
     }
 
     #[test]

@@ -5,8 +5,8 @@ use super::line::{fits, noise_amplitude, read_line};
 /// Orders of the comb: the lowest harmonics are the ones that stand out.
 const ORDERS: usize = 5;
 
-/// What one line can add to a candidate's score, in multiples of the background: a comb is more than its strongest line.
-const LINE_CAP: f64 = 16.0;
+/// From here on a line's ratio to the background adds to the score by its logarithm only: a comb is more than its strongest line.
+const STRONG_LINE: f64 = 16.0;
 
 /// Weight of the once-per-turn sidebands, which tell the mesh line from a strong sideband of it.
 const SIDEBAND_WEIGHT: f64 = 0.5;
@@ -38,13 +38,14 @@ pub(super) struct MeshComb {
 
 /// Looks for the comb h·f, h = 1 … 5 (as far as it fits), with f from `low` to `high` bins.
 ///
-/// A candidate's score is Σ min(A_h/b_h, 16), b_h the median-based noise around order h. The candidate must pass the level that white
+/// A candidate's score is the sum of its lines' ratios A_h/b_h, b_h the median-based noise around order h; above 16 a ratio r counts as
+/// 16·(1 + ln(r/16)). The candidate must pass the level that white
 /// noise passes once in a thousand records over all candidates together; among those that do, the highest with half the score of the
 /// sidebands at h·f ± f/teeth is taken (where the record resolves the shaft), and its frequency refined by its lines' own positions.
 pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], teeth: u32, scratch: &mut Vec<f64>) -> Option<MeshComb> {
     let low = low.max(MESH_RESOLVED_BINS);
-    // Written so that a NaN is refused too.
-    if !(high >= low) {
+    let in_order = low <= high;
+    if !in_order {
         return None;
     }
     let noise: Vec<f64> = (1..=ORDERS)
@@ -59,11 +60,11 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], teeth: u32, scratch
     let candidates = ((high - low) / step) as usize + 1;
     let level = detection_level(noise.len(), candidates);
     let score = |mesh: f64, offset: f64| -> f64 {
-        let capped = |(order, noise): (usize, &f64)| {
-            let bin = ((order as f64 + 1.0 + offset) * mesh).round() as usize;
-            amplitude.get(bin).map_or(0.0, |a| (a / noise).min(LINE_CAP))
+        let ratio = |(index, noise): (usize, &f64)| {
+            let bin = ((index as f64 + 1.0 + offset) * mesh).round() as usize;
+            amplitude.get(bin).map_or(0.0, |a| a / noise)
         };
-        noise.iter().enumerate().map(capped).sum()
+        noise.iter().enumerate().map(ratio).map(compress).sum()
     };
     let shaft = 1.0 / f64::from(teeth.max(1));
     let resolves_shaft = low * shaft >= SHAFT_RESOLVED_BINS;
@@ -85,6 +86,14 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], teeth: u32, scratch
         }
     }
     best.map(|(mesh, _)| refine(amplitude, mesh, &noise))
+}
+
+fn compress(ratio: f64) -> f64 {
+    if ratio <= STRONG_LINE {
+        ratio
+    } else {
+        STRONG_LINE * (1.0 + (ratio / STRONG_LINE).ln())
+    }
 }
 
 /// The noise around one order: over the candidates' range, widened to 64 bins where that is less.

@@ -10,18 +10,21 @@ mod features;
 mod indicators;
 mod line;
 mod mesh_comb;
+mod mesh_lines;
 mod moments;
 mod record;
+mod record_spectrum;
 #[cfg(test)]
 mod reference;
 mod spectrum;
 mod speed;
 mod transform;
 
-pub use analyzer::{Analysis, AnalysisSettings, Analyzer, MeshLine};
+pub use analyzer::{Analysis, AnalysisSettings, Analyzer};
 pub use envelope::{BandError, BandSource};
 pub use features::{Features, PREPROCESSING};
 pub use indicators::{Absence, Indicators};
+pub use mesh_lines::MeshLine;
 pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
 pub use spectrum::Spectrum;
 pub use speed::{MeshContext, ShaftSpeed, SpeedSource};

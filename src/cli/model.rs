@@ -1,0 +1,226 @@
+//! `flankwatch model`: one mesh period of a gear pair.
+
+use std::fs;
+use std::io::{self, BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use thiserror::Error;
+
+use crate::gear::{ContactRule, FlankWear, GearError, MeshCycle, PairSpec};
+
+/// The pair of the paper's Table 1.
+const SHEN2022: &str = include_str!("../../fixtures/pairs/shen2022.toml");
+
+/// Arguments of `flankwatch model`.
+#[derive(Debug, Args)]
+pub struct ModelArgs {
+    /// Pair file; the pair of Shen et al. 2022 where not given
+    #[arg(long)]
+    pub pair: Option<PathBuf>,
+    /// Greatest wear depth in mm, in the pair's wear shape
+    #[arg(long, conflicts_with = "profile")]
+    pub wear_mm: Option<f64>,
+    /// Wear table: CSV of gear,radius_mm,depth_um
+    #[arg(long)]
+    pub profile: Option<PathBuf>,
+    /// Which pairs of teeth carry; as in the pair file where not given
+    #[arg(long)]
+    pub contact: Option<Contact>,
+    /// Torque on the driving gear in N·m; as in the pair file where not given
+    #[arg(long)]
+    pub torque_nm: Option<f64>,
+    /// Points of the mesh period
+    #[arg(long, default_value_t = 1000)]
+    pub points: usize,
+    /// How to print the points
+    #[arg(long, default_value = "csv")]
+    pub format: Format,
+}
+
+/// Contact rules by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Contact {
+    /// The pair that pushes the driven gear furthest, and any pair within the threshold of it
+    Threshold,
+}
+
+/// Forms of the output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// A header and one line a point
+    Csv,
+    /// One array with an object a point
+    Json,
+}
+
+/// Why `flankwatch model` failed.
+#[derive(Debug, Error)]
+pub enum ModelCommandError {
+    /// A file could not be read.
+    #[error("{path}: {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A pair file or wear table cannot be used.
+    #[error("{path}: {source}")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: GearError,
+    },
+    /// The gear model refused.
+    #[error(transparent)]
+    Gear(#[from] GearError),
+    /// The output could not be written.
+    #[error("cannot write the output: {0}")]
+    Write(#[from] io::Error),
+}
+
+/// One point of the mesh period.
+#[derive(Debug, Serialize)]
+struct Row {
+    phi1_rad: f64,
+    phi2_rad: f64,
+    stiffness_n_per_m: f64,
+    uste_rad: f64,
+    pairs_in_contact: u32,
+}
+
+/// Prints one mesh period, `points` evenly spaced angles from the nominal start of contact on, the period's end excluded.
+///
+/// # Errors
+/// [`ModelCommandError`] names the file or field. A reader that closes the output early is none.
+pub fn run(args: &ModelArgs) -> Result<(), ModelCommandError> {
+    let cycle = cycle(args)?;
+    match write(&cycle, args.format, BufWriter::new(io::stdout().lock())) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        outcome => Ok(outcome?),
+    }
+}
+
+fn cycle(args: &ModelArgs) -> Result<MeshCycle, ModelCommandError> {
+    let mut spec = match &args.pair {
+        None => PairSpec::from_toml(SHEN2022)?,
+        Some(path) => PairSpec::from_toml(&read(path)?).map_err(in_file(path))?,
+    };
+    if let Some(Contact::Threshold) = args.contact {
+        spec.dynamics.contact = ContactRule::Threshold;
+    }
+    if let Some(torque_nm) = args.torque_nm {
+        spec.operation.torque_nm = torque_nm;
+    }
+    let pair = match &args.pair {
+        Some(path) => spec.resolve().map_err(in_file(path))?,
+        None => spec.resolve()?,
+    };
+    let wear = match (&args.profile, args.wear_mm) {
+        (Some(path), _) => FlankWear::from_table_csv(&pair, &read(path)?).map_err(in_file(path))?,
+        (None, Some(depth_mm)) => FlankWear::from_shape(&pair, depth_mm)?,
+        (None, None) => FlankWear::none(),
+    };
+    Ok(MeshCycle::compute(&pair, &wear, args.points)?)
+}
+
+fn read(path: &Path) -> Result<String, ModelCommandError> {
+    fs::read_to_string(path).map_err(|source| ModelCommandError::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn in_file(path: &Path) -> impl Fn(GearError) -> ModelCommandError {
+    let path = path.to_owned();
+    move |source| ModelCommandError::File {
+        path: path.clone(),
+        source,
+    }
+}
+
+fn rows(cycle: &MeshCycle) -> impl Iterator<Item = Row> {
+    (0..cycle.phi1_rad.len()).map(|i| Row {
+        phi1_rad: cycle.phi1_rad[i],
+        phi2_rad: cycle.phi2_rad[i],
+        stiffness_n_per_m: cycle.stiffness_n_per_m[i],
+        uste_rad: cycle.uste_rad[i],
+        pairs_in_contact: cycle.pairs_in_contact[i],
+    })
+}
+
+fn write(cycle: &MeshCycle, format: Format, mut out: impl Write) -> io::Result<()> {
+    match format {
+        Format::Csv => {
+            let mut csv = csv::Writer::from_writer(&mut out);
+            for row in rows(cycle) {
+                csv.serialize(row).map_err(io::Error::other)?;
+            }
+            csv.flush()?;
+        }
+        Format::Json => {
+            serde_json::to_writer_pretty(&mut out, &rows(cycle).collect::<Vec<_>>())?;
+            writeln!(out)?;
+        }
+    }
+    out.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::{Format, ModelArgs, cycle, write};
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        model: ModelArgs,
+    }
+
+    fn printed(arguments: &[&str], format: Format) -> Result<String, String> {
+        let line = Line::try_parse_from(std::iter::once(&"model").chain(arguments)).map_err(|error| error.to_string())?;
+        let cycle = cycle(&line.model).map_err(|error| error.to_string())?;
+        let mut out = Vec::new();
+        write(&cycle, format, &mut out).map_err(|error| error.to_string())?;
+        String::from_utf8(out).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn csv_has_the_stated_columns_from_the_nominal_start_of_contact_on() {
+        let text = printed(&[], Format::Csv).unwrap();
+        let mut lines = text.lines();
+        assert_eq!(lines.next(), Some("phi1_rad,phi2_rad,stiffness_n_per_m,uste_rad,pairs_in_contact"));
+        let first: Vec<f64> = lines.next().unwrap().split(',').map(|field| field.parse().unwrap()).collect();
+        assert!((first[0] + 0.277_624_056).abs() < 1e-9);
+        assert_eq!(first[4], 2.0);
+        assert_eq!(lines.count(), 999);
+    }
+
+    #[test]
+    fn json_has_the_same_numbers() {
+        let arguments = ["--wear-mm", "0.1", "--points", "50", "--torque-nm", "500", "--contact", "threshold"];
+        let rows: Vec<serde_json::Value> = serde_json::from_str(&printed(&arguments, Format::Json).unwrap()).unwrap();
+        let csv = printed(&arguments, Format::Csv).unwrap();
+        assert_eq!(rows.len(), 50);
+        for (row, line) in rows.iter().zip(csv.lines().skip(1)) {
+            let fields: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
+            assert_eq!(row["phi2_rad"].as_f64(), Some(fields[1]));
+            assert_eq!(row["stiffness_n_per_m"].as_f64(), Some(fields[2]));
+            assert_eq!(row["pairs_in_contact"].as_f64(), Some(fields[4]));
+        }
+    }
+
+    #[test]
+    fn refusals_name_the_field_or_the_file() {
+        assert!(printed(&["--torque-nm", "0"], Format::Csv).unwrap_err().contains("operation.torque_nm is 0"));
+        assert!(printed(&["--wear-mm", "NaN"], Format::Csv).unwrap_err().contains("wear depth in mm is NaN"));
+        assert!(printed(&["--points", "1"], Format::Csv).unwrap_err().contains("points is 1"));
+        assert!(printed(&["--pair", "no/such.toml"], Format::Csv).unwrap_err().contains("no/such.toml"));
+        assert!(printed(&["--wear-mm", "0.1", "--profile", "x.csv"], Format::Csv).is_err());
+        assert!(printed(&["--contact", "elastic"], Format::Csv).unwrap_err().contains("threshold"));
+    }
+}
