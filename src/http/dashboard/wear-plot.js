@@ -1,0 +1,101 @@
+// Wear over time: median with its 5 to 95 % band, limits, the baseline's stretch, and the reference where there is one.
+
+import { depth } from "./format.js";
+import { palette, timeAxis, verticalLine } from "./plots.js";
+
+/** The outline of the band, one closed polygon for every stretch of records with an interval. */
+function bandOutline(items) {
+  const x = [];
+  const y = [];
+  let stretch = [];
+  const close = () => {
+    if (stretch.length > 1) {
+      const back = [...stretch].reverse();
+      x.push(...stretch.map((item) => item.start_time), ...back.map((item) => item.start_time), null);
+      y.push(...stretch.map((item) => item.p95_um), ...back.map((item) => item.p05_um), null);
+    }
+    stretch = [];
+  };
+  for (const item of items) {
+    if (item.p05_um == null || item.p95_um == null) close();
+    else stretch.push(item);
+  }
+  close();
+  return { x, y };
+}
+
+function limitLine(name, value, colour, dash, ends) {
+  const trace = { x: ends, y: [value, value], mode: "lines", line: { color: colour, width: 1, dash }, opacity: 0, hoverinfo: "skip" };
+  const shape = { type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value, line: { color: colour, width: 1.5, dash } };
+  const text = `${name} ${depth(value)} µm`;
+  const annotation = { text, xref: "paper", x: 0, xanchor: "left", y: value, yanchor: "bottom", showarrow: false, font: { color: colour } };
+  return { trace, shape, annotation };
+}
+
+function hoverWords({ median_um: median, p05_um: low, p95_um: high, status, reason }) {
+  if (median == null) return reason ?? status;
+  const words = `${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`;
+  return status === "estimated" ? words : `${words}<br>${status.replaceAll("_", " ")}`;
+}
+
+function baselineZone(items, colour) {
+  const collecting = items.filter((item) => item.status === "collecting_baseline");
+  if (collecting.length < 2) return null;
+  const [from, to] = [collecting[0].start_time, collecting.at(-1).start_time];
+  const shape = { type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1, layer: "below", line: { width: 0 }, fillcolor: colour.zone };
+  const annotation = { text: "baseline", x: from, xanchor: "left", yref: "paper", y: 0.5, textangle: -90, showarrow: false, font: { color: colour.muted } };
+  return { shape, annotation };
+}
+
+/** The drawing for a wear history; `selected` is the start time of the record that the page shows. */
+export function wearDrawing({ channel, items }, limits, selected, revision) {
+  const colour = palette();
+  const ends = [items[0].start_time, items.at(-1).start_time];
+  const times = items.map((item) => item.start_time);
+  const ids = items.map((item) => item.segment_id);
+  const markers = items.length < 40 ? "lines+markers" : "lines";
+  const entries = [["line", colour.accent, "median"], ["band", colour.band, "5 to 95 % interval"]];
+  const traces = [
+    { ...bandOutline(items), mode: "lines", fill: "toself", fillcolor: colour.band, line: { width: 0 }, hoverinfo: "skip" },
+    { x: times, y: items.map((item) => item.median_um), customdata: ids, name: "wear", mode: markers, line: { color: colour.accent, width: 2 }, text: items.map(hoverWords), hovertemplate: "%{text}<extra>estimate</extra>" },
+  ];
+  const unnumbered = items.filter((item) => item.median_um == null);
+  if (unnumbered.length) {
+    const x = unnumbered.map((item) => item.start_time);
+    const marker = { symbol: "line-ns-open", size: 9, color: colour.muted, line: { width: 1 } };
+    traces.push({ x, y: x.map(() => 0), customdata: unnumbered.map((item) => item.segment_id), mode: "markers", marker, text: unnumbered.map(hoverWords), hovertemplate: "%{text}<extra></extra>" });
+  }
+  if (items.some((item) => item.reference_wear_um != null)) {
+    const line = { color: colour.reference, width: 2, dash: "dot" };
+    traces.push({ x: times, y: items.map((item) => item.reference_wear_um), customdata: ids, mode: markers, line, hovertemplate: "%{y:.0f} µm<extra>reference</extra>" });
+    entries.push(["dot", colour.reference, "reference (simulated or inspected)"]);
+  }
+  const zone = baselineZone(items, colour);
+  const shapes = zone ? [zone.shape] : [];
+  const annotations = zone ? [zone.annotation] : [];
+  for (const [name, value, dash] of [["warning", limits?.warning_um, "dash"], ["danger", limits?.danger_um, "solid"]]) {
+    if (value == null) continue;
+    const line = limitLine(name, value, colour[name], dash, ends);
+    traces.push(line.trace);
+    shapes.push(line.shape);
+    annotations.push(line.annotation);
+  }
+  if (selected) shapes.push(verticalLine(selected, colour.select, "solid", 2));
+  const last = items.findLast((item) => item.median_um != null);
+  const now = last ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm` : "no estimate yet";
+  return {
+    traces,
+    legend: entries,
+    sub: `Greatest wear depth over the flank, channel ${channel}. Click a record to see it.`,
+    summary: `Wear depth over ${items.length} records: ${now}.`,
+    layout: {
+      uirevision: revision,
+      hovermode: "x unified",
+      hoverdistance: -1,
+      xaxis: timeAxis,
+      yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero" },
+      shapes,
+      annotations,
+    },
+  };
+}
