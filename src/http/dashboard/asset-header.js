@@ -23,8 +23,8 @@ function small(text, title) {
   return h("span", { class: "muted", title }, text);
 }
 
-function speedFact(speed, gear) {
-  if (!speed) return fact("Shaft speed", "not found", small(`nominal ${hertz(gear.shaft_speed_hz)}`));
+function speedFact(speed, gear, known) {
+  if (!speed) return fact("Shaft speed", known ? "not found" : hertz(gear.shaft_speed_hz), small(known ? `nominal ${hertz(gear.shaft_speed_hz)}` : "nominal"));
   return fact("Shaft speed", `${hertz(speed.shaft_speed_hz)}, ${number(speed.shaft_speed_hz * 60, 4)} rpm`, small(speedSource(speed)));
 }
 
@@ -34,17 +34,18 @@ function libraryFact({ library_id: id, library_state: state }, wear) {
   return fact(best ? "Best library state" : "Library", words, id ? small(`library ${id.slice(0, 8)}`, id) : null);
 }
 
-function facts(asset, wear) {
+function facts(asset, wear, last) {
   const { summary, gear } = asset;
   const speed = wear?.shaft_speed;
   const { have, need } = wear?.baseline ?? {};
-  const baseline = have >= need ? [`complete, ${need} records`] : [baselineBar({ have: have ?? 0, need: need ?? asset.baseline.records })];
+  const baseline = !gear.pair ? ["not needed", small("for indicators alone")] : have >= need ? [`complete, ${need} records`] : [baselineBar({ have: have ?? 0, need: need ?? asset.baseline.records })];
   return [
     fact("Baseline", ...baseline),
     libraryFact(summary, wear),
-    speedFact(speed, gear),
+    speedFact(speed, gear, Boolean(wear?.segment_id)),
     fact("Mesh frequency", hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]), small(speed ? "teeth × shaft speed" : "from the nominal speed")),
     fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
+    fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "segment" : "segments"}`, last),
   ];
 }
 
@@ -57,10 +58,11 @@ export class AssetHeader {
   #number = h("p", { class: "wear-now" });
   #bar = h("div");
   #facts = h("dl", { class: "facts" });
-  #records = h("p", { class: "muted" });
+  #age = h("span", { class: "muted" });
   #last;
   #channel = h("select", { id: "channel", onchange: () => change({ channel: this.#channel.value, segment: null }) });
   #channelField = h("label", { class: "field", for: "channel", hidden: true }, h("span", {}, "Channel"), this.#channel);
+  #verdict = h("div", { class: "card verdict" }, h("div", { class: "verdict-main" }, this.#state, this.#number, this.#bar, this.#sentence), this.#facts);
   element;
 
   constructor(onAddRecords) {
@@ -70,7 +72,7 @@ export class AssetHeader {
       { class: "asset-header" },
       h("nav", { class: "crumbs", "aria-label": "Breadcrumb" }, h("a", { href: "#/" }, "Fleet"), h("span", { "aria-hidden": "true" }, "›")),
       h("div", { class: "asset-title" }, h("div", {}, this.#name, this.#id), h("div", { class: "asset-actions" }, this.#channelField, add)),
-      h("div", { class: "card verdict" }, h("div", { class: "verdict-main" }, this.#state, this.#number, this.#bar, this.#sentence), h("div", {}, this.#facts, this.#records)),
+      this.#verdict,
     );
   }
 
@@ -85,17 +87,16 @@ export class AssetHeader {
     const other = wear?.segment_id && channel !== summary.wear_channel;
     const state = other ? wearState(wear, limits) : overall;
     setChildren(this.#state, badge(state, 30));
+    this.#verdict.dataset.symbol = STATES[state].symbol;
     document.title = `${STATES[overall].short} · ${name} · flankwatch`;
     const known = wear?.median_um != null;
     setChildren(this.#number, ...(known ? wearNumber(wear, limits) : []));
     this.#number.hidden = !known;
     setChildren(this.#bar, known ? wearBar(wear, limits) : null);
     setText(this.#sentence, wear?.segment_id ? sentence(wear, limits) : sentence(null));
-    setChildren(this.#facts, facts(asset, wear));
+    setChildren(this.#facts, facts(asset, wear, this.#age));
     this.#last = summary.last_start_time;
-    const { segments } = summary;
-    this.#records.title = summary.first_start_time ? `${utc(summary.first_start_time)} to ${utc(summary.last_start_time)}` : "";
-    this.#records.dataset.count = `${count(segments)} ${segments === 1 ? "segment" : "segments"}`;
+    this.#age.title = this.#last ? `${utc(summary.first_start_time)} to ${utc(this.#last)}` : "";
     this.#updateChannels(summary.channels, channel);
     this.tick();
   }
@@ -111,8 +112,7 @@ export class AssetHeader {
 
   /** Lets the last record's age grow. */
   tick() {
-    const { count: segments = "" } = this.#records.dataset;
-    setText(this.#records, this.#last ? `${segments}, the last one ${age(this.#last)} (${utc(this.#last)})` : "no records yet");
+    setText(this.#age, this.#last ? `the last one ${age(this.#last)}` : "none yet");
   }
 }
 
@@ -121,5 +121,5 @@ function wearNumber(wear, limits) {
   const interval = `${depth(wear.p05_um)} to ${depth(wear.p95_um)} µm`;
   const share = use ? ` · ${Math.round(100 * use.share)} % of the ${use.name} limit` : "";
   const unclear = wear.status === "not_identifiable";
-  return [h("strong", {}, unclear ? "?" : depth(wear.median_um), h("span", {}, unclear ? "" : " µm")), h("span", { class: "muted" }, `5 to 95 %: ${interval}${unclear ? "" : share}`)];
+  return [h("strong", {}, unclear ? "Unclear" : depth(wear.median_um), h("span", {}, unclear ? "" : " µm")), h("span", { class: "muted" }, `5 to 95 %: ${interval}${unclear ? "" : share}`)];
 }

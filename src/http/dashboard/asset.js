@@ -9,7 +9,7 @@ import { RecordView } from "./record-view.js";
 import { RecordsDialog } from "./records-dialog.js";
 import { change } from "./route.js";
 import { chosenPanes, PANES, paneNames, trendDrawing } from "./trend-plot.js";
-import { wearDrawing } from "./wear-plot.js";
+import { wearDrawing, withoutEstimate } from "./wear-plot.js";
 
 /** An answer, or the server's refusal as a value; a lost connection still throws. */
 async function answer(promise) {
@@ -108,7 +108,9 @@ export class AssetPage {
   async #fetch(asset, latest, channel, signal) {
     const id = this.#query.segment ?? latest.segment_id;
     const panes = chosenPanes(this.#query.trend);
-    const record = answer(api.segment(id, signal)).then((segment) => {
+    // a record that was refused is not asked for again at every look
+    const known = this.#data?.id === id && this.#data.segment instanceof Error ? this.#data : null;
+    const record = known ? Promise.resolve(known.segment) : answer(api.segment(id, signal)).then((segment) => {
       const foreign = !(segment instanceof Error) && segment.asset_id !== this.#id;
       return foreign ? new api.ApiError(404, { detail: `segment ${id} belongs to another asset` }) : segment;
     });
@@ -118,8 +120,8 @@ export class AssetPage {
     });
     const [segment, spectrum, envelope, history, trend] = await Promise.all([
       record,
-      answer(api.spectrum(id, signal)),
-      answer(api.envelope(id, signal)),
+      known?.spectrum ?? answer(api.spectrum(id, signal)),
+      known?.envelope ?? answer(api.envelope(id, signal)),
       answer(api.wearHistory(this.#id, channel, signal)),
       trends,
     ]);
@@ -137,7 +139,7 @@ export class AssetPage {
     const points = history instanceof Error ? [] : history.items;
     this.#record.place(points.map((item) => item.segment_id), id, !this.#query.segment);
     await Promise.all([
-      points.length ? this.#wear.show(wearDrawing(history, latest.limits, selected, revision), `${this.#id}-wear`) : this.#wear.say(history.message ?? "No records of this channel yet."),
+      this.#drawWear(history, latest.limits, selected, revision),
       this.#drawTrends(trend, selected, revision),
       this.#record.show(this.#data, asset, this.#query),
     ]);
@@ -145,6 +147,14 @@ export class AssetPage {
     onPointClick(this.#wear.plot, select);
     onPointClick(this.#trends.plot, select);
     linkTimeAxes(this.#wear.plot, this.#trends.plot);
+  }
+
+  #drawWear(history, limits, selected, revision) {
+    if (history instanceof Error) return this.#wear.say(history.message);
+    if (history.items.length === 0) return this.#wear.say("No records of this channel yet.");
+    const reason = withoutEstimate(history.items);
+    if (reason) return this.#wear.say(reason);
+    return this.#wear.show(wearDrawing(history, limits, selected, revision), `${this.#id}-wear`);
   }
 
   #drawTrends({ names, panes, answer: indicators }, selected, revision) {

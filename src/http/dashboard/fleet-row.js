@@ -39,7 +39,7 @@ function wearContent(asset, state) {
       { class: "wear-number" },
       h("strong", {}, state === "unclear" ? "unclear" : `${depth(wear.median_um)} µm`),
       h("span", { class: "muted" }, interval),
-      use && state !== "unclear" ? h("span", { class: "muted use", title: `of the ${use.name} limit, ${depth(use.limit)} µm` }, `${Math.round(100 * use.share)} % of limit`) : null,
+      use && state !== "unclear" ? h("span", { class: "muted use", title: `${use.name} limit` }, `${Math.round(100 * use.share)} % of ${depth(use.limit)} µm`) : null,
     ),
     wearBar(wear, asset.limits),
   ];

@@ -14,10 +14,10 @@ export function number(value, digits = 4) {
   return Number(value.toPrecision(digits)).toString();
 }
 
-/** A wear depth in µm, without the unit: no decimals from 10 µm, where they would pretend a precision. */
+/** A wear depth in µm, without the unit; no decimals from 10 µm, where they would feign precision. */
 export function depth(value) {
   if (value === null || value === undefined) return NONE;
-  return value < 9.95 ? value.toFixed(1) : value.toFixed(0);
+  return value < 9.95 && value >= 0.05 ? value.toFixed(1) : value.toFixed(0);
 }
 
 /** A frequency with its unit. */
@@ -37,10 +37,10 @@ export function unit(name) {
   return name.replace(/(?<=[a-z])\^?(-?\d)/gi, (_, power) => [...power].map((c) => SUPERSCRIPTS[c]).join(""));
 }
 
-/** A quantity's name with its unit as an axis title. */
+/** A quantity's name with its unit as an axis title, with a dash where it has none. */
 export function titled(name, unitName) {
   const shown = unit(unitName);
-  return shown ? `${name} (${shown})` : `${name} (no unit)`;
+  return shown ? `${name} (${shown})` : `${name} (–)`;
 }
 
 /** `2026-03-02 14:05:09 UTC`. */

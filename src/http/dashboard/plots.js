@@ -21,7 +21,7 @@ function load() {
 
 /** The colours that plots use, as they are in the current theme. */
 export function palette() {
-  const values = colours("ink", "muted", "line", "surface", "accent", "warning", "danger", "reference", "select", "series-1", "series-2", "series-3", "series-4", "series-5");
+  const values = colours("ink", "muted", "line", "surface", "accent", "warning", "danger", "reference", "select", "edge", "series-1", "series-2", "series-3", "series-4", "series-5");
   const series = [1, 2, 3, 4, 5].map((index) => values[`series-${index}`]);
   return { ...values, series, band: translucent(values.accent, 0.2), zone: translucent(values.muted, 0.12) };
 }
@@ -38,6 +38,27 @@ const axis = (colour) => ({
 
 /** An axis of times; Plotly shows a time as it is written, and it is written in UTC. */
 export const timeAxis = { type: "date", title: { text: "Start of record (UTC)", standoff: 8 }, hoverformat: "%Y-%m-%d %H:%M:%S UTC" };
+
+/** The margins of plots over time: fixed, so that plots above one another have their times aligned. */
+export const timeMargin = { l: 64, r: 14, t: 10, b: 8 };
+
+/**
+ * One invisible point a record that is hovered and clicked instead of the lines: lines have gaps, and Plotly would answer for a
+ * gap with the nearest record that has a value. `values` say how high the points are; where there is none any other will do.
+ */
+export function recordPoints(items, values, words) {
+  const fallback = values.find((value) => value != null) ?? 1;
+  return {
+    x: items.map((item) => item.start_time),
+    y: values.map((value) => value ?? fallback),
+    customdata: items.map((item) => item.segment_id),
+    text: items.map(words),
+    mode: "lines",
+    line: { width: 0 },
+    opacity: 0,
+    hovertemplate: "%{text}<extra></extra>",
+  };
+}
 
 /** Merges a plot's layout into the common one; axes are every key that starts with `xaxis` or `yaxis`. */
 function themed(layout, colour) {

@@ -14,8 +14,8 @@ function density({ wear_um: x, probability }) {
   });
 }
 
-function mark(x, text, colour, y, xanchor = "left") {
-  return { x, yref: "paper", y, text, showarrow: false, xanchor, xshift: xanchor === "left" ? 4 : -4, font: { color: colour } };
+function mark(x, text, colour, ground, xanchor) {
+  return { x, yref: "paper", y: 1, text, showarrow: false, xanchor, xshift: xanchor === "left" ? 4 : -4, yanchor: "top", bgcolor: ground, font: { color: colour } };
 }
 
 /** The drawing of a wear estimate's posterior with its interval, the limits and the reference where there is one. */
@@ -35,7 +35,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
   for (const [name, value, dash] of [["warning", limits?.warning_um, "dash"], ["danger", limits?.danger_um, "solid"]]) {
     if (value == null || value > x.at(-1)) continue;
     shapes.push(verticalLine(value, colour[name], dash, 1.5));
-    annotations.push(mark(value, name, colour[name], 1, name === "danger" ? "left" : "right"));
+    annotations.push(mark(value, name, colour[name], colour.surface, name === "danger" ? "left" : "right"));
   }
   return {
     traces: [
@@ -49,7 +49,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
       uirevision: revision,
       hovermode: "closest",
       xaxis: { title: { text: "Wear depth (µm)" }, range: [x[0], x.at(-1)] },
-      yaxis: { title: { text: "Probability density (1/µm)" }, rangemode: "tozero" },
+      yaxis: { title: { text: "Density (1/µm)" }, range: [0, 1.2 * Math.max(...y)] },
       shapes,
       annotations,
     },

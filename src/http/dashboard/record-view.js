@@ -24,7 +24,7 @@ export class RecordView {
   #next = h("button", { type: "button", onclick: () => this.#step(1) }, "Next ▶");
   #latest = h("button", { type: "button", "aria-pressed": "true", onclick: () => change({ segment: null }) }, "Latest");
   #log = check("spectrum-log", "Log", (on) => change({ slog: on ? "1" : null }, { quiet: true }));
-  #sidebands = check("sidebands", "Sidebands", (on) => change({ side: on ? "1" : null }, { quiet: true }));
+  #sidebands = check("sidebands", "Sidebands", (on) => this.#showSidebands(on));
   #zoom = h("select", { id: "spectrum-zoom", "aria-label": "Part of the spectrum", onchange: () => change({ zoom: this.#zoom.value }, { quiet: true }) });
   #order = { ids: [], selected: null };
   #spectrum = new PlotCard("spectrum", "Spectrum");
@@ -37,6 +37,11 @@ export class RecordView {
     const buttons = h("div", { class: "steps", role: "group", "aria-label": "Choose a record" }, this.#previous, this.#next, this.#latest);
     const bar = h("section", { class: "card record-bar", "aria-label": "Selected record" }, h("div", { class: "plot-head" }, this.#time, buttons), this.#words, this.#values);
     this.elements = [bar, this.#spectrum.element, this.#envelope.element, this.#posterior.element];
+  }
+
+  /** Sidebands are too close to be told apart in the whole spectrum, so they bring the first mesh line near. */
+  #showSidebands(on) {
+    change({ side: on ? "1" : null, zoom: on ? this.#zoom.value || "1" : this.#zoom.value }, { quiet: true });
   }
 
   #step(by) {

@@ -1,7 +1,7 @@
 // Indicator trends: one pane a kind of indicator over a common time axis.
 
-import { indicatorName, titled } from "./format.js";
-import { palette, timeAxis, verticalLine } from "./plots.js";
+import { indicatorName, number, titled, unit } from "./format.js";
+import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
 /** The panes to choose from; `mesh` holds every mesh harmonic that the records have. */
 export const PANES = [
@@ -38,7 +38,6 @@ function axisTitle(pane, units) {
 export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, revision) {
   const colour = palette();
   const times = items.map((item) => item.start_time);
-  const ids = items.map((item) => item.segment_id);
   const mode = items.length < 40 ? "lines+markers" : "lines";
   const height = (1 - GAP * (panes.length - 1)) / panes.length;
   const layout = {
@@ -46,6 +45,7 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     hovermode: "x unified",
     hoversubplots: "axis",
     hoverdistance: -1,
+    margin: timeMargin,
     xaxis: { ...timeAxis, anchor: panes.length > 1 ? `y${panes.length}` : "y" },
     shapes: selected ? [verticalLine(selected, colour.select, "solid", 2)] : [],
   };
@@ -59,16 +59,18 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
       type: logarithmic ? "log" : "linear",
       title: { text: axisTitle(pane, units) },
       nticks: panes.length > 3 ? 3 : 5,
-      dtick: undefined,
-      minor: logarithmic ? { ticks: "outside", ticklen: 3, showgrid: true, griddash: "dot" } : undefined,
+      automargin: false,
       // another scale or set of panes starts from its own range
       uirevision: `${revision} ${logarithmic} ${panes.map(({ key }) => key)}`,
     };
     const shown = pane.key === "mesh" ? names.filter((name) => name.startsWith("mesh_")) : pane.names;
+    const words = (item) => shown.map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim()).join("<br>");
+    const points = recordPoints(items, items.map((item) => item[shown[0]]), words);
+    traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });
     shown.forEach((name, order) => {
       const line = { color: shown.length > 1 ? colour.series[order % colour.series.length] : colour.accent, width: 1.5, dash: order < 5 ? "solid" : "dot" };
       const y = items.map((item) => item[name]);
-      traces.push({ x: times, y, yaxis: `y${suffix}`, xaxis: "x", customdata: ids, mode, line, name: indicatorName(name), hovertemplate: `%{y:.4g}<extra>${indicatorName(name)}</extra>` });
+      traces.push({ x: times, y, yaxis: `y${suffix}`, xaxis: "x", mode, line, hoverinfo: "skip" });
       if (shown.length > 1) entries.push([order < 5 ? "line" : "dot", line.color, indicatorName(name)]);
     });
   });

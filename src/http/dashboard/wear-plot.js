@@ -1,7 +1,7 @@
 // Wear over time: median with its 5 to 95 % band, limits, the baseline's stretch, and the reference where there is one.
 
 import { depth } from "./format.js";
-import { palette, timeAxis, verticalLine } from "./plots.js";
+import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
 /** The outline of the band, one closed polygon for every stretch of records with an interval. */
 function bandOutline(items) {
@@ -32,10 +32,17 @@ function limitLine(name, value, colour, dash, ends) {
   return { trace, shape, annotation };
 }
 
-function hoverWords({ median_um: median, p05_um: low, p95_um: high, status, reason }) {
-  if (median == null) return reason ?? status;
-  const words = `${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`;
-  return status === "estimated" ? words : `${words}<br>${status.replaceAll("_", " ")}`;
+function hoverWords({ median_um: median, p05_um: low, p95_um: high, reference_wear_um: reference, status, reason }) {
+  const lines = [median == null ? (reason ?? status) : `median ${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`];
+  if (median != null && status !== "estimated") lines.push(status.replaceAll("_", " "));
+  if (reference != null) lines.push(`reference ${depth(reference)} µm`);
+  return lines.join("<br>");
+}
+
+/** Why there is no estimate at all, or null where there is one or the baseline is under way. */
+export function withoutEstimate(items) {
+  const none = items.every((item) => item.median_um == null && item.status !== "collecting_baseline");
+  return none ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.` : null;
 }
 
 function baselineZone(items, colour) {
@@ -43,7 +50,11 @@ function baselineZone(items, colour) {
   if (collecting.length < 2) return null;
   const [from, to] = [collecting[0].start_time, collecting.at(-1).start_time];
   const shape = { type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1, layer: "below", line: { width: 0 }, fillcolor: colour.zone };
-  const annotation = { text: "baseline", x: from, xanchor: "left", yref: "paper", y: 0.5, textangle: -90, showarrow: false, font: { color: colour.muted } };
+  const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
+  const only = collecting.length === items.length;
+  const annotation = only
+    ? { ...common, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
+    : { ...common, text: "baseline", x: from, xanchor: "left", textangle: -90 };
   return { shape, annotation };
 }
 
@@ -52,22 +63,23 @@ export function wearDrawing({ channel, items }, limits, selected, revision) {
   const colour = palette();
   const ends = [items[0].start_time, items.at(-1).start_time];
   const times = items.map((item) => item.start_time);
-  const ids = items.map((item) => item.segment_id);
   const markers = items.length < 40 ? "lines+markers" : "lines";
-  const entries = [["line", colour.accent, "median"], ["band", colour.band, "5 to 95 % interval"]];
+  const estimated = items.some((item) => item.median_um != null);
+  const entries = estimated ? [["line", colour.accent, "median"], ["band", colour.band, "5 to 95 % interval"]] : [];
   const traces = [
     { ...bandOutline(items), mode: "lines", fill: "toself", fillcolor: colour.band, line: { width: 0 }, hoverinfo: "skip" },
-    { x: times, y: items.map((item) => item.median_um), customdata: ids, name: "wear", mode: markers, line: { color: colour.accent, width: 2 }, text: items.map(hoverWords), hovertemplate: "%{text}<extra>estimate</extra>" },
+    { x: times, y: items.map((item) => item.median_um), mode: markers, line: { color: colour.accent, width: 2 }, hoverinfo: "skip" },
+    recordPoints(items, items.map((item) => item.median_um ?? 0), hoverWords),
   ];
-  const unnumbered = items.filter((item) => item.median_um == null);
-  if (unnumbered.length) {
-    const x = unnumbered.map((item) => item.start_time);
-    const marker = { symbol: "line-ns-open", size: 9, color: colour.muted, line: { width: 1 } };
-    traces.push({ x, y: x.map(() => 0), customdata: unnumbered.map((item) => item.segment_id), mode: "markers", marker, text: unnumbered.map(hoverWords), hovertemplate: "%{text}<extra></extra>" });
+  if (items.some((item) => item.median_um == null)) {
+    const y = items.map((item) => (item.median_um == null ? 0 : null));
+    const line = { color: colour.muted, width: 4 };
+    traces.push({ x: times, y, mode: markers, line, hoverinfo: "skip" });
+    entries.push(["line", colour.muted, "records without an estimate"]);
   }
   if (items.some((item) => item.reference_wear_um != null)) {
     const line = { color: colour.reference, width: 2, dash: "dot" };
-    traces.push({ x: times, y: items.map((item) => item.reference_wear_um), customdata: ids, mode: markers, line, hovertemplate: "%{y:.0f} µm<extra>reference</extra>" });
+    traces.push({ x: times, y: items.map((item) => item.reference_wear_um), mode: markers, line, hoverinfo: "skip" });
     entries.push(["dot", colour.reference, "reference (simulated or inspected)"]);
   }
   const zone = baselineZone(items, colour);
@@ -93,7 +105,8 @@ export function wearDrawing({ channel, items }, limits, selected, revision) {
       hovermode: "x unified",
       hoverdistance: -1,
       xaxis: timeAxis,
-      yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero" },
+      margin: timeMargin,
+      yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false },
       shapes,
       annotations,
     },
