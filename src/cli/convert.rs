@@ -91,17 +91,17 @@ pub enum ConvertError {
 }
 
 /// Converts one recording, in bounded memory. The output appears under its name only when it is whole.
-pub fn run(args: ConvertArgs) -> Result<(), ConvertError> {
+pub fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
     let target = Target::of(&args.output)?;
     if args.output.exists() && !args.force {
-        return Err(ConvertError::Exists(args.output));
+        return Err(ConvertError::Exists(args.output.clone()));
     }
     let asset = AssetId::new(args.asset.as_str())?;
-    let mut source = Source::open(&args)?;
+    let mut source = Source::open(args)?;
     let partial = Partial::create(&args.output)?;
     let written = match target {
-        Target::Mcap => write_mcap(&args, &asset, &mut source, &partial.file),
-        Target::Wav => write_wav(&args, &mut source, &partial.file),
+        Target::Mcap => write_mcap(args, &asset, &mut source, &partial.file),
+        Target::Wav => write_wav(args, &mut source, &partial.file),
     }?;
     partial.complete(&args.output)?;
     eprintln!("{}: {written}", args.output.display());

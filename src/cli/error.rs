@@ -19,7 +19,7 @@ pub enum CliError {
     /// An argument cannot be used.
     #[error("{0}")]
     Argument(String),
-    /// A pair file cannot be used.
+    /// A pair file or wear table cannot be used.
     #[error("{path}: {source}")]
     Pair {
         /// The file.
@@ -57,6 +57,9 @@ pub enum CliError {
     /// A library could not be built or read.
     #[error(transparent)]
     Library(#[from] crate::library::LibraryError),
+    /// A recording could not be converted.
+    #[error(transparent)]
+    Convert(#[from] super::convert::ConvertError),
     /// A run could not be simulated.
     #[error(transparent)]
     Simulation(#[from] crate::simulation::SimulationError),
@@ -75,6 +78,12 @@ impl CliError {
     pub(super) fn io(path: &Path) -> impl FnOnce(io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { path, source }
+    }
+
+    /// For `map_err` on pair files and wear tables.
+    pub(super) fn pair(path: &Path) -> impl FnOnce(crate::gear::GearError) -> Self {
+        let path = path.to_owned();
+        move |source| Self::Pair { path, source }
     }
 
     /// For `map_err` on recordings.

@@ -1,8 +1,10 @@
 //! The commands: each module reads its arguments, calls the rooms, and prints.
 
 mod analyze;
+mod convert;
 mod error;
 mod library;
+mod model;
 mod output;
 mod pair_file;
 mod report;
@@ -30,8 +32,12 @@ enum Command {
     Analyze(analyze::AnalyzeArgs),
     /// Simulate a run to failure with the true wear known
     Simulate(simulate::SimulateArgs),
+    /// Mesh stiffness and transmission error of a worn pair over one mesh period
+    Model(model::ModelArgs),
     /// Build, list and show libraries of simulated wear states
     Library(library::LibraryArgs),
+    /// Turn other recordings into MCAP or WAV
+    Convert(convert::ConvertArgs),
 }
 
 /// Runs the command line of this process.
@@ -45,7 +51,9 @@ pub fn run() -> ExitCode {
     let outcome = match &cli.command {
         Command::Analyze(args) => analyze::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Model(args) => model::run(args),
         Command::Library(args) => library::run(args),
+        Command::Convert(args) => convert::run(args).map_err(CliError::from),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -12,10 +12,10 @@ use crate::signal::Features;
 const DEGREES_OF_FREEDOM: f64 = 5.0;
 
 /// Standard deviation that the library is allowed to be wrong by, per feature, whatever the change.
-const DISCREPANCY: f64 = 0.10;
+const DISCREPANCY: f64 = 0.15;
 
 /// The same, as a part of the change that the library predicts.
-const RELATIVE_DISCREPANCY: f64 = 0.25;
+const RELATIVE_DISCREPANCY: f64 = 0.3;
 
 /// Factor on the discrepancy of features that the transmission path does not leave alone (RMS, kurtosis, sums of lines).
 const PATH_DEPENDENT: f64 = 3.0;

@@ -22,7 +22,7 @@ const PRIOR_WEAR_UM: f64 = 3.0;
 
 /// Weight of one record's log-likelihood. What is wrong with a library is wrong in the same way in one record after the other;
 /// counting every record in full would make the interval shrink although nothing new is learnt.
-const RECORD_WEIGHT: f64 = 0.3;
+const RECORD_WEIGHT: f64 = 0.1;
 
 /// Fewest features that a comparison is made on.
 const LEAST_FEATURES: usize = 3;

@@ -164,7 +164,11 @@ mod tests {
                 let alpha = gear.root_angle_rad + (gear.tip_angle_rad - gear.root_angle_rad) * (f64::from(k) + 0.3) / 41.0;
                 let (before, point, after) = (flank.at(alpha - step), flank.at(alpha), flank.at(alpha + step));
                 let differenced = (after.depth_mm - before.depth_mm) / (after.x_mm - before.x_mm);
-                assert!((differenced - point.depth_slope).abs() < 1e-8, "{differenced} {}", point.depth_slope);
+                assert!(
+                    (differenced - point.depth_slope).abs() < 1e-8,
+                    "{differenced} {}",
+                    point.depth_slope
+                );
                 // Eq. (19): the worn flank's own tangent.
                 let tangent = ((after.y_mm - after.depth_mm) - (before.y_mm - before.depth_mm)) / (after.x_mm - before.x_mm);
                 assert!((tangent + point.lambda_rad.tan()).abs() < 1e-8);
