@@ -63,6 +63,15 @@ pub enum CliError {
     /// A run could not be simulated.
     #[error(transparent)]
     Simulation(#[from] crate::simulation::SimulationError),
+    /// The service could not start or go on.
+    #[error(transparent)]
+    Serve(#[from] super::serve::ServeError),
+    /// The demonstration's service could not start or go on.
+    #[error(transparent)]
+    Service(#[from] crate::http::ServiceError),
+    /// The demonstration's records could not be taken.
+    #[error(transparent)]
+    Ingest(#[from] crate::ingest::IngestError),
     /// A server could not be reached or refused.
     #[error("{url}: {reason}")]
     Server {

@@ -2,12 +2,15 @@
 
 mod analyze;
 mod convert;
+
 mod error;
 mod library;
 mod model;
 mod output;
 mod pair_file;
+mod replay;
 mod report;
+mod serve;
 mod simulate;
 
 use std::io::{self, IsTerminal};
@@ -28,8 +31,12 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Run the service: HTTP API and dashboard
+    Serve(serve::ServeArgs),
     /// Indicators and wear of recordings, without a server
     Analyze(analyze::AnalyzeArgs),
+    /// Send recordings to a server
+    Replay(replay::ReplayArgs),
     /// Simulate a run to failure with the true wear known
     Simulate(simulate::SimulateArgs),
     /// Mesh stiffness and transmission error of a worn pair over one mesh period
@@ -49,7 +56,9 @@ pub fn run() -> ExitCode {
         .with_env_filter(EnvFilter::try_from_env("FLANKWATCH_LOG").unwrap_or_else(|_| EnvFilter::new("warn,flankwatch=info")))
         .init();
     let outcome = match &cli.command {
+        Command::Serve(args) => serve::run(args).map_err(CliError::from),
         Command::Analyze(args) => analyze::run(args),
+        Command::Replay(args) => replay::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Model(args) => model::run(args),
         Command::Library(args) => library::run(args),
