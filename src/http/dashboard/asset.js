@@ -89,14 +89,17 @@ export class AssetPage {
     if (asset instanceof Error) return this.#refused(asset);
     const key = JSON.stringify(this.#query);
     if (asset === this.#data?.asset && key === this.#key) return;
-    if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element);
     const { summary } = asset;
     const channel = this.#query.channel ?? summary.wear_channel ?? summary.channels[0];
-    const latest = await api.wear(this.#id, channel, signal);
+    const latest = await answer(api.wear(this.#id, channel, signal));
+    if (latest instanceof Error) return this.#refused(latest);
+    if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element);
     this.#header.update(asset, latest, latest.channel ?? channel);
     if (!latest.segment_id) {
       this.#showEmpty();
     } else {
+      this.#empty.hidden = true;
+      this.#grid.hidden = false; // with its cards saying that they are loading
       await this.#fetch(asset, latest, channel, signal);
       await this.redraw();
     }
@@ -125,14 +128,13 @@ export class AssetPage {
       answer(api.wearHistory(this.#id, channel, signal)),
       trends,
     ]);
-    this.#data = { asset, latest, channel, id, segment, spectrum, envelope, history, trend };
+    const refused = segment instanceof Error;
+    this.#data = { asset, latest, channel, id, segment, spectrum: refused ? segment : spectrum, envelope: refused ? segment : envelope, history, trend };
   }
 
   /** Draws everything again from what is known, for a changed address or theme. */
   async redraw() {
     if (!this.#data?.history) return;
-    this.#empty.hidden = true;
-    this.#grid.hidden = false;
     const { asset, latest, channel, id, segment, history, trend } = this.#data;
     const revision = `${this.#id} ${channel}`;
     const selected = segment.start_time ?? null;

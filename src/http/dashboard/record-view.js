@@ -33,6 +33,9 @@ export class RecordView {
   elements;
 
   constructor() {
+    setText(this.#time, "Loading the record…");
+    for (const control of [this.#previous, this.#next, this.#zoom, this.#sidebands.input]) control.disabled = true;
+    this.#zoom.append(h("option", { value: "" }, "Whole spectrum"));
     this.#spectrum.tools.append(this.#zoom, this.#sidebands.element, this.#log.element);
     const buttons = h("div", { class: "steps", role: "group", "aria-label": "Choose a record" }, this.#previous, this.#next, this.#latest);
     const bar = h("section", { class: "card record-bar", "aria-label": "Selected record" }, h("div", { class: "plot-head" }, this.#time, buttons), this.#words, this.#values);
