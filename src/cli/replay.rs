@@ -90,7 +90,7 @@ impl Sender {
     }
 
     fn wait_for_its_time(&mut self, start_time: Timestamp) {
-        let Some(factor) = self.pace.factor() else { return };
+        let Pace::Times(factor) = self.pace else { return };
         let (first_time, began) = *self.first.get_or_insert_with(|| (start_time, Instant::now()));
         let due = start_time.duration_since(first_time).as_secs_f64().max(0.0) / factor;
         thread::sleep(Duration::from_secs_f64(due.min(1e9)).saturating_sub(began.elapsed()));

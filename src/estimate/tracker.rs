@@ -49,6 +49,7 @@ enum Stage {
 }
 
 /// Estimates the wear of one measuring channel by folding over its records in time order.
+#[derive(Debug)]
 pub struct Tracker {
     settings: EstimatorSettings,
     library: Option<Arc<Library>>,

@@ -56,6 +56,7 @@ pub(super) struct StateView {
     library_id: String,
     index: usize,
     wear_um: f64,
+    #[serde(flatten)]
     indicators: Indicators,
     features: Features,
     phi1_rad: Vec<f64>,

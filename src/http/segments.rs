@@ -156,6 +156,7 @@ struct SegmentRow {
     #[serde(skip_serializing_if = "Option::is_none")]
     reference_wear_um: Option<f64>,
     raw: RawReference,
+    #[serde(flatten)]
     indicators: Indicators,
     wear: WearEstimate,
 }

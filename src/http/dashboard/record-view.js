@@ -122,7 +122,7 @@ export class RecordView {
     const load = torque == null ? "" : `, ${number(torque)} N·m`;
     const speed = segment.shaft_speed ? `, shaft ${hertz(segment.shaft_speed.shaft_speed_hz)}` : "";
     setText(this.#words, `Channel ${segment.channel}, ${length < 10 ? number(length, 3) + " s" : span(length)} at ${hertz(segment.sample_rate_hz)}, ${count(segment.samples)} samples${speed}${load}`);
-    const { values = {}, absent = {} } = segment.indicators;
+    const { indicators: values = {}, absent = {} } = segment;
     const names = SHOWN.filter((name) => name in values || name in absent);
     setChildren(this.#values, names.map((name) => value(name, values[name], absent[name], segment.unit)));
   }

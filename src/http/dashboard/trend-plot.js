@@ -23,7 +23,7 @@ export function chosenPanes(text) {
 
 /** The indicators to ask the server for. A record's own indicators say how many mesh harmonics there are. */
 export function paneNames(panes, record) {
-  const { values = {}, absent = {} } = record?.indicators ?? {};
+  const { indicators: values = {}, absent = {} } = record ?? {};
   const mesh = [...Object.keys(values), ...Object.keys(absent)].filter((name) => /^mesh_\d+$/.test(name)).sort((a, b) => a.slice(5) - b.slice(5));
   return panes.flatMap((pane) => (pane.key === "mesh" ? mesh : pane.names));
 }
