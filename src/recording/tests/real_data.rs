@@ -200,10 +200,12 @@ fn hound_reads_the_same_samples() {
             hound::SampleFormat::Int => 2_f64.powi(1 - i32::from(spec.bits_per_sample)),
             hound::SampleFormat::Float => 1.0,
         };
-        let theirs: Vec<f64> = match spec.sample_format {
-            hound::SampleFormat::Int => reader.into_samples::<i32>().map(|s| f64::from(s.unwrap()) * scale).collect(),
-            hound::SampleFormat::Float => reader.into_samples::<f32>().map(|s| f64::from(s.unwrap())).collect(),
+        let theirs: Result<Vec<f64>, hound::Error> = match spec.sample_format {
+            hound::SampleFormat::Int => reader.into_samples::<i32>().map(|s| Ok(f64::from(s?) * scale)).collect(),
+            hound::SampleFormat::Float => reader.into_samples::<f32>().map(|s| Ok(f64::from(s?))).collect(),
         };
+        // Some layouts (more than 32 bits) it opens and then cannot read.
+        let Ok(theirs) = theirs else { continue };
         let ours = records(&folder.join(name));
         for (k, value) in theirs.iter().enumerate() {
             let sample = ours[k % ours.len()].samples()[k / ours.len()];
@@ -228,7 +230,7 @@ fn recordings_without_vibration_are_refused_with_what_is_in_them() {
         let error = items[0].as_ref().unwrap_err();
         assert_eq!(items.len(), 1, "{path:?}: {items:?}");
         assert!(
-            error.contains("no vibration in it") && error.contains("(cdr, "),
+            error.contains("no vibration in it") && (error.contains("(cdr, ") || error.contains("(wrong_format, ")),
             "{path:?}: {error}"
         );
     }
@@ -250,8 +252,11 @@ fn a_bearing_run_to_failure_is_cut_into_its_records() {
         })
         .collect();
     assert_eq!(levels.len(), 2803);
-    // data/README.md: RMS of the first tenth 0.38, of the last tenth 1.42.
-    let rms = |part: &[f64]| (part.iter().map(|x| x * x).sum::<f64>() / part.len() as f64).sqrt();
-    assert!((rms(&levels[..280]) - 0.38).abs() < 0.005, "{}", rms(&levels[..280]));
-    assert!((rms(&levels[2803 - 280..]) - 1.42).abs() < 0.005, "{}", rms(&levels[2803 - 280..]));
+    // Medians over the records of the first and the last tenth, from soundfile and NumPy (`sqrt(mean(x**2, axis=1))`).
+    for (part, expected) in [(&levels[..280], 0.384_101_32), (&levels[2803 - 280..], 1.415_991_42)] {
+        let mut sorted = part.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let median = (sorted[139] + sorted[140]) / 2.0;
+        assert!((median - expected).abs() < 1e-7, "{median}");
+    }
 }
