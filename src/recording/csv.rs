@@ -130,11 +130,13 @@ fn choose(names: &[String], chosen: &[String]) -> Result<Vec<usize>, RecordingEr
     Ok(columns)
 }
 
-/// Whether a column's name says that it holds the time, not a signal.
+/// Whether a column's name says that it holds the time, not a signal: `t`, `time (s)`, `timestamp_ns`, but not `t_oil`.
 fn is_time(name: &str) -> bool {
-    let name = name.to_ascii_lowercase();
-    let stem = name.split([' ', '(', '[', '_']).next().unwrap_or_default();
+    let name = name.to_lowercase();
+    let mut words = name.split([' ', '(', '[', '_', ')', ']']).filter(|word| !word.is_empty());
+    let stem = words.next().unwrap_or_default();
     matches!(stem, "time" | "t" | "timestamp" | "datetime")
+        && words.all(|unit| matches!(unit, "s" | "sec" | "seconds" | "ms" | "us" | "µs" | "ns" | "utc"))
 }
 
 fn csv_error(error: csv::Error) -> RecordingError {
@@ -235,7 +237,7 @@ mod tests {
         assert_eq!(read(text, &["a2", "a1"]).unwrap().1, [[2.0, 1.0]]);
         assert!(read(text, &["a3"]).unwrap_err().contains("no column \"a3\""));
         assert!(read("t\n1\n", &[]).unwrap_err().contains("no column with samples"));
-        assert_eq!(read("torque\tt_s\n1\t0\n", &[]).unwrap().0, ["torque"]);
+        assert_eq!(read("torque\tt_s\tt_oil\n1\t0\t60\n", &[]).unwrap().0, ["torque", "t_oil"]);
     }
 
     #[test]

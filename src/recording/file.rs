@@ -29,7 +29,12 @@ impl Format {
             return Ok(Self::Wav);
         }
         let beginning = &beginning[..beginning.len().min(16)];
-        match std::str::from_utf8(beginning) {
+        let text = match std::str::from_utf8(beginning) {
+            // The last character may be cut through.
+            Err(error) if error.error_len().is_none() => std::str::from_utf8(&beginning[..error.valid_up_to()]),
+            whole => whole,
+        };
+        match text {
             Ok(text) if !text.chars().any(|c| c.is_control() && !c.is_whitespace()) => Err(RecordingError::Text {
                 beginning: text.to_owned(),
             }),
@@ -104,5 +109,24 @@ impl Iterator for RecordingFile {
                 reference_wear_um: None,
             })),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_told_from_other_bytes() {
+        assert_eq!(Format::detect(mcap::MAGIC).unwrap(), Format::Mcap);
+        assert_eq!(Format::detect(b"RF64....WAVE").unwrap(), Format::Wav);
+        // 15 bytes and the first half of a letter.
+        assert!(matches!(
+            Format::detect("Beschleunigung ä".as_bytes()),
+            Err(RecordingError::Text { .. })
+        ));
+        assert!(matches!(Format::detect(b"\xef\xbb\xbfa;b\n"), Err(RecordingError::Text { .. })));
+        assert!(matches!(Format::detect(b"\x7fELF\x02"), Err(RecordingError::UnknownFormat { .. })));
+        assert!(matches!(Format::detect(b""), Err(RecordingError::NoBytes)));
     }
 }

@@ -118,7 +118,7 @@ impl<W: Write + Seek> McapWriter<W> {
             .map_err(RecordingError::McapWrite)
     }
 
-    /// Writes a metadata record.
+    /// Writes a metadata record. [`McapReader`](super::McapReader) takes up to 8 MiB of it and adds up several of one name.
     pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), RecordingError> {
         self.inner
             .write_metadata(&Metadata {

@@ -76,6 +76,24 @@ fn a_written_mcap_is_chunked_indexed_and_numbered() {
 }
 
 #[test]
+fn a_live_record_keeps_both_its_times() {
+    let mut writer = McapWriter::new(
+        Cursor::new(Vec::new()),
+        McapOptions {
+            compression: McapCompression::Lz4,
+        },
+    )
+    .unwrap();
+    let received = Timestamp::from_second(8).unwrap();
+    writer
+        .write_received("/a/x/waveform", &record("x", 5, vec![0.0]), received)
+        .unwrap();
+    let bytes = writer.finish().unwrap().into_inner();
+    let message = mcap::MessageStream::new(&bytes).unwrap().next().unwrap().unwrap();
+    assert_eq!((message.log_time, message.publish_time), (8_000_000_000, 5_000_000_000));
+}
+
+#[test]
 fn a_time_before_1970_is_refused_by_mcap() {
     let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
     let error = writer.write("/a/x/waveform", &record("x", -1, vec![0.0])).unwrap_err().to_string();
