@@ -216,10 +216,22 @@ mod tests {
 
     #[test]
     fn refusals_name_the_field_or_the_file() {
-        assert!(printed(&["--torque-nm", "0"], Format::Csv).unwrap_err().contains("operation.torque_nm is 0"));
-        assert!(printed(&["--wear-mm", "NaN"], Format::Csv).unwrap_err().contains("wear depth in mm is NaN"));
+        assert!(
+            printed(&["--torque-nm", "0"], Format::Csv)
+                .unwrap_err()
+                .contains("operation.torque_nm is 0")
+        );
+        assert!(
+            printed(&["--wear-mm", "NaN"], Format::Csv)
+                .unwrap_err()
+                .contains("wear depth in mm is NaN")
+        );
         assert!(printed(&["--points", "1"], Format::Csv).unwrap_err().contains("points is 1"));
-        assert!(printed(&["--pair", "no/such.toml"], Format::Csv).unwrap_err().contains("no/such.toml"));
+        assert!(
+            printed(&["--pair", "no/such.toml"], Format::Csv)
+                .unwrap_err()
+                .contains("no/such.toml")
+        );
         assert!(printed(&["--wear-mm", "0.1", "--profile", "x.csv"], Format::Csv).is_err());
         assert!(printed(&["--contact", "elastic"], Format::Csv).unwrap_err().contains("threshold"));
     }

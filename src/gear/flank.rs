@@ -93,11 +93,6 @@ impl<'a> Flank<'a> {
         }
     }
 
-    /// Depth in mm at the unworn radius `radius_mm`, below the base circle too.
-    pub(super) fn depth_at_radius_mm(&self, radius_mm: f64) -> f64 {
-        self.wear.depth_and_slope(radius_mm).0
-    }
-
     /// α₁ of the unworn point at a radius in mm, not below the base circle.
     pub(super) fn alpha_at_radius_rad(&self, radius_mm: f64) -> f64 {
         let ratio = radius_mm / self.gear.base_radius_mm;
@@ -164,7 +159,11 @@ mod tests {
                 let alpha = gear.root_angle_rad + (gear.tip_angle_rad - gear.root_angle_rad) * (f64::from(k) + 0.3) / 41.0;
                 let (before, point, after) = (flank.at(alpha - step), flank.at(alpha), flank.at(alpha + step));
                 let differenced = (after.depth_mm - before.depth_mm) / (after.x_mm - before.x_mm);
-                assert!((differenced - point.depth_slope).abs() < 1e-8, "{differenced} {}", point.depth_slope);
+                assert!(
+                    (differenced - point.depth_slope).abs() < 1e-8,
+                    "{differenced} {}",
+                    point.depth_slope
+                );
                 // Eq. (19): the worn flank's own tangent.
                 let tangent = ((after.y_mm - after.depth_mm) - (before.y_mm - before.depth_mm)) / (after.x_mm - before.x_mm);
                 assert!((tangent + point.lambda_rad.tan()).abs() < 1e-8);

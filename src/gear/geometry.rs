@@ -391,7 +391,11 @@ mod tests {
         assert!((pair.centre_distance_mm - 90.0 * 20.0_f64.to_radians().cos() / angle.cos()).abs() < 1e-9);
         assert!((pair.gears[0].pitch_radius_mm * 3.0 - pair.centre_distance_mm).abs() < 1e-9);
         // Zero backlash: the two operating pitch circles' thicknesses fill one pitch.
-        let thickness: f64 = pair.gears.iter().map(|gear| 2.0 * gear.pitch_radius_mm * (gear.base_half_angle_rad - (angle.tan() - angle))).sum();
+        let thickness: f64 = pair
+            .gears
+            .iter()
+            .map(|gear| 2.0 * gear.pitch_radius_mm * (gear.base_half_angle_rad - (angle.tan() - angle)))
+            .sum();
         assert!((thickness - pair.gears[0].pitch_radius_mm * pair.gears[0].pitch_angle_rad()).abs() < 1e-9);
     }
 
@@ -401,7 +405,11 @@ mod tests {
         let mut spec = shen2022_spec();
         spec.geometry.centre_distance_mm = Some(151.5);
         let pair = spec.resolve().unwrap();
-        let reach: f64 = pair.gears.iter().map(|gear| (gear.tip_radius_mm.powi(2) - gear.base_radius_mm.powi(2)).sqrt()).sum();
+        let reach: f64 = pair
+            .gears
+            .iter()
+            .map(|gear| (gear.tip_radius_mm.powi(2) - gear.base_radius_mm.powi(2)).sqrt())
+            .sum();
         let length = reach - 151.5 * pair.pressure_angle_rad.sin();
         let base_pitch = pair.gears[0].base_radius_mm * pair.gears[0].pitch_angle_rad();
         assert!((length / base_pitch - pair.contact_ratio()).abs() < 1e-12);
@@ -466,6 +474,7 @@ mod tests {
         let pointed = refusal(|s| {
             s.geometry.teeth = [16, 60];
             s.geometry.profile_shift = [1.2, 0.0];
+            s.geometry.addendum = [1.0, 0.6];
         });
         assert!(pointed.contains("pointed"), "{pointed}");
         let short = refusal(|s| s.geometry.addendum = [0.4, 0.4]);

@@ -234,12 +234,26 @@ mod tests {
         let pair = shen2022();
         for depth in [-0.01, f64::NAN, f64::INFINITY, 4.5] {
             let refusal = FlankWear::from_shape(&pair, depth).unwrap_err();
-            assert!(matches!(refusal, GearError::Field { field: "wear depth in mm", .. }), "{refusal}");
+            assert!(
+                matches!(
+                    refusal,
+                    GearError::Field {
+                        field: "wear depth in mm",
+                        ..
+                    }
+                ),
+                "{refusal}"
+            );
         }
         let mut spec = shen2022_spec();
         for exponent in [1.0, 0.0, f64::NAN, 50.0] {
             spec.wear.exponent = exponent;
-            assert!(FlankWear::from_shape(&spec.resolve().unwrap(), 0.1).unwrap_err().to_string().starts_with("wear.exponent"));
+            assert!(
+                FlankWear::from_shape(&spec.resolve().unwrap(), 0.1)
+                    .unwrap_err()
+                    .to_string()
+                    .starts_with("wear.exponent")
+            );
         }
     }
 }

@@ -261,7 +261,9 @@ mod tests {
         assert!(refusal("1,70\n").contains("line: 2"));
         assert!(refusal("").contains("at least one line"));
         assert!(refusal("1,70,9000\n").contains("half of the tooth"));
-        let other = FlankWear::from_table_csv(&shen2022(), "gear,radius,depth\n1,70,5\n").unwrap_err().to_string();
+        let other = FlankWear::from_table_csv(&shen2022(), "gear,radius,depth\n1,70,5\n")
+            .unwrap_err()
+            .to_string();
         assert!(other.contains("gear,radius_mm,depth_um"), "{other}");
         assert!(FlankWear::from_table_csv(&shen2022(), "").is_err());
     }
