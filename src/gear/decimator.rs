@@ -12,7 +12,8 @@ const BLOCK: usize = 1 << 14;
 
 /// Finite impulse response low-pass (Kaiser's window, 80 dB) that keeps every `factor`-th value. Flat to 0.4 of the output rate.
 ///
-/// Input n is the mean over the step from n to n + 1; the filter makes up for that mean's droop, and its even length puts output j at the
+/// Input n is the mean around step n weighted by a triangle that ends at n − 1 and n + 1 (the second difference of what the input is
+/// the second derivative of), so that jumps between steps hardly alias; the filter makes up for that mean's droop. Output j is at the
 /// instant j·factor exactly.
 #[derive(Debug)]
 pub(super) struct Decimator {
@@ -33,12 +34,12 @@ impl Decimator {
         }
     }
 
-    /// Values before the first output's instant, and from it on, that an output needs.
+    /// Values before and after an output's instant that it needs.
     pub(super) fn reach(&self) -> usize {
         self.taps.len() / 2
     }
 
-    /// Takes one value; gives an output where it completes one. The first completes with value number 2 × reach.
+    /// Takes one value; gives an output where it completes one. The first completes with value number 2 × reach + 1.
     #[inline]
     pub(super) fn push(&mut self, value: f64) -> Option<f64> {
         self.buffer.push(value);
@@ -48,8 +49,8 @@ impl Decimator {
         let output = dot(&self.taps, &self.buffer[self.next..self.next + self.taps.len()]);
         self.next += self.factor;
         if self.next > BLOCK {
-            // The next output can start beyond what is there already where the factor is longer than the filter: never, it is 50 times longer.
-            self.buffer.drain(..self.next.min(self.buffer.len()));
+            // The filter is some 50 times longer than the factor, so the next output starts within the buffer.
+            self.buffer.drain(..self.next);
             self.next = 0;
         }
         Some(output)
@@ -74,21 +75,26 @@ fn taps(factor: usize) -> Vec<f64> {
     let half = ((ATTENUATION_DB - 8.0) / (2.285 * 2.0 * PI * transition) / 2.0).ceil() as usize;
     let beta = 0.1102 * (ATTENUATION_DB - 8.7);
     let cutoff = 0.5 * (PASS + STOP) / factor as f64;
-    let mut low_pass: Vec<f64> = (0..2 * half)
+    let mut low_pass: Vec<f64> = (0..=2 * half)
         .map(|i| {
-            let place = i as f64 + 0.5 - half as f64;
+            let place = i as f64 - half as f64;
             let window = bessel_i0(beta * (1.0 - (place / half as f64).powi(2)).max(0.0).sqrt());
-            (2.0 * PI * cutoff * place).sin() / (PI * place) * window
+            let sinc = if i == half {
+                2.0 * cutoff
+            } else {
+                (2.0 * PI * cutoff * place).sin() / (PI * place)
+            };
+            sinc * window
         })
         .collect();
     let sum: f64 = low_pass.iter().sum();
     for tap in &mut low_pass {
         *tap /= sum;
     }
-    // A mean over one step has the response sin(πf)/(πf); 13/12 − cos(2πf)/12 undoes it to the fourth order.
-    let at = |i: isize| usize::try_from(i).ok().and_then(|i| low_pass.get(i)).copied().unwrap_or(0.0);
-    (-1..=2 * half as isize)
-        .map(|i| at(i) * 13.0 / 12.0 - (at(i - 1) + at(i + 1)) / 24.0)
+    // The triangle has the response sinc²(f); 7/6 − cos(2πf)/6 undoes it to the fourth order.
+    let at = |i: usize| if i == 0 { 0.0 } else { low_pass.get(i - 1).copied().unwrap_or(0.0) };
+    (0..low_pass.len() + 2)
+        .map(|i| at(i) * 7.0 / 6.0 - (at(i.wrapping_sub(1)) + at(i + 1)) / 12.0)
         .collect()
 }
 
@@ -111,16 +117,16 @@ mod tests {
 
     use super::{Decimator, bessel_i0};
 
-    /// Amplitude and phase of the output for a sine of `frequency` output rates, whose step means are the input.
+    /// Amplitude and phase of the output for a sine of `frequency` output rates, whose triangular means are the input.
     fn response(factor: usize, frequency: f64) -> (f64, f64) {
         let mut decimator = Decimator::new(factor);
         let reach = decimator.reach() as i64;
         let rate = 2.0 * PI * frequency / factor as f64;
         let outputs = 400;
         let (mut sine, mut cosine, mut j) = (0.0, 0.0, 0);
-        for n in -reach..reach + (outputs - 1) * factor as i64 {
-            let mean = (rate * n as f64).cos() - (rate * (n + 1) as f64).cos();
-            if let Some(output) = decimator.push(mean / rate) {
+        for n in -reach..=reach + (outputs - 1) * factor as i64 {
+            let droop = (rate / 2.0).sin().powi(2) / (rate / 2.0).powi(2);
+            if let Some(output) = decimator.push(droop * (rate * n as f64).sin()) {
                 sine += output * (2.0 * PI * frequency * f64::from(j)).sin();
                 cosine += output * (2.0 * PI * frequency * f64::from(j)).cos();
                 j += 1;

@@ -128,3 +128,99 @@ impl Motion {
         mesh.min(supports[0]).min(supports[1])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Excitation, Motion, State};
+
+    /// A mass on the mesh alone: the supports' masses are infinite.
+    fn oscillator(damping_ratio: f64) -> (Motion, Excitation, f64) {
+        let (mass, stiffness) = (2.0, 5e8_f64);
+        let motion = Motion {
+            inverse_mass: [1.0 / mass, 0.0, 0.0],
+            drive_m_per_s2: 0.0,
+            mesh_damping: 2.0 * damping_ratio * (stiffness * mass).sqrt(),
+            support_stiffness: 1e8,
+            support_damping: 1e3,
+        };
+        (motion, Excitation { stiffness, error: 0.0 }, (stiffness / mass).sqrt())
+    }
+
+    fn run(motion: &Motion, mut state: State, excitation: Excitation, step: f64, steps: usize) -> State {
+        for _ in 0..steps {
+            state = motion.step(&state, &[excitation; 3], step);
+        }
+        state
+    }
+
+    #[test]
+    fn free_vibration_is_the_closed_form() {
+        for ratio in [0.0, 0.07, 0.4] {
+            let (motion, excitation, omega) = oscillator(ratio);
+            // x(0) = 1 µm and ẋ(0) = 0: the integrated velocity then is c x/m.
+            let start = [1e-6, 0.0, 0.0, 2.0 * ratio * omega * 1e-6, 0.0, 0.0];
+            let (step, steps) = (1e-6, 1000);
+            let state = run(&motion, start, excitation, step, steps);
+            let (t, damped) = (1e-3, omega * (1.0 - ratio * ratio).sqrt());
+            let decay = (-ratio * omega * t).exp();
+            let wanted = 1e-6 * decay * ((damped * t).cos() + ratio * omega / damped * (damped * t).sin());
+            let velocity = -1e-6 * decay * omega * omega / damped * (damped * t).sin();
+            assert!((state[0] - wanted).abs() < 1e-6 * 1e-6, "{} {wanted}", state[0]);
+            assert!((motion.velocities(&state, 0.0)[0] - velocity).abs() < 1e-6 * 1e-6 * omega);
+        }
+    }
+
+    #[test]
+    fn a_jump_of_the_error_pushes_through_the_damper() {
+        // x at rest, e jumps by Δ: ẋ(0+) = c Δ/m, then x − Δ vibrates freely.
+        let (motion, mut excitation, omega) = oscillator(0.1);
+        excitation.error = 2e-6;
+        let at_rest = [0.0; 6];
+        assert!((motion.velocities(&at_rest, 2e-6)[0] - 2.0 * 0.1 * omega * 2e-6).abs() < 1e-15);
+        let state = run(&motion, at_rest, excitation, 1e-6, 500);
+        let (t, damped) = (5e-4, omega * (1.0_f64 - 0.01).sqrt());
+        let (start, speed) = (-2e-6, 2.0 * 0.1 * omega * 2e-6);
+        let wanted =
+            2e-6 + (-0.1 * omega * t).exp() * (start * (damped * t).cos() + (speed + 0.1 * omega * start) / damped * (damped * t).sin());
+        assert!((state[0] - wanted).abs() < 1e-11, "{} {wanted}", state[0]);
+    }
+
+    #[test]
+    fn without_damping_the_energy_of_the_whole_system_is_kept() {
+        let motion = Motion {
+            inverse_mass: [1.0 / 1.95, 1.0 / 6.4, 1.0 / 7.5],
+            drive_m_per_s2: 0.0,
+            mesh_damping: 0.0,
+            support_stiffness: 6.56e7,
+            support_damping: 0.0,
+        };
+        let excitation = Excitation {
+            stiffness: 6e8,
+            error: 0.0,
+        };
+        let energy = |s: &State| {
+            let mesh = s[0] - s[1] + s[2];
+            let kinetic: f64 = (0..3).map(|i| 0.5 * s[3 + i].powi(2) / motion.inverse_mass[i]).sum();
+            kinetic + 0.5 * 6e8 * mesh * mesh + 0.5 * 6.56e7 * (s[1] * s[1] + s[2] * s[2])
+        };
+        let start = [3e-6, 1e-6, -2e-6, 0.01, 0.0, 0.002];
+        let end = run(&motion, start, excitation, 1e-6, 20_000);
+        assert!(
+            (energy(&end) / energy(&start) - 1.0).abs() < 1e-6,
+            "{}",
+            energy(&end) / energy(&start) - 1.0
+        );
+    }
+
+    #[test]
+    fn at_rest_stays_at_rest() {
+        let (mut motion, excitation, _) = oscillator(0.1);
+        motion.inverse_mass = [0.5, 0.15, 0.13];
+        motion.drive_m_per_s2 = 1e4;
+        let excitation = Excitation { error: 5e-6, ..excitation };
+        let start = motion.at_rest(excitation);
+        let end = run(&motion, start, excitation, 1e-6, 1000);
+        assert!(motion.velocities(&end, 5e-6).iter().all(|velocity| velocity.abs() < 1e-12));
+        assert!((start[0] - end[0]).abs() < 1e-15);
+    }
+}

@@ -93,11 +93,6 @@ impl<'a> Flank<'a> {
         }
     }
 
-    /// Depth in mm at the unworn radius `radius_mm`, below the base circle too.
-    pub(super) fn depth_at_radius_mm(&self, radius_mm: f64) -> f64 {
-        self.wear.depth_and_slope(radius_mm).0
-    }
-
     /// α₁ of the unworn point at a radius in mm, not below the base circle.
     pub(super) fn alpha_at_radius_rad(&self, radius_mm: f64) -> f64 {
         let ratio = radius_mm / self.gear.base_radius_mm;

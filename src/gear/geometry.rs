@@ -474,6 +474,7 @@ mod tests {
         let pointed = refusal(|s| {
             s.geometry.teeth = [16, 60];
             s.geometry.profile_shift = [1.2, 0.0];
+            s.geometry.addendum = [1.0, 0.6];
         });
         assert!(pointed.contains("pointed"), "{pointed}");
         let short = refusal(|s| s.geometry.addendum = [0.4, 0.4]);

@@ -286,3 +286,137 @@ impl PairCurve {
         (phi2, k[i] + t * (k[i + 1] - k[i]))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{shen2022, shen2022_spec, typical_wear};
+    use super::{Mesh, MeshCycle};
+    use crate::gear::{FlankWear, GearError};
+
+    #[test]
+    fn perfect_flanks_carry_in_twos_for_the_contact_ratio_and_have_no_error() {
+        let pair = shen2022();
+        let cycle = MeshCycle::compute(&pair, &FlankWear::none(), 10_000).unwrap();
+        let twos = cycle.pairs_in_contact.iter().filter(|pairs| **pairs == 2).count();
+        assert!(cycle.pairs_in_contact.iter().all(|pairs| *pairs == 1 || *pairs == 2));
+        // Contact ratio 1.61140: 0.61140 of the period has two pairs.
+        assert!((twos as f64 / 1e4 - 0.6114).abs() < 2e-4, "{twos}");
+        assert!(cycle.uste_rad.iter().all(|lag| lag.abs() < 1e-12));
+        assert_eq!(cycle.pieces.len(), 2);
+        assert!((cycle.phi1_rad[0] + 0.277_624_056).abs() < 1e-9);
+    }
+
+    #[test]
+    fn stiffness_against_finite_elements_errs_as_the_plain_method_does() {
+        // fixtures/reference: 2-D plane strain, bore 20 mm, 1300 N·m. The method errs, it is not tuned: the measured deviations.
+        let reference = include_str!("../../fixtures/reference/fe_mesh_stiffness_1300nm_bore20.csv");
+        let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_reader(reference.as_bytes());
+        let rows: Vec<(f64, f64, [f64; 3])> = reader
+            .deserialize()
+            .map(|row| row.unwrap())
+            .map(|(p, k, a, b, c)| (p, k, [a, b, c]))
+            .collect();
+        let (pair, wear) = (shen2022(), FlankWear::none());
+        let mesh = Mesh::new(&pair, &wear).unwrap();
+        let deviation = |wanted: f64| {
+            let (phi1, stiffness, _) = rows
+                .iter()
+                .min_by(|a, b| (a.0 - wanted).abs().total_cmp(&(b.0 - wanted).abs()))
+                .unwrap();
+            mesh.carrying(*phi1).unwrap().stiffness_n_per_m / stiffness - 1.0
+        };
+        // Middles of double and single contact.
+        let (double, single) = (deviation(-0.1976), deviation(-0.0667));
+        assert!((double - 0.207).abs() < 0.003, "double contact {double:+.4}");
+        assert!((single + 0.074).abs() < 0.003, "single contact {single:+.4}");
+        // At the hand-over elastic teeth touch before rigid ones: greatest shortfall.
+        let shortfall = rows.iter().map(|row| deviation(row.0)).fold(0.0, f64::min);
+        assert!((shortfall + 0.30).abs() < 0.02, "hand-over {shortfall:+.4}");
+    }
+
+    #[test]
+    fn pieces_join_without_bridging_a_jump() {
+        let (pair, wear) = typical_wear();
+        let mesh = Mesh::new(&pair, &wear).unwrap();
+        let cycle = MeshCycle::compute(&pair, &wear, 4000).unwrap();
+        let pieces = &cycle.pieces;
+        assert_eq!((pieces[0].start, pieces[pieces.len() - 1].end), (0.0, 1.0));
+        assert!(pieces.windows(2).all(|two| (two[0].end - two[1].start).abs() < 1e-9));
+        for piece in pieces {
+            let count = piece.uste_rad.len() - 1;
+            for i in 0..count {
+                let middle = piece.start + (piece.end - piece.start) * (i as f64 + 0.5) / count as f64;
+                let exact = mesh.carrying(mesh.phi1_at(middle)).unwrap();
+                let stiffness = 0.5 * (piece.stiffness_n_per_m[i] + piece.stiffness_n_per_m[i + 1]);
+                assert!(
+                    (stiffness / exact.stiffness_n_per_m - 1.0).abs() < 1e-5,
+                    "{stiffness} {}",
+                    exact.stiffness_n_per_m
+                );
+                let lag = 0.5 * (piece.uste_rad[i] + piece.uste_rad[i + 1]);
+                assert!((lag - mesh.lag(mesh.phi1_at(middle), exact.phi2_rad)).abs() < 1e-8);
+            }
+        }
+        // The next period goes on where this one ends.
+        let (first, last) = (&pieces[0], &pieces[pieces.len() - 1]);
+        assert!((first.uste_rad[0] - last.uste_rad[last.uste_rad.len() - 1]).abs() < 1e-8);
+        assert!((first.stiffness_n_per_m[0] / last.stiffness_n_per_m[last.stiffness_n_per_m.len() - 1] - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn wear_shortens_double_contact_and_grows_the_error_but_hardly_changes_the_stiffness() {
+        // Figs. 15 and 18.
+        let pair = shen2022();
+        let at = |depth| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 2000).unwrap();
+        let cycles = [0.0, 0.05, 0.1, 0.2].map(at);
+        let doubles = cycles
+            .each_ref()
+            .map(|cycle| cycle.pairs_in_contact.iter().filter(|pairs| **pairs == 2).count());
+        assert!(doubles.windows(2).all(|two| two[1] < two[0]), "{doubles:?}");
+        let swing = |cycle: &MeshCycle| {
+            cycle.uste_rad.iter().copied().fold(f64::MIN, f64::max) - cycle.uste_rad.iter().copied().fold(f64::MAX, f64::min)
+        };
+        assert!(cycles.windows(2).all(|two| swing(&two[1]) > swing(&two[0])));
+        let most = |cycle: &MeshCycle, pairs| {
+            let stiffness = cycle.stiffness_n_per_m.iter().zip(&cycle.pairs_in_contact);
+            stiffness.filter(|(_, at)| **at == pairs).map(|(k, _)| *k).fold(0.0, f64::max)
+        };
+        assert!((most(&cycles[3], 1) / most(&cycles[0], 1) - 1.0).abs() < 0.03);
+        // The driven gear of worn flanks lags.
+        assert!(cycles[1].uste_rad.iter().all(|lag| *lag > 0.0));
+    }
+
+    #[test]
+    fn high_contact_ratio_carries_in_threes() {
+        let mut spec = shen2022_spec();
+        spec.geometry.teeth = [60, 70];
+        spec.geometry.pressure_angle_deg = 17.5;
+        spec.geometry.addendum = [1.3, 1.3];
+        spec.geometry.dedendum = [1.55, 1.55];
+        spec.geometry.centre_distance_mm = None;
+        let pair = spec.resolve().unwrap();
+        assert!(pair.contact_ratio() > 2.0);
+        let cycle = MeshCycle::compute(&pair, &FlankWear::none(), 1000).unwrap();
+        let mean = cycle.pairs_in_contact.iter().sum::<u32>() as f64 / 1000.0;
+        assert!((mean - pair.contact_ratio()).abs() < 2e-3, "{mean}");
+    }
+
+    #[test]
+    fn wear_that_leaves_a_gap_is_refused() {
+        let pair = shen2022();
+        let text = "gear,radius_mm,depth_um\n1,71,1500\n1,72,0\n1,73,1500\n2,77,1500\n2,78,0\n2,79,1500\n";
+        let wear = FlankWear::from_table_csv(&pair, text).unwrap();
+        match MeshCycle::compute(&pair, &wear, 100) {
+            Err(GearError::NoContact { .. }) | Ok(_) => {}
+            Err(other) => panic!("{other}"),
+        }
+        for points in [0, 1, 2_000_000] {
+            assert!(
+                MeshCycle::compute(&pair, &FlankWear::none(), points)
+                    .unwrap_err()
+                    .to_string()
+                    .starts_with("points")
+            );
+        }
+    }
+}

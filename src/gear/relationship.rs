@@ -177,3 +177,154 @@ impl Solver<'_> {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{shen2022, shen2022_spec, typical_wear};
+    use super::{CELLS, Flank, MeshRelationship, Solver};
+    use crate::gear::{FlankWear, GearPair};
+
+    fn range(values: &[f64]) -> f64 {
+        values.iter().copied().fold(f64::NEG_INFINITY, f64::max) - values.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    #[test]
+    fn perfect_flanks_turn_as_they_roll() {
+        let pair = shen2022();
+        let solved = MeshRelationship::solve(&pair, &FlankWear::none()).unwrap();
+        assert_eq!(solved.phi1_rad.len(), 601);
+        for i in 0..601 {
+            assert!((solved.phi1_rad[i] - (solved.alpha1_rad[i] - 20.0_f64.to_radians())).abs() < 1e-13);
+            assert!((solved.phi2_rad[i] - (20.0_f64.to_radians() - solved.alpha1_prime_rad[i])).abs() < 1e-13);
+            assert!((solved.phi2_slope[i] - 24.0 / 26.0).abs() < 1e-13);
+        }
+        assert!((solved.phi1_rad[0] + 0.277_624_056).abs() < 1e-9);
+        assert!((solved.phi1_rad[600] - 0.144_238_753).abs() < 1e-9);
+        assert!((range(&solved.phi1_rad) / pair.gears[0].pitch_angle_rad() - 1.6114).abs() < 5e-5);
+    }
+
+    #[test]
+    fn wear_shrinks_the_flanks_range_and_widens_the_rotations() {
+        // Fig. 8's two findings with a prototype's numbers for this wear.
+        let (pair, wear) = typical_wear();
+        let solved = MeshRelationship::solve(&pair, &wear).unwrap();
+        assert!((range(&solved.alpha1_rad) - 0.40142).abs() < 5e-4, "{}", range(&solved.alpha1_rad));
+        assert!((range(&solved.phi1_rad) - 0.43731).abs() < 5e-4, "{}", range(&solved.phi1_rad));
+        assert!(range(&solved.alpha1_prime_rad) < pair.gears[1].tip_angle_rad - pair.gears[1].root_angle_rad);
+        // φ₂'s exact slope is that of the points.
+        for i in 1..600 {
+            let width = solved.phi1_rad[i + 1] - solved.phi1_rad[i - 1];
+            let slope = (solved.phi2_rad[i + 1] - solved.phi2_rad[i - 1]) / width;
+            assert!((slope - solved.phi2_slope[i]).abs() < 1e-4, "{slope} {}", solved.phi2_slope[i]);
+        }
+    }
+
+    #[test]
+    fn every_contact_obeys_equations_9_to_17() {
+        let (pair, wear) = typical_wear();
+        let flanks = [Flank::new(&pair.gears[0], &wear, 0), Flank::new(&pair.gears[1], &wear, 1)];
+        let solved = MeshRelationship::solve(&pair, &wear).unwrap();
+        for i in 0..solved.phi1_rad.len() {
+            let (one, two) = (flanks[0].at(solved.alpha1_rad[i]), flanks[1].at(solved.alpha1_prime_rad[i]));
+            let psi1 = one.gamma_rad() + solved.phi1_rad[i];
+            let psi2 = solved.phi2_rad[i] - two.gamma_rad();
+            let across = one.worn_radius_mm() * psi1.cos() + two.worn_radius_mm() * psi2.cos();
+            assert!((across - pair.centre_distance_mm).abs() < 1e-9, "Eq. (9): {across}");
+            assert!(
+                (one.worn_radius_mm() * psi1.sin() - two.worn_radius_mm() * psi2.sin()).abs() < 1e-9,
+                "Eq. (10)"
+            );
+            let theta1 = one.lambda_rad + one.gamma_rad() - psi1;
+            let theta2 = two.lambda_rad + two.gamma_rad() + psi2;
+            assert!((theta1 - theta2).abs() < 1e-12, "Eq. (11)");
+        }
+    }
+
+    /// α₁, γ, R_A and λ of a point as Algorithm 1 takes them.
+    fn algorithm_points(flank: &Flank, from: f64, to: f64, count: usize) -> Vec<[f64; 4]> {
+        let at = |i: usize| flank.at(from + (to - from) * i as f64 / (count - 1) as f64);
+        let point = |i| {
+            let point = at(i);
+            [point.alpha_rad, point.gamma_rad(), point.worn_radius_mm(), point.lambda_rad]
+        };
+        (0..count).map(point).collect()
+    }
+
+    /// Algorithm 1 as printed: for every α₁ the α₁′ of a grid that comes nearest to the centre distance, kept where it is nearer than
+    /// `tolerance_mm`. Gives (α₁, α₁′, φ₁, φ₂).
+    fn double_scan(pair: &GearPair, wear: &FlankWear, count: usize, tolerance_mm: f64) -> Vec<[f64; 4]> {
+        let [gear1, gear2] = &pair.gears;
+        let driving = algorithm_points(&Flank::new(gear1, wear, 0), gear1.root_angle_rad, gear1.tip_angle_rad, count);
+        let driven = algorithm_points(&Flank::new(gear2, wear, 1), gear2.tip_angle_rad, gear2.root_angle_rad, count);
+        let mut found = Vec::new();
+        for [alpha1, gamma1, r1, lambda1] in driving {
+            let mut best = (f64::INFINITY, [0.0; 4]);
+            for [prime, gamma2, r2, lambda2] in &driven {
+                let (sin, cos) = (lambda1 - lambda2 - gamma2).sin_cos();
+                let phi1 = ((r2 * sin - r1 * gamma1.sin()) / (r1 * gamma1.cos() + r2 * cos)).atan();
+                let phi2 = lambda1 - lambda2 - phi1;
+                let error = (r1 * (gamma1 + phi1).cos() + r2 * (phi2 - gamma2).cos() - pair.centre_distance_mm).abs();
+                if error < best.0 {
+                    best = (error, [alpha1, *prime, phi1, phi2]);
+                }
+            }
+            if best.0 < tolerance_mm {
+                found.push(best.1);
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn the_papers_double_scan_agrees_within_its_grid() {
+        let (pair, wear) = typical_wear();
+        let [gear1, gear2] = &pair.gears;
+        let count = 1611;
+        let cell = (gear2.tip_angle_rad - gear2.root_angle_rad) / 1610.0;
+        // Half a cell moves the centre distance by about R_b2 sin α half a cell; wear adds a little to it.
+        let tolerance_mm = 1.5 * 0.5 * cell * gear2.base_radius_mm * pair.pressure_angle_rad.sin();
+        let scanned = double_scan(&pair, &wear, count, tolerance_mm);
+
+        let flanks = [Flank::new(gear1, &wear, 0), Flank::new(gear2, &wear, 1)];
+        let solver = Solver {
+            driven: flanks[1].active_points(CELLS).collect(),
+            flanks,
+            centre_squared: pair.centre_distance_mm.powi(2),
+            ratio: gear1.base_radius_mm / gear2.base_radius_mm,
+        };
+        let solved = MeshRelationship::solve(&pair, &wear).unwrap();
+        let (start, end) = (solved.alpha1_rad[0], solved.alpha1_rad[600]);
+        let wanted = ((end - start) / (gear1.tip_angle_rad - gear1.root_angle_rad) * 1610.0).round() as usize;
+        assert!(
+            scanned.len().abs_diff(wanted) <= 3,
+            "{} contacts scanned, {wanted} expected",
+            scanned.len()
+        );
+        for [alpha1, prime, phi1, phi2] in scanned {
+            if alpha1 < start || alpha1 > end {
+                continue;
+            }
+            let point = solver.flanks[0].at(alpha1);
+            let mate = solver.mate(&point).unwrap();
+            let (exact1, exact2) = super::rotations(&(point, mate));
+            assert!((mate.alpha_rad - prime).abs() <= 0.51 * cell, "{} {prime}", mate.alpha_rad);
+            assert!((exact1 - phi1).abs() <= cell && (exact2 - phi2).abs() <= cell);
+        }
+    }
+
+    #[test]
+    fn a_shifted_pair_at_its_own_centre_distance_is_conjugate() {
+        let mut spec = shen2022_spec();
+        spec.geometry.teeth = [19, 47];
+        spec.geometry.module_mm = 2.5;
+        spec.geometry.profile_shift = [0.35, 0.1];
+        spec.geometry.bore_radius_mm = [8.0, 15.0];
+        spec.geometry.centre_distance_mm = Some(83.7);
+        let pair = spec.resolve().unwrap();
+        let solved = MeshRelationship::solve(&pair, &FlankWear::none()).unwrap();
+        for (phi1, phi2) in solved.phi1_rad.iter().zip(&solved.phi2_rad) {
+            assert!((phi1 * 19.0 / 47.0 - phi2 - pair.perfect_lag_rad()).abs() < 1e-13);
+        }
+        assert!((range(&solved.phi1_rad) / pair.gears[0].pitch_angle_rad() - pair.contact_ratio()).abs() < 1e-12);
+    }
+}

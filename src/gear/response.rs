@@ -65,7 +65,7 @@ impl RunSettings {
 /// below half the sampling rate (flat to 0.4 of it).
 ///
 /// The integrator's step is at most an eighth of a sample and short against the fastest rate of the system; it ends exactly where the mesh
-/// stiffness jumps. A sample is the mean acceleration over a step, so a jump of the error gives its whole push.
+/// stiffness jumps. Accelerations are second differences of the position over a step, so a jump of the error gives its whole push.
 ///
 /// # Errors
 /// [`GearError::Field`] for settings that cannot be used.
@@ -174,16 +174,16 @@ impl<'a> Run<'a> {
         self.seek(n as f64 * step);
         let mut excitation = self.excitation(n as f64 * step);
         let mut state = self.motion.at_rest(excitation);
-        let mut velocity = self.response_velocity(&state, excitation.error);
+        let mut positions = [self.response_position(&state); 2];
         while record.len() < samples {
             (state, excitation) = self.advance(state, excitation, n as f64 * step, step);
-            let reached = self.response_velocity(&state, excitation.error);
+            let after = self.response_position(&state);
             if n >= first
-                && let Some(sample) = decimator.push((reached - velocity) / step)
+                && let Some(sample) = decimator.push((after - 2.0 * positions[1] + positions[0]) / (step * step))
             {
                 record.push(sample);
             }
-            velocity = reached;
+            positions = [positions[1], after];
             n += 1;
         }
         record
@@ -238,13 +238,205 @@ impl<'a> Run<'a> {
         self.piece = self.pieces.iter().position(|piece| self.phase < piece.end).unwrap_or(0);
     }
 
+    /// Place in m of the response's coordinate.
     #[inline]
-    fn response_velocity(&self, state: &State, error: f64) -> f64 {
-        let [x, y1, y2] = self.motion.velocities(state, error);
+    fn response_position(&self, [x, y1, y2, ..]: &State) -> f64 {
         match self.pair.spec.dynamics.response {
-            ResponseCoordinate::Bearing1 => y1,
-            ResponseCoordinate::Bearing2 => y2,
+            ResponseCoordinate::Bearing1 => *y1,
+            ResponseCoordinate::Bearing2 => *y2,
             ResponseCoordinate::Mesh => x - y1 + y2,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use nalgebra::{Complex, Matrix3, Vector3};
+
+    use super::super::mesh_cycle::CyclePiece;
+    use super::super::testing::{shen2022, shen2022_spec};
+    use super::{Motion, Run, RunSettings, simulate};
+    use crate::gear::{FlankWear, MeshCycle, ResponseCoordinate};
+
+    fn rms(signal: &[f64]) -> f64 {
+        (signal.iter().map(|value| value * value).sum::<f64>() / signal.len() as f64).sqrt()
+    }
+
+    fn worn(depth_mm: f64) -> (crate::gear::GearPair, MeshCycle) {
+        let pair = shen2022();
+        let cycle = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap();
+        (pair, cycle)
+    }
+
+    #[test]
+    fn with_constant_stiffness_the_response_is_the_transfer_function() {
+        let mut spec = shen2022_spec();
+        spec.errors.random_um = 0.0;
+        spec.errors.long_period_um = 0.0;
+        let (k, f) = (6e8, 16.64 * 24.0);
+        for (response, row) in [
+            (ResponseCoordinate::Bearing1, 1),
+            (ResponseCoordinate::Bearing2, 2),
+            (ResponseCoordinate::Mesh, 3),
+        ] {
+            spec.dynamics.response = response;
+            let pair = spec.resolve().unwrap();
+            let mut cycle = MeshCycle::compute(&pair, &FlankWear::none(), 1000).unwrap();
+            cycle.pieces = vec![CyclePiece {
+                start: 0.0,
+                end: 1.0,
+                stiffness_n_per_m: vec![k; 1025],
+                uste_rad: vec![0.0; 1025],
+            }];
+            let motion = Motion::new(&pair, &cycle, 1300.0);
+            // m_j q̈_j = s_j F_m − support, F_m = (k + iωc)(x − y₁ + y₂ − e), for e = 15 µm e^{iωt}.
+            let omega = TAU * f;
+            let mesh = Complex::new(k, omega * motion.mesh_damping);
+            let support = Complex::new(motion.support_stiffness, omega * motion.support_damping);
+            let signs = [1.0, -1.0, 1.0];
+            let mut dynamic = Matrix3::from_fn(|i, j| mesh * signs[i] * signs[j]);
+            for i in 0..3 {
+                dynamic[(i, i)] += -omega * omega / motion.inverse_mass[i];
+            }
+            dynamic[(1, 1)] += support;
+            dynamic[(2, 2)] += support;
+            let force = Vector3::from_fn(|i, _| mesh * signs[i] * 15e-6);
+            let solved = dynamic.lu().solve(&force).unwrap();
+            let q = if row == 3 { solved[0] - solved[1] + solved[2] } else { solved[row] };
+            let wanted = -omega * omega * q;
+
+            let run = RunSettings::nominal(&pair, 20_000.0, 0.5);
+            let signal = simulate(&pair, &cycle, &run).unwrap();
+            // e = A sin: the imaginary part of wanted·e^{iωt}.
+            let worst = signal
+                .iter()
+                .enumerate()
+                .map(|(n, value)| (value - (wanted * Complex::from_polar(1.0, omega * n as f64 / 20_000.0)).im).abs());
+            let worst = worst.fold(0.0, f64::max);
+            assert!(worst < 1e-4 * wanted.norm(), "{response:?}: {worst} of {}", wanted.norm());
+        }
+    }
+
+    #[test]
+    fn halving_the_step_changes_nothing_that_matters() {
+        let (pair, cycle) = worn(0.12);
+        let settings = RunSettings::nominal(&pair, 20_000.0, 0.25);
+        let with = |oversampling| {
+            let motion = Motion::new(&pair, &cycle, settings.torque_nm);
+            Run::new(&pair, &cycle, &settings, motion, oversampling).record()
+        };
+        let (used, halved) = (with(8), with(16));
+        let difference: Vec<f64> = used.iter().zip(&halved).map(|(a, b)| a - b).collect();
+        assert!(rms(&difference) < 1e-3 * rms(&halved), "{} of {}", rms(&difference), rms(&halved));
+        assert!(
+            (rms(&used) / rms(&halved) - 1.0).abs() < 2e-4,
+            "{}",
+            rms(&used) / rms(&halved) - 1.0
+        );
+    }
+
+    #[test]
+    fn no_wear_state_shows_spikes() {
+        for depth in [0.0, 0.03, 0.1, 0.245] {
+            let (pair, cycle) = worn(depth);
+            let signal = simulate(&pair, &cycle, &RunSettings::nominal(&pair, 20_000.0, 1.0)).unwrap();
+            assert_eq!(signal.len(), 20_000);
+            let mean_square = rms(&signal).powi(2);
+            let kurtosis = signal.iter().map(|value| value.powi(4)).sum::<f64>() / signal.len() as f64 / mean_square.powi(2);
+            assert!((3.0..25.0).contains(&kurtosis), "kurtosis {kurtosis} at {depth} mm");
+            // Every mesh period has its impact: the largest is no outlier of the typical one.
+            let mut peaks: Vec<f64> = signal
+                .chunks(50)
+                .map(|period| period.iter().fold(0.0, |most: f64, value| most.max(value.abs())))
+                .collect();
+            peaks.sort_by(f64::total_cmp);
+            assert!(
+                peaks[peaks.len() - 1] < 2.0 * peaks[peaks.len() / 2],
+                "{} {}",
+                peaks[peaks.len() - 1],
+                peaks[peaks.len() / 2]
+            );
+        }
+    }
+
+    #[test]
+    fn a_run_may_start_anywhere_in_the_turn() {
+        let mut spec = shen2022_spec();
+        spec.errors.random_um = 0.0;
+        let pair = spec.resolve().unwrap();
+        let cycle = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, 0.1).unwrap(), 1000).unwrap();
+        let from_zero = simulate(&pair, &cycle, &RunSettings::nominal(&pair, 20_000.0, 0.2)).unwrap();
+        let mut run = RunSettings::nominal(&pair, 20_000.0, 0.1);
+        run.start_phase_turns = 16.64 * 0.1;
+        let later = simulate(&pair, &cycle, &run).unwrap();
+        let difference: Vec<f64> = later.iter().zip(&from_zero[2000..]).map(|(a, b)| a - b).collect();
+        assert!(rms(&difference) < 1e-5 * rms(&later), "{}", rms(&difference) / rms(&later));
+    }
+
+    #[test]
+    fn seed_torque_and_speed_are_the_runs_own() {
+        let (pair, cycle) = worn(0.05);
+        let run = RunSettings::nominal(&pair, 20_000.0, 0.1);
+        let base = simulate(&pair, &cycle, &run).unwrap();
+        assert_eq!(simulate(&pair, &cycle, &run).unwrap(), base);
+        for changed in [
+            RunSettings { seed: 2, ..run },
+            RunSettings { torque_nm: 900.0, ..run },
+            RunSettings {
+                shaft_speed_hz: 15.0,
+                ..run
+            },
+        ] {
+            assert_ne!(simulate(&pair, &cycle, &changed).unwrap(), base);
+        }
+        // A longer record begins with the shorter one.
+        let longer = simulate(&pair, &cycle, &RunSettings { seconds: 0.15, ..run }).unwrap();
+        assert_eq!(&longer[..2000], &base[..]);
+    }
+
+    #[test]
+    fn settings_that_cannot_be_used_are_refused() {
+        let (pair, cycle) = worn(0.0);
+        let run = RunSettings::nominal(&pair, 20_000.0, 0.1);
+        let cases = [
+            (
+                "sample_rate_hz",
+                RunSettings {
+                    sample_rate_hz: f64::NAN,
+                    ..run
+                },
+            ),
+            (
+                "sample_rate_hz",
+                RunSettings {
+                    sample_rate_hz: 1.0,
+                    seconds: 10.0,
+                    ..run
+                },
+            ),
+            ("seconds", RunSettings { seconds: 0.0, ..run }),
+            ("seconds × sample_rate_hz", RunSettings { seconds: 1e7, ..run }),
+            (
+                "shaft_speed_hz",
+                RunSettings {
+                    shaft_speed_hz: -1.0,
+                    ..run
+                },
+            ),
+            ("torque_nm", RunSettings { torque_nm: 0.0, ..run }),
+            (
+                "start_phase_turns",
+                RunSettings {
+                    start_phase_turns: f64::INFINITY,
+                    ..run
+                },
+            ),
+        ];
+        for (field, run) in cases {
+            let refusal = simulate(&pair, &cycle, &run).unwrap_err().to_string();
+            assert!(refusal.starts_with(&format!("{field} is ")), "{refusal}");
         }
     }
 }

@@ -183,3 +183,117 @@ const SAINSOT: [[f64; 6]; 4] = [
     [-50.952e-5, 185.50e-3, 0.0538e-4, 53.300e-3, 0.2895, 0.9236],
     [-6.2042e-5, 9.0889e-3, -4.0964e-4, 7.8297e-3, -0.1472, 0.6904],
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{shen2022_spec, typical_wear};
+    use super::{Flank, Tooth};
+    use crate::gear::{FlankWear, GearPair};
+
+    /// Composite Simpson rule.
+    fn simpson(f: impl Fn(f64) -> f64, from: f64, to: f64, count: usize) -> f64 {
+        let h = (to - from) / count as f64;
+        let inner: f64 = (1..count)
+            .map(|i| if i % 2 == 1 { 4.0 } else { 2.0 } * f(from + h * i as f64))
+            .sum();
+        (f(from) + inner + f(to)) * h / 3.0
+    }
+
+    /// 1/k_b, 1/k_s, 1/k_a straight from their definitions over x, the section at x found by bisection on the flank.
+    fn defined(pair: &GearPair, flank: &Flank, alpha: f64) -> [f64; 3] {
+        let gear = flank.gear;
+        let load = flank.at(alpha);
+        let (sin, cos) = load.lambda_rad.sin_cos();
+        let situation_1 = gear.base_radius_mm > gear.root_radius_mm;
+        let lowest = if situation_1 {
+            -gear.base_half_angle_rad
+        } else {
+            flank.alpha_at_radius_rad(gear.root_radius_mm)
+        };
+        let low = flank.at(lowest);
+        let root_x = if situation_1 {
+            (gear.root_radius_mm.powi(2) - low.y_mm.powi(2)).sqrt()
+        } else {
+            low.x_mm
+        };
+        let thickness = |x: f64| {
+            if x <= low.x_mm {
+                return 2.0 * low.y_mm - low.depth_mm;
+            }
+            let (mut a, mut b) = (lowest, alpha);
+            for _ in 0..60 {
+                let middle = 0.5 * (a + b);
+                if flank.at(middle).x_mm < x { a = middle } else { b = middle }
+            }
+            let point = flank.at(a);
+            2.0 * point.y_mm - point.depth_mm
+        };
+        let width = pair.spec.geometry.face_width_mm;
+        let young = pair.spec.material.youngs_modulus_pa * 1e-6;
+        let shear = young / (2.0 * (1.0 + pair.spec.material.poisson_ratio));
+        let height = load.y_mm - load.depth_mm;
+        let moment = |x: f64| cos * (load.x_mm - x) - sin * height;
+        let integral = |f: &dyn Fn(f64) -> f64| simpson(f, root_x, low.x_mm, 200) + simpson(f, low.x_mm, load.x_mm, 4000);
+        [
+            integral(&|x| moment(x).powi(2) / (young * width * thickness(x).powi(3) / 12.0)),
+            integral(&|x| 1.2 * cos * cos / (shear * width * thickness(x))),
+            integral(&|x| sin * sin / (young * width * thickness(x))),
+        ]
+    }
+
+    /// The pair of Table 1, R_b > R_r, and one with more teeth, R_b ≤ R_r, both worn.
+    fn both_situations() -> Vec<(GearPair, FlankWear)> {
+        let mut spec = shen2022_spec();
+        spec.geometry.teeth = [60, 70];
+        spec.geometry.centre_distance_mm = None;
+        spec.geometry.bore_radius_mm = [60.0, 60.0];
+        let pair = spec.resolve().unwrap();
+        assert!(pair.gears[0].base_radius_mm < pair.gears[0].root_radius_mm);
+        let wear = FlankWear::from_shape(&pair, 0.1).unwrap();
+        vec![typical_wear(), (pair, wear)]
+    }
+
+    #[test]
+    fn compliances_are_the_integrals_of_their_definitions() {
+        for (pair, wear) in both_situations() {
+            for (i, gear) in pair.gears.iter().enumerate() {
+                let flank = Flank::new(gear, &wear, i);
+                let tooth = Tooth::new(flank.clone(), &pair.spec.material, pair.spec.geometry.face_width_mm);
+                for part in [0.02, 0.37, 0.71, 1.0] {
+                    let alpha = gear.root_angle_rad + part * (gear.tip_angle_rad - gear.root_angle_rad);
+                    let found = tooth.compliance(&flank.at(alpha));
+                    for (found, wanted) in [found.bending, found.shear, found.axial]
+                        .into_iter()
+                        .zip(defined(&pair, &flank, alpha))
+                    {
+                        assert!((found / wanted - 1.0).abs() < 2e-6, "{found} for {wanted}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn more_panels_change_nothing() {
+        for (pair, wear) in both_situations() {
+            let flank = Flank::new(&pair.gears[0], &wear, 0);
+            let teeth = [12, 24, 96].map(|count| Tooth::with_panels(flank.clone(), &pair.spec.material, 50.0, count));
+            for point in flank.active_points(37) {
+                let [coarse, used, fine] = teeth.each_ref().map(|tooth| tooth.compliance(&point).total());
+                assert!((used / fine - 1.0).abs() < 1e-13, "{}", used / fine - 1.0);
+                assert!((coarse / fine - 1.0).abs() < 1e-11, "{}", coarse / fine - 1.0);
+            }
+        }
+    }
+
+    #[test]
+    fn a_worn_tooth_is_softer_under_the_same_load() {
+        let (pair, wear) = typical_wear();
+        let none = FlankWear::none();
+        let tooth = |wear| Tooth::new(Flank::new(&pair.gears[0], wear, 0), &pair.spec.material, 50.0);
+        let load = Flank::new(&pair.gears[0], &none, 0).at(0.4);
+        let (worn, perfect) = (tooth(&wear).compliance(&load), tooth(&none).compliance(&load));
+        assert!(worn.bending > perfect.bending && worn.shear > perfect.shear && worn.axial > perfect.axial);
+        assert!(worn.bending < 1.02 * perfect.bending);
+    }
+}
