@@ -1,8 +1,10 @@
 //! A recording in a file, whatever its format.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::wav::WavBlocks;
 use super::{BlockEncoding, Cut, McapReader, RecordDefaults, Recorded, RecordingError, encode_block};
@@ -51,11 +53,26 @@ impl Format {
 /// A WAV up to 10 minutes is one record a channel; a longer one is cut into records of 10 s, or as `cut` says. MCAP records come as they were recorded.
 pub struct RecordingFile {
     records: Records,
+    read: Arc<AtomicU64>,
 }
 
 enum Records {
-    Wav(Box<WavBlocks<BufReader<File>>>),
+    Wav(Box<WavBlocks<CountedFile>>),
     Mcap(Box<McapReader>),
+}
+
+/// A file that says how far it has been read.
+struct CountedFile {
+    file: BufReader<File>,
+    read: Arc<AtomicU64>,
+}
+
+impl Read for CountedFile {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.file.read(buffer)?;
+        self.read.fetch_add(count as u64, Ordering::Relaxed);
+        Ok(count)
+    }
 }
 
 impl RecordingFile {
@@ -71,12 +88,21 @@ impl RecordingFile {
         let mut beginning = Vec::new();
         file.by_ref().take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
-        let reader = BufReader::with_capacity(1 << 16, file);
+        let read = Arc::new(AtomicU64::new(0));
+        let reader = CountedFile {
+            file: BufReader::with_capacity(1 << 16, file),
+            read: read.clone(),
+        };
         let records = match Format::detect(&beginning)? {
             Format::Wav => Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?)),
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(reader, defaults))),
         };
-        Ok(Self { records })
+        Ok(Self { records, read })
+    }
+
+    /// Bytes of the file read so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.read.load(Ordering::Relaxed)
     }
 
     /// The file's format.
