@@ -17,7 +17,7 @@ use source::Source;
 
 /// Arguments of `flankwatch convert`.
 #[derive(Debug, Clone, Args)]
-pub struct ConvertArgs {
+pub(super) struct ConvertArgs {
     /// The recording: CSV (one channel a column) or WAV
     #[arg(value_name = "IN")]
     pub input: PathBuf,
@@ -91,7 +91,7 @@ pub enum ConvertError {
 }
 
 /// Converts one recording, in bounded memory. The output appears under its name only when it is whole.
-pub fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
+pub(super) fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
     let target = Target::of(&args.output)?;
     if args.output.exists() && !args.force {
         return Err(ConvertError::Exists(args.output.clone()));

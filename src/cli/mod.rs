@@ -2,7 +2,7 @@
 
 mod analyze;
 mod convert;
-
+mod demo;
 mod error;
 mod library;
 mod model;
@@ -31,6 +31,8 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Serve with a sample gearbox and a simulated run to failure, replayed fast
+    Demo(demo::DemoArgs),
     /// Run the service: HTTP API and dashboard
     Serve(serve::ServeArgs),
     /// Indicators and wear of recordings, without a server
@@ -56,6 +58,7 @@ pub fn run() -> ExitCode {
         .with_env_filter(EnvFilter::try_from_env("FLANKWATCH_LOG").unwrap_or_else(|_| EnvFilter::new("warn,flankwatch=info")))
         .init();
     let outcome = match &cli.command {
+        Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve::run(args).map_err(CliError::from),
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),

@@ -48,13 +48,22 @@ pub(super) struct ReplayArgs {
 pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     let asset = AssetId::new(args.asset.clone()).map_err(|error| CliError::Argument(error.to_string()))?;
     let mut sender = Sender {
-        agent: ureq::Agent::config_builder().http_status_as_error(false).timeout_global(Some(Duration::from_secs(120))).build().into(),
+        agent: ureq::Agent::config_builder()
+            .http_status_as_error(false)
+            .timeout_global(Some(Duration::from_secs(120)))
+            .build()
+            .into(),
         url: format!("{}/v1/assets/{asset}/segments", args.url.trim_end_matches('/')),
         pace: args.pace,
         first: None,
         sent: 0,
     };
-    let bytes: u64 = args.files.iter().filter_map(|path| path.metadata().ok()).map(|metadata| metadata.len()).sum();
+    let bytes: u64 = args
+        .files
+        .iter()
+        .filter_map(|path| path.metadata().ok())
+        .map(|metadata| metadata.len())
+        .sum();
     let bar = progress_bar(bytes, "bytes");
     let mut next_start = args.start_time;
     for path in &args.files {
@@ -73,8 +82,19 @@ struct Sender {
 }
 
 impl Sender {
-    fn send_file(&mut self, path: &Path, record_seconds: Option<f64>, next_start: &mut Timestamp, bar: &ProgressBar) -> Result<(), CliError> {
-        let defaults = RecordDefaults { channel: None, start_time: *next_start, unit: None, operating_point: OperatingPoint::default() };
+    fn send_file(
+        &mut self,
+        path: &Path,
+        record_seconds: Option<f64>,
+        next_start: &mut Timestamp,
+        bar: &ProgressBar,
+    ) -> Result<(), CliError> {
+        let defaults = RecordDefaults {
+            channel: None,
+            start_time: *next_start,
+            unit: None,
+            operating_point: OperatingPoint::default(),
+        };
         let mut file = RecordingFile::open(path, defaults, record_seconds.map(Cut::Seconds)).map_err(CliError::recording(path))?;
         let before = bar.position();
         while let Some(recorded) = file.next() {
@@ -99,7 +119,10 @@ impl Sender {
     fn send(&mut self, recorded: &Recorded) -> Result<(), CliError> {
         let body = encode_block(&recorded.record, BlockEncoding::Protobuf);
         let mut wait = Duration::from_millis(250);
-        let failed = |reason: String| CliError::Server { url: self.url.clone(), reason };
+        let failed = |reason: String| CliError::Server {
+            url: self.url.clone(),
+            reason,
+        };
         for attempt in 1..=TRIES {
             let mut request = self.agent.post(&self.url).content_type("application/x-protobuf");
             if let Some(depth) = recorded.reference_wear_um {
@@ -112,7 +135,10 @@ impl Sender {
                 }
                 Ok(mut response) => {
                     let status = response.status().as_u16();
-                    let after = response.headers().get("retry-after").and_then(|value| value.to_str().ok()?.parse().ok());
+                    let after = response
+                        .headers()
+                        .get("retry-after")
+                        .and_then(|value| value.to_str().ok()?.parse().ok());
                     let detail = response.body_mut().read_to_string().unwrap_or_default();
                     if !matches!(status, 429 | 502 | 503 | 504) {
                         return Err(failed(format!("the server answered {status}: {detail}")));
@@ -123,7 +149,10 @@ impl Sender {
                 Err(error) => error.to_string(),
             };
             if attempt == TRIES {
-                return Err(failed(format!("{reason} ({TRIES} tries, {} records sent before; start again to go on)", self.sent)));
+                return Err(failed(format!(
+                    "{reason} ({TRIES} tries, {} records sent before; start again to go on)",
+                    self.sent
+                )));
             }
             thread::sleep(wait.min(LONGEST_WAIT));
             wait = (wait * 2).min(LONGEST_WAIT);

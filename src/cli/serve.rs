@@ -16,7 +16,7 @@ use crate::ingest::SystemClock;
 
 /// Run the service: the API and the dashboard.
 #[derive(Debug, Clone, Default, Args)]
-pub struct ServeArgs {
+pub(super) struct ServeArgs {
     /// Settings file (TOML); options given here go before it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -85,7 +85,7 @@ struct LimitsTable {
 
 impl ServeArgs {
     /// The settings that follow from the options and the settings file.
-    pub fn resolve(&self) -> Result<ServiceConfig, ServeError> {
+    fn resolve(&self) -> Result<ServiceConfig, ServeError> {
         let file = match &self.config {
             Some(path) => ConfigFile::read(path)?,
             None => ConfigFile::default(),
@@ -156,7 +156,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
 }
 
 /// Waits for Ctrl-C, or for SIGTERM where there is such a thing.
-pub async fn asked_to_stop() -> std::io::Result<()> {
+pub(super) async fn asked_to_stop() -> std::io::Result<()> {
     #[cfg(unix)]
     {
         let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;

@@ -28,7 +28,7 @@ impl Folder {
         let (input, output) = (self.path(input), self.path(output));
         let mut words = vec!["convert", input.to_str().unwrap(), output.to_str().unwrap()];
         words.extend(options.split_whitespace());
-        run(Cli::parse_from(words).convert).map_err(|error| error.to_string())
+        run(&Cli::parse_from(words).convert).map_err(|error| error.to_string())
     }
 
     fn records(&self, name: &str) -> Vec<Record> {
