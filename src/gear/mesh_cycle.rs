@@ -1,14 +1,13 @@
 //! One mesh period of a pair: which pairs of teeth carry, how stiff they are together, and where the driven gear stands.
 
 use super::error::within;
-use super::{FlankWear, GearError, GearPair, MeshRelationship, PairStiffness, root};
+use super::pair_curve::PairCurve;
+use super::{FlankWear, GearError, GearPair, root};
 
 /// Cells of the mesh period in which a change of the carrying pairs is looked for, and of the smooth parts between two changes.
 const CELLS: usize = 1024;
 /// Accuracy of a change's place in mesh periods.
 const PLACE_TOLERANCE: f64 = 1e-12;
-/// Rounding of φ₁ in rad at the ends of a pair's contact.
-const ROUNDING_RAD: f64 = 1e-12;
 
 /// One mesh period, from the nominal start of contact of the driving tooth pair on, that point included and the period's end excluded.
 ///
@@ -52,16 +51,6 @@ struct Carrying {
     leader: usize,
     phi2_rad: f64,
     stiffness_n_per_m: f64,
-}
-
-/// The single pair's contact over φ₁.
-struct PairCurve {
-    relationship: MeshRelationship,
-    stiffness_n_per_m: Vec<f64>,
-    /// Least and greatest φ₁.
-    range: (f64, f64),
-    /// Whether φ₁ rises throughout.
-    rising: bool,
 }
 
 /// Lead in rad below which two pairs are level: the rounding of perfect flanks.
@@ -127,29 +116,13 @@ impl CyclePiece {
 
 impl<'a> Mesh<'a> {
     fn new(pair: &'a GearPair, wear: &FlankWear) -> Result<Self, GearError> {
-        let relationship = MeshRelationship::solve(pair, wear)?;
-        let stiffness = PairStiffness::new(pair, wear);
-        let stiffness_n_per_m = relationship.alpha1_rad.iter().zip(&relationship.alpha1_prime_rad);
-        let stiffness_n_per_m = stiffness_n_per_m
-            .map(|(alpha1, prime)| stiffness.single_pair_n_per_m(*alpha1, *prime))
-            .collect();
-        let range = relationship
-            .phi1_rad
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), phi1| {
-                (least.min(*phi1), most.max(*phi1))
-            });
-        let pitch = pair.gears[0].pitch_angle_rad();
+        let curve = PairCurve::new(pair, wear)?;
+        let periods = (curve.range().1 - pair.start_of_contact_rad()) / pair.gears[0].pitch_angle_rad();
         Ok(Self {
             pair,
             perfect_lag_rad: pair.perfect_lag_rad(),
-            most_pairs: (((range.1 - pair.start_of_contact_rad()) / pitch).ceil() as usize + 1).min(30),
-            curve: PairCurve {
-                rising: relationship.phi1_rad.windows(2).all(|two| two[0] < two[1]),
-                relationship,
-                stiffness_n_per_m,
-                range,
-            },
+            most_pairs: (periods.ceil() as usize + 1).min(30),
+            curve,
         })
     }
 
@@ -247,43 +220,6 @@ impl<'a> Mesh<'a> {
     /// φ₁ in rad at a place in mesh periods.
     fn phi1_at(&self, place: f64) -> f64 {
         self.pair.start_of_contact_rad() + self.pair.gears[0].pitch_angle_rad() * place
-    }
-}
-
-impl PairCurve {
-    /// φ₂ in rad and stiffness in N/m of the single pair at φ₁, where it touches.
-    fn at(&self, phi1: f64) -> Option<(f64, f64)> {
-        if phi1 < self.range.0 - ROUNDING_RAD || phi1 > self.range.1 + ROUNDING_RAD {
-            return None;
-        }
-        let phi1 = phi1.clamp(self.range.0, self.range.1);
-        let nodes = &self.relationship.phi1_rad;
-        if self.rising {
-            let after = nodes.partition_point(|node| *node <= phi1).clamp(1, nodes.len() - 1);
-            return Some(self.interpolate(after - 1, phi1));
-        }
-        // Worn flanks can fold: the branch that pushes the driven gear furthest is the one that touches.
-        (0..nodes.len() - 1)
-            .filter(|i| nodes[*i] <= phi1 && phi1 <= nodes[i + 1] && nodes[*i] < nodes[i + 1])
-            .map(|i| self.interpolate(i, phi1))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-    }
-
-    /// Between nodes `i` and `i` + 1: φ₂ by the cubic with the exact slopes at both, the stiffness linearly.
-    fn interpolate(&self, i: usize, phi1: f64) -> (f64, f64) {
-        let MeshRelationship {
-            phi1_rad: x,
-            phi2_rad: y,
-            phi2_slope: slope,
-            ..
-        } = &self.relationship;
-        let width = x[i + 1] - x[i];
-        let t = (phi1 - x[i]) / width;
-        let rise = y[i + 1] - y[i];
-        let (m0, m1) = (slope[i] * width, slope[i + 1] * width);
-        let phi2 = y[i] + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)));
-        let k = &self.stiffness_n_per_m;
-        (phi2, k[i] + t * (k[i + 1] - k[i]))
     }
 }
 

@@ -9,10 +9,13 @@
 mod decimator;
 mod dynamics;
 mod error;
+mod excitation;
 mod flank;
 mod geometry;
+mod limits;
 mod mesh_cycle;
 mod pair;
+mod pair_curve;
 mod relationship;
 mod response;
 mod root;

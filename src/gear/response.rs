@@ -3,8 +3,8 @@
 use super::decimator::Decimator;
 use super::dynamics::{Excitation, Motion, State};
 use super::error::{positive, within};
-use super::mesh_cycle::CyclePiece;
-use super::transmission_error::{RandomError, long_period_m, short_period_m};
+use super::excitation::ExcitationPiece;
+use super::transmission_error::{RandomError, long_period_m};
 use super::{GearError, GearPair, MeshCycle, ResponseCoordinate};
 
 /// Least steps of the integrator for one sample.
@@ -89,55 +89,11 @@ pub fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings) -> Result
     Ok(Run::new(pair, cycle, run, motion, oversampling).record())
 }
 
-/// Excitation over a piece of the mesh period: a table of value and rise of k and of e to the next place.
-struct Piece {
-    end: f64,
-    start: f64,
-    places_per_period: f64,
-    table: Vec<[f64; 4]>,
-}
-
-impl Piece {
-    fn new(piece: &CyclePiece, pair: &GearPair) -> Self {
-        let count = piece.uste_rad.len() - 1;
-        let places_per_period = count as f64 / (piece.end - piece.start);
-        let base_m = pair.gears[1].base_radius_mm * 1e-3;
-        let at = |i: usize| {
-            let short = short_period_m(&pair.spec.errors, piece.start + i as f64 / places_per_period);
-            [piece.stiffness_n_per_m[i], base_m * piece.uste_rad[i] + short]
-        };
-        let table = (0..count)
-            .map(|i| {
-                let ([k, e], [next_k, next_e]) = (at(i), at(i + 1));
-                [k, next_k - k, e, next_e - e]
-            })
-            .collect();
-        Self {
-            end: piece.end,
-            start: piece.start,
-            places_per_period,
-            table,
-        }
-    }
-
-    #[inline]
-    fn at(&self, phase: f64) -> Excitation {
-        let place = (phase - self.start) * self.places_per_period;
-        let cell = (place as usize).min(self.table.len() - 1);
-        let [k, k_rise, e, e_rise] = self.table[cell];
-        let part = place - cell as f64;
-        Excitation {
-            stiffness: k + part * k_rise,
-            error: e + part * e_rise,
-        }
-    }
-}
-
 struct Run<'a> {
     pair: &'a GearPair,
     settings: &'a RunSettings,
     motion: Motion,
-    pieces: Vec<Piece>,
+    pieces: Vec<ExcitationPiece>,
     random: RandomError,
     oversampling: usize,
     mean_stiffness: f64,
@@ -152,7 +108,7 @@ impl<'a> Run<'a> {
             pair,
             settings,
             motion,
-            pieces: cycle.pieces.iter().map(|piece| Piece::new(piece, pair)).collect(),
+            pieces: cycle.pieces.iter().map(|piece| ExcitationPiece::new(piece, pair)).collect(),
             random: RandomError::new(&pair.spec.errors, settings.seed),
             oversampling,
             mean_stiffness: cycle.mean_stiffness_n_per_m(),

@@ -54,7 +54,8 @@ mod tests {
 
     #[test]
     fn finds_roots_known_in_closed_form() {
-        let cases: [(fn(f64) -> f64, f64, f64, f64); 4] = [
+        type Function = fn(f64) -> f64;
+        let cases: [(Function, f64, f64, f64); 4] = [
             (|x| x * x - 2.0, 0.0, 2.0, 2.0_f64.sqrt()),
             (|x| 1.0 - x.exp(), -3.0, 2.5, 0.0),
             (|x| (x - 0.7).powi(3), -1.0, 4.0, 0.7),
