@@ -27,7 +27,39 @@ macro_rules! files {
 }
 
 /// Every file of `dashboard/`; `index.html` is the page at `/`, the others are under `/static/`.
-const FILES: &[StaticFile] = files!["index.html"];
+const FILES: &[StaticFile] = files![
+    "api.js",
+    "app.css",
+    "app.js",
+    "asset-header.js",
+    "asset.css",
+    "asset.js",
+    "dom.js",
+    "first-steps.js",
+    "fleet-row.js",
+    "fleet.css",
+    "fleet.js",
+    "format.js",
+    "gauge.js",
+    "icon.svg",
+    "index.html",
+    "live.js",
+    "plot-card.js",
+    "plots.js",
+    "posterior-plot.js",
+    "record-view.js",
+    "records-dialog.js",
+    "records.css",
+    "replay-panel.js",
+    "route.js",
+    "spectrum-plot.js",
+    "state.js",
+    "symbols.js",
+    "theme.js",
+    "trend-plot.js",
+    "upload-panel.js",
+    "wear-plot.js",
+];
 
 /// Plotly.js from the `plotly` crate, compressed once, at most when it is first asked for.
 static PLOTLY: LazyLock<Compressed> = LazyLock::new(|| Compressed::new(&plotly_js()));
