@@ -12,8 +12,12 @@ use crate::store::StoreError;
 const MEDIA_TYPE: &str = "application/problem+json";
 
 /// What went wrong with a request.
+#[derive(Debug, Clone)]
+pub(super) struct Problem(Box<Details>);
+
+/// The problem's members.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Problem {
+struct Details {
     #[serde(rename = "type")]
     kind: &'static str,
     title: &'static str,
@@ -36,7 +40,7 @@ fn as_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result
 
 impl Problem {
     pub(super) fn new(status: StatusCode, detail: impl Into<String>) -> Self {
-        Self {
+        Self(Box::new(Details {
             kind: "about:blank",
             title: status.canonical_reason().unwrap_or("Problem"),
             status,
@@ -45,7 +49,7 @@ impl Problem {
             value: None,
             expected: None,
             retry_after_s: None,
-        }
+        }))
     }
 
     pub(super) fn not_found(detail: impl Into<String>) -> Self {
@@ -71,18 +75,18 @@ impl Problem {
 
     pub(super) fn busy(detail: impl Into<String>, retry_after_s: u32) -> Self {
         let mut problem = Self::new(StatusCode::SERVICE_UNAVAILABLE, detail);
-        problem.retry_after_s = Some(retry_after_s);
+        problem.0.retry_after_s = Some(retry_after_s);
         problem
     }
 
     fn with_field(mut self, field: &str, value: impl ToString, expected: &str) -> Self {
         let value = value.to_string();
-        if self.detail.is_empty() {
-            self.detail = format!("{field} is {value}, expected {expected}");
+        if self.0.detail.is_empty() {
+            self.0.detail = format!("{field} is {value}, expected {expected}");
         }
-        self.field = Some(field.to_string());
-        self.value = Some(value);
-        self.expected = Some(expected.to_string());
+        self.0.field = Some(field.to_string());
+        self.0.value = Some(value);
+        self.0.expected = Some(expected.to_string());
         self
     }
 
@@ -90,7 +94,7 @@ impl Problem {
     pub(super) fn naming_field_in(mut self, message: &str) -> Self {
         let is_about_a_field = message.starts_with("unknown field `") || message.starts_with("missing field `");
         if is_about_a_field && let Some(field) = message.split('`').nth(1) {
-            self.field = Some(field.to_string());
+            self.0.field = Some(field.to_string());
         }
         self
     }
@@ -104,9 +108,9 @@ impl Problem {
 
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
-        let body = serde_json::to_vec(&self).unwrap_or_default();
-        let mut response = (self.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
-        if let Some(seconds) = self.retry_after_s {
+        let body = serde_json::to_vec(&self.0).unwrap_or_default();
+        let mut response = (self.0.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
+        if let Some(seconds) = self.0.retry_after_s {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
         }
         response
@@ -140,8 +144,8 @@ impl From<IngestError> for Problem {
             IngestError::Field { field, value, expected } => Self::content(field, value, expected),
             IngestError::ReplayFile { ref file, .. } => {
                 let mut problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
-                problem.field = Some("file".to_string());
-                problem.value = Some(file.clone());
+                problem.0.field = Some("file".to_string());
+                problem.0.value = Some(file.clone());
                 problem
             }
             IngestError::ReplayUnknown(_) => Self::not_found(error.to_string()),

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::Method;
+use axum::http::{Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
@@ -36,6 +36,12 @@ pub(super) async fn time_out(State(app): State<App>, request: Request, next: Nex
         Ok(response) => response,
         Err(_) => Problem::busy(format!("the request took longer than {} s", most.as_secs()), 5).into_response(),
     }
+}
+
+/// Answers for a handler that panicked: a fault of the program.
+pub(super) fn panicked(_: Box<dyn std::any::Any + Send>) -> Response {
+    // The panic's own message has gone to standard error.
+    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the service made a mistake; its log says where").into_response()
 }
 
 /// Measures how long an upload takes, from its head to its answer.

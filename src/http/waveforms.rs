@@ -10,6 +10,7 @@ use super::query::{self, Parameters, SegmentInPath};
 use super::router::App;
 use super::{reduction, segments};
 use crate::asset::{Segment, SegmentId};
+use crate::ingest::IngestError;
 use crate::signal::{BandSource, MeshLine, Spectrum};
 
 /// Points of a curve where the client does not say how many.
@@ -137,7 +138,12 @@ pub(super) async fn envelope(
         }
     };
     let _ticket = app.ingest.workers().admit()?;
-    let (spectrum, band_hz, band_source, lines) = app.ingest.envelope(&segment, band).await?;
+    let computed = app.ingest.envelope(&segment, band).await;
+    let (spectrum, band_hz, band_source, lines) = computed.map_err(|error| match error {
+        // A band that the record does not resolve, and that the address asked for.
+        IngestError::Field { value, expected, .. } if band.is_some() => Problem::query("band_low_hz, band_high_hz", value, expected),
+        error => error.into(),
+    })?;
     Ok(Json(EnvelopeView {
         spectrum: view(segment, spectrum, lines, most, max_hz),
         band_hz,
@@ -155,7 +161,10 @@ fn max_hz(asked: Option<f64>) -> Result<f64, Problem> {
 
 fn view(segment: Segment, spectrum: Spectrum, lines: Vec<MeshLine>, most: usize, max_hz: f64) -> SpectrumView {
     let resolution_hz = spectrum.resolution_hz;
-    let shown = spectrum.amplitude.len().min((max_hz / resolution_hz).floor() as usize + 1);
+    let shown = spectrum
+        .amplitude
+        .len()
+        .min(((max_hz / resolution_hz).floor() as usize).saturating_add(1));
     let amplitude = &spectrum.amplitude[..shown];
     let kept = reduction::peaks(amplitude, most);
     SpectrumView {

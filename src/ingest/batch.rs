@@ -13,7 +13,8 @@ use tokio::sync::mpsc;
 use super::accept::{Named, RecordFormat};
 use super::{Ingest, IngestError};
 use crate::asset::{AssetId, AssetSpec, RawReference, SegmentId};
-use crate::recording::{McapReader, Recorded, RecordingError};
+use crate::recording::{McapReader, RecordDefaults, Recorded, RecordingError};
+use crate::signal::OperatingPoint;
 use crate::store::Objects;
 
 /// Raw bytes of one batch, beyond which the next one begins: bounds memory and the length of a transaction.
@@ -149,10 +150,17 @@ impl Ingest {
     /// could be read, or where the service itself failed.
     pub async fn accept_mcap(&self, asset: &AssetId, path: &Path) -> Result<BatchSummary, IngestError> {
         let _turn = self.recording_turn()?;
+        let spec = self.inner.store.asset(asset).await?.spec;
+        let defaults = RecordDefaults {
+            channel: spec.sensor.channel,
+            start_time: self.inner.clock.now(),
+            unit: spec.sensor.unit,
+            operating_point: OperatingPoint::default(),
+        };
         let path = path.to_path_buf();
         let mut records = RecordStream::spawn(move || {
             let file = File::open(&path).map_err(RecordingError::from)?;
-            Ok(McapReader::new(BufReader::with_capacity(1 << 20, file)))
+            Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, file), defaults))
         });
         let mut summary = BatchSummary::default();
         loop {

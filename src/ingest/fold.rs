@@ -22,6 +22,9 @@ const FOLDED_AT_ONCE: u32 = 1024;
 /// A channel's fold as it stands in memory; none until it is needed.
 type Slot = Option<Fold>;
 
+/// The same behind the channel's lock.
+type LockedSlot = Arc<tokio::sync::Mutex<Slot>>;
+
 /// How far a channel has been folded.
 #[derive(Debug, Clone)]
 pub(super) struct Fold {
@@ -33,7 +36,7 @@ pub(super) struct Fold {
 /// One lock for each (asset, channel), with what only its holder may change.
 #[derive(Debug, Default)]
 pub(super) struct Channels {
-    slots: Mutex<HashMap<(AssetId, String), Arc<tokio::sync::Mutex<Slot>>>>,
+    slots: Mutex<HashMap<(AssetId, String), LockedSlot>>,
 }
 
 impl Channels {

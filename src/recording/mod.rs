@@ -31,4 +31,4 @@ pub use wav::{WavBlocks, WavWriter, decode_wav};
 pub(crate) use wav_frames::WavFrames;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

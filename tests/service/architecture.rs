@@ -14,15 +14,42 @@ const ROOMS: [(&str, &[&str]); 11] = [
     ("asset", &["gear", "signal", "estimate"]),
     ("store", &["gear", "signal", "library", "estimate", "asset"]),
     ("ingest", &["gear", "signal", "library", "estimate", "recording", "asset", "store"]),
-    ("http", &["gear", "signal", "library", "estimate", "recording", "asset", "store", "ingest"]),
-    ("cli", &["gear", "signal", "library", "simulation", "estimate", "recording", "asset", "store", "ingest", "http"]),
+    (
+        "http",
+        &["gear", "signal", "library", "estimate", "recording", "asset", "store", "ingest"],
+    ),
+    (
+        "cli",
+        &[
+            "gear",
+            "signal",
+            "library",
+            "simulation",
+            "estimate",
+            "recording",
+            "asset",
+            "store",
+            "ingest",
+            "http",
+        ],
+    ),
 ];
 
 /// Rooms without a runtime, a database, a clock, the environment or chance.
 const PURE: [&str; 6] = ["gear", "signal", "library", "simulation", "estimate", "recording"];
 
-const IMPURE: [&str; 10] =
-    ["tokio", "axum", "sqlx", "std::env", "SystemTime", "Instant::", "Timestamp::now", "rand::rng(", "thread_rng", "from_os_rng"];
+const IMPURE: [&str; 10] = [
+    "tokio",
+    "axum",
+    "sqlx",
+    "std::env",
+    "SystemTime",
+    "Instant::",
+    "Timestamp::now",
+    "rand::rng(",
+    "thread_rng",
+    "from_os_rng",
+];
 
 #[test]
 fn a_room_names_only_rooms_above_it() {
@@ -56,7 +83,12 @@ fn pure_rooms_have_no_runtime_clock_or_chance() {
     let mut wrong = Vec::new();
     for room in PURE {
         for (path, text) in sources(room) {
-            wrong.extend(IMPURE.iter().filter(|word| text.contains(*word)).map(|word| format!("{} uses {word}", path.display())));
+            wrong.extend(
+                IMPURE
+                    .iter()
+                    .filter(|word| text.contains(*word))
+                    .map(|word| format!("{} uses {word}", path.display())),
+            );
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));

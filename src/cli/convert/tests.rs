@@ -1,4 +1,7 @@
+use std::io::Read;
+
 use clap::Parser;
+use flate2::read::GzDecoder;
 
 use super::*;
 use crate::recording::RecordingFile;
@@ -159,21 +162,16 @@ fn a_replaced_file_is_whole() {
     assert_eq!(folder.records("out.wav")[0].samples(), [1.0, 2.0]);
 }
 
-/// The six files of `gearbox-spectraquest`, unpacked with `gzip`.
+/// The six files of `gearbox-spectraquest`.
 #[test]
 fn real_gearbox_recordings_agree_in_wav_and_mcap() {
-    let base =
-        std::env::var_os("FLANKWATCH_DATA").map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let Some(recordings) = crate::recording::tests::data("gearbox-spectraquest") else {
+        return;
+    };
     for name in ["h30hz0", "h30hz50", "h30hz90", "b30hz0", "b30hz50", "b30hz90"] {
-        let packed = base.join("gearbox-spectraquest").join(format!("{name}.csv.gz"));
-        let unpacked = std::process::Command::new("gzip").arg("-dc").arg(&packed).output();
-        let text = match unpacked {
-            Ok(output) if packed.exists() && output.status.success() => output.stdout,
-            _ => {
-                eprintln!("left out: no real recording (or no gzip) for {}", packed.display());
-                return;
-            }
-        };
+        let mut text = Vec::new();
+        let packed = fs::File::open(recordings.join(format!("{name}.csv.gz"))).unwrap();
+        GzDecoder::new(packed).read_to_end(&mut text).unwrap();
         let folder = Folder::with("in.csv", &text);
         let rows = text.iter().filter(|&&byte| byte == b'\n').count() - 1;
         folder.convert("in.csv", "out.wav", "--rate 12800 --unit g").unwrap();

@@ -13,12 +13,17 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/recordings").join(name)
 }
 
-/// A folder of real recordings; says so where it is absent.
-fn data(folder: &str) -> Option<PathBuf> {
+/// A folder of real recordings; where it is absent says so, or fails if nothing may be left out.
+pub(crate) fn data(folder: &str) -> Option<PathBuf> {
     let base =
         std::env::var_os("FLANKWATCH_DATA").map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
     let path = base.join(folder);
     if !path.is_dir() {
+        assert!(
+            std::env::var_os("FLANKWATCH_LEAVE_NOTHING_OUT").is_none(),
+            "no real recordings in {}",
+            path.display()
+        );
         eprintln!("left out: no real recordings in {}", path.display());
         return None;
     }
