@@ -24,6 +24,8 @@ mod stiffness;
 mod testing;
 mod tooth;
 mod transmission_error;
+#[cfg(test)]
+mod trends;
 mod wear;
 mod wear_table;
 

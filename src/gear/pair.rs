@@ -140,6 +140,10 @@ impl FromStr for ContactRule {
 /// Numbers of the dynamic model that the paper leaves open.
 ///
 /// The mesh damping is c = 2ζ√(k̄ m_e), with k̄ the mean of k(t) over a mesh period and 1/m_e = R_b1²/I₁ + R_b2²/I₂.
+///
+/// The default ζ = 0.5 was chosen together with that of [`WearSpec`], because the paper's Fig. 22 has RMS, kurtosis and first mesh amplitude
+/// all rise with wear and gives none of these numbers: of about a thousand combinations tried it comes nearest, with Spearman coefficients
+/// of 0.90, 0.90 and 1.00 over its 50 wear states. No combination makes RMS rise throughout: here it dips between 35 and 80 µm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DynamicsSpec {
@@ -203,6 +207,9 @@ pub struct WearPoint {
 /// Wear over the flank of both gears, measured along Y. Parabolic: with s the radius of the unworn flank point, r_p the pitch radius, r_SAP the start
 /// of active profile and r_a the tip, the root side has h = h_max·[f + (1−f)·((r_p−s)/(r_p−r_SAP))^p], held at its r_SAP value
 /// below, the tip side h = h_max·[f + (t−f)·((s−r_p)/(r_a−r_p))^p].
+///
+/// The defaults f = 0.05, t = 0.7, p = 4 have almost no wear at the pitch point and most of it towards root and tip, as Fig. 6; they were chosen for
+/// the trends of the indicators together with the damping of [`DynamicsSpec`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WearSpec {
@@ -255,7 +262,7 @@ impl Default for SupportSpec {
 impl Default for DynamicsSpec {
     fn default() -> Self {
         Self {
-            mesh_damping_ratio: 0.07,
+            mesh_damping_ratio: 0.5,
             response: ResponseCoordinate::Bearing1,
             contact: ContactRule::Threshold,
             contact_threshold_rad: 1e-4,
@@ -281,9 +288,9 @@ impl Default for WearSpec {
     fn default() -> Self {
         Self {
             shape: WearShape::Parabolic,
-            floor: 0.0,
+            floor: 0.05,
             tip_ratio: 0.7,
-            exponent: 2.0,
+            exponent: 4.0,
             table: Vec::new(),
         }
     }

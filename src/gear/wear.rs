@@ -189,12 +189,13 @@ mod tests {
 
     #[test]
     fn parabolic_wear_has_its_given_depths() {
-        let pair = shen2022();
+        let mut spec = shen2022_spec();
+        (spec.wear.floor, spec.wear.tip_ratio, spec.wear.exponent) = (0.4, 0.5, 2.0);
+        let pair = spec.resolve().unwrap();
         let wear = FlankWear::from_shape(&pair, 0.1).unwrap();
         for (gear, profile) in pair.gears.iter().zip(&wear.profiles) {
             let depth = |radius| profile.depth_and_slope(radius).0;
             let (sap, pitch, tip) = (gear.sap_radius_mm, gear.pitch_radius_mm, gear.tip_radius_mm);
-            // floor 0.4, tip ratio 0.5, exponent 2.
             assert!((depth(sap) - 0.1).abs() < 1e-15);
             assert!((depth(0.5 * (sap + pitch)) - 0.1 * (0.4 + 0.6 * 0.25)).abs() < 1e-15);
             assert!((depth(pitch) - 0.04).abs() < 1e-15);
