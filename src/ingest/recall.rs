@@ -9,7 +9,6 @@ use crate::recording::RecordDefaults;
 use crate::signal::{BandSource, MeshLine, Record, Spectrum};
 use crate::store::StoreError;
 
-/// The samples of a segment.
 impl Ingest {
     /// The record that a segment was made of, read from its raw bytes and checked against their hash.
     pub async fn recall(&self, segment: &Segment) -> Result<Record, IngestError> {

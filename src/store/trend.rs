@@ -108,6 +108,7 @@ impl Trend {
 #[derive(Debug, Default)]
 pub(super) struct TrendShelf {
     held: Mutex<Held>,
+    reading: tokio::sync::Mutex<()>,
 }
 
 #[derive(Debug, Default)]
@@ -132,9 +133,9 @@ impl TrendShelf {
         Some(Arc::clone(trend))
     }
 
-    /// Drops a history that is no longer wanted.
-    pub(super) fn remove(&self, channel_no: i64) {
-        self.lock().trends.remove(&channel_no);
+    /// Takes a history off the shelf.
+    pub(super) fn remove(&self, channel_no: i64) -> Option<Arc<Trend>> {
+        self.lock().trends.remove(&channel_no).map(|(trend, _)| trend)
     }
 
     fn put(&self, trend: Arc<Trend>) {
@@ -156,15 +157,24 @@ impl TrendShelf {
 impl Store {
     /// The history of a channel as of its summary or later.
     pub async fn trend(&self, channel: &ChannelSummary) -> Result<Arc<Trend>, StoreError> {
-        let held = self.inner.trends.get(channel.channel_no);
-        let mut trend = match held {
-            Some(trend) if trend.revision >= channel.revision => return Ok(trend),
+        let current = |trend: &Arc<Trend>| trend.revision >= channel.revision;
+        if let Some(trend) = self.inner.trends.get(channel.channel_no).filter(current) {
+            return Ok(trend);
+        }
+        // One reader at a time brings a history up to date; those behind it find it done.
+        let _turn = self.inner.trends.reading.lock().await;
+        let mut trend = match self.inner.trends.remove(channel.channel_no) {
+            Some(trend) if current(&trend) => {
+                self.inner.trends.put(Arc::clone(&trend));
+                return Ok(trend);
+            }
             Some(trend) if trend.revision >= channel.rewritten_revision => trend,
             _ => Arc::new(Trend {
                 channel_no: channel.channel_no,
                 ..Trend::default()
             }),
         };
+        // Taken off the shelf before, so that this copies only what a slow reader still looks at.
         self.append(Arc::make_mut(&mut trend), channel).await?;
         self.inner.trends.put(Arc::clone(&trend));
         Ok(trend)
