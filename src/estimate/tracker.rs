@@ -20,9 +20,13 @@ const GRID_REFINEMENT: usize = 4;
 /// Mean of the exponential prior on wear when the baseline is complete, in µm: the baseline is taken to be healthy, not perfect.
 const PRIOR_WEAR_UM: f64 = 3.0;
 
-/// Weight of one record's log-likelihood. What is wrong with a library is wrong in the same way in one record after the other;
-/// counting every record in full would make the interval shrink although nothing new is learnt.
-const RECORD_WEIGHT: f64 = 0.1;
+/// Part of what was known before that is forgotten with each record, and the weight of the record's own log-likelihood.
+///
+/// What is wrong with a library is wrong in the same way in one record after the other; counting every record in full
+/// would make the interval shrink although nothing new is learnt. With these the posterior never holds more than
+/// `RECORD_WEIGHT / FORGETTING` records' worth, and follows a fast change within a few records.
+const FORGETTING: f64 = 0.25;
+const RECORD_WEIGHT: f64 = 0.375;
 
 /// Fewest features that a comparison is made on.
 const LEAST_FEATURES: usize = 3;
@@ -129,7 +133,7 @@ impl Tracker {
         let weighted: Vec<f64> = predicted
             .iter()
             .zip(&log_likelihood)
-            .map(|(p, l)| p * (RECORD_WEIGHT * (l - peak)).exp())
+            .map(|(p, l)| p.powf(1.0 - FORGETTING) * (RECORD_WEIGHT * (l - peak)).exp())
             .collect();
         let total: f64 = weighted.iter().sum();
         // Where nothing of the prediction is left (underflow), the record contradicts the whole history; the history stays.

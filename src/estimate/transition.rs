@@ -1,7 +1,7 @@
 //! How wear may grow between two records: never down, at a rate that is not known.
 
 /// Mean growth between records in µm and its prior weight: from next to nothing to a gear that fails within an hour.
-const RATES_UM: [(f64, f64); 4] = [(0.05, 0.35), (0.5, 0.35), (2.0, 0.2), (10.0, 0.1)];
+const RATES_UM: [(f64, f64); 4] = [(0.05, 0.35), (0.5, 0.35), (3.0, 0.2), (15.0, 0.1)];
 
 /// Probability over wear depths after one more interval of running.
 ///

@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::problem::Problem;
 use super::query::{self, NameInPath, Page, Parameters};
 use super::router::App;
-use crate::gear::PairSpec;
+use crate::gear::{ContactRule, PairSpec};
 use crate::ingest::IngestError;
-use crate::library::{Library, Manifest};
+use crate::library::{FORMAT_VERSION, Library, Manifest};
 use crate::signal::{Features, Indicators};
 
 #[derive(Debug, Deserialize)]
@@ -21,31 +21,64 @@ pub(super) struct ListParameters {
     cursor: Option<String>,
 }
 
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<Manifest>>, Problem> {
+pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<LibraryRow>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let shelf = app.ingest.libraries().shelf();
     let mut all = blocking(move || shelf.list()).await?;
     all.sort_by(|a, b| a.id.cmp(&b.id));
-    let shown: Vec<Manifest> = all
-        .into_iter()
+    let shown: Vec<LibraryRow> = all
+        .iter()
         .filter(|manifest| asked.cursor.as_ref().is_none_or(|cursor| manifest.id > *cursor))
         .take(limit as usize + 1)
+        .map(LibraryRow::from)
         .collect();
-    Ok(Json(Page::new(shown, limit, |manifest| manifest.id.clone())))
+    Ok(Json(Page::new(shown, limit, |row| row.id.clone())))
+}
+
+/// What a library is, in one row.
+#[derive(Debug, Serialize)]
+pub(super) struct LibraryRow {
+    id: String,
+    pair_name: String,
+    states: usize,
+    max_wear_um: f64,
+    contact: ContactRule,
+    model_version: String,
+    format_version: u32,
+    preprocessing: String,
+    sample_rate_hz: f64,
+    seconds: f64,
+}
+
+impl From<&Manifest> for LibraryRow {
+    fn from(manifest: &Manifest) -> Self {
+        Self {
+            id: manifest.id.clone(),
+            pair_name: manifest.pair.name.clone(),
+            states: manifest.grid.states,
+            max_wear_um: manifest.grid.max_wear_um,
+            contact: manifest.contact(),
+            model_version: manifest.model_version.clone(),
+            format_version: FORMAT_VERSION,
+            preprocessing: manifest.preprocessing.clone(),
+            sample_rate_hz: manifest.grid.sample_rate_hz,
+            seconds: manifest.grid.seconds,
+        }
+    }
 }
 
 /// A library with the gear pair that it was simulated for.
 #[derive(Debug, Serialize)]
 pub(super) struct LibraryView {
     #[serde(flatten)]
-    manifest: Manifest,
+    row: LibraryRow,
     pair: PairSpec,
 }
 
 pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<LibraryView>, Problem> {
     let library = find(&app, &id).await?;
     Ok(Json(LibraryView {
-        manifest: library.manifest().clone(),
+        row: LibraryRow::from(library.manifest()),
         pair: library.pair().clone(),
     }))
 }

@@ -34,7 +34,7 @@ fn a_wav_becomes_a_segment_with_its_indicators() {
     // The definition: the square root of the mean square.
     let rms = (samples.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>() / samples.len() as f64).sqrt();
     assert!(close(&segment["indicators"]["rms"], rms, 1e-9 * rms));
-    assert_eq!(segment["wear"]["status"], "no_library");
+    assert_eq!(segment["wear"]["status"], "collecting_baseline");
     let shown = service
         .get(&format!("/v1/segments/{}", segment["id"].as_str().unwrap()))
         .expect(200)
