@@ -6,6 +6,7 @@ use plotly::{Layout, Plot, Scatter};
 
 use super::analyze::AnalyzedRecord;
 use crate::asset::AssetSpec;
+use crate::http::plotly_js;
 use crate::signal::Spectrum;
 
 /// The page; self-contained, so that it can be kept and sent.
@@ -54,10 +55,11 @@ pub(super) fn html(asset: Option<&AssetSpec>, records: &[AnalyzedRecord], last_s
     let rows: String = records.iter().map(row).collect();
     let title = escape(&title);
     format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title><style>{STYLE}</style>{scripts}</head>\
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title><style>{STYLE}</style><script>{script}</script></head>\
          <body><h1>{title}</h1><p>{count} records.</p>{sections}<h2>Records</h2><table><thead><tr><th>File</th><th>Channel</th><th>Start (UTC)</th>\
          <th>Shaft (Hz)</th><th>RMS</th><th>Kurtosis</th><th>OMX</th><th>Wear</th></tr></thead><tbody>{rows}</tbody></table></body></html>",
-        scripts = Plot::offline_js_sources(),
+        // An end tag within the script's own strings must not end the element.
+        script = plotly_js().replace("</script", "<\\/script"),
         count = records.len(),
     )
 }

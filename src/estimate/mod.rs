@@ -5,6 +5,7 @@
 
 mod baseline;
 mod likelihood;
+mod shape_spread;
 mod tracker;
 mod transition;
 mod wear;

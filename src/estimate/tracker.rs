@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
 use super::likelihood::Likelihood;
-use super::transition::advance;
+use super::shape_spread::spread;
+use super::transition::{advance, never_heals};
 use super::wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};
 use crate::library::Library;
 use crate::signal::{Features, PREPROCESSING};
@@ -27,6 +28,9 @@ const PRIOR_WEAR_UM: f64 = 3.0;
 /// `RECORD_WEIGHT / FORGETTING` records' worth, and follows a fast change within a few records.
 const FORGETTING: f64 = 0.25;
 const RECORD_WEIGHT: f64 = 0.375;
+
+/// Depths below this quantile of what was known before are less likely now: wear never heals.
+const HEALED_TAIL: f64 = 0.05;
 
 /// Fewest features that a comparison is made on.
 const LEAST_FEATURES: usize = 3;
@@ -130,11 +134,12 @@ impl Tracker {
         let best = argmax(&log_likelihood);
         let peak = log_likelihood[best];
         let evidence: f64 = predicted.iter().zip(&log_likelihood).map(|(p, l)| p * (l - peak).exp()).sum();
-        let weighted: Vec<f64> = predicted
+        let mut weighted: Vec<f64> = predicted
             .iter()
             .zip(&log_likelihood)
             .map(|(p, l)| p.powf(1.0 - FORGETTING) * (RECORD_WEIGHT * (l - peak)).exp())
             .collect();
+        never_heals(&mut weighted, probability, HEALED_TAIL);
         let total: f64 = weighted.iter().sum();
         // Where nothing of the prediction is left (underflow), the record contradicts the whole history; the history stays.
         *probability = if total > 0.0 {
@@ -142,7 +147,7 @@ impl Tracker {
         } else {
             predicted
         };
-        self.answer(library, probability, best, evidence.ln() + peak)
+        self.answer(library, &spread(probability), best, evidence.ln() + peak)
     }
 
     fn answer(&self, library: &Library, probability: &[f64], best: usize, log_evidence: f64) -> WearEstimate {

@@ -11,6 +11,7 @@ mod indicators;
 mod libraries;
 mod limits;
 mod metrics;
+mod plotly;
 mod problem;
 mod query;
 mod reduction;
@@ -23,4 +24,5 @@ mod waveforms;
 mod wear;
 
 pub use limits::HttpLimits;
+pub use plotly::plotly_js;
 pub use server::{RunningService, ServiceConfig, ServiceError, start};

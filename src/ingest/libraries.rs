@@ -105,7 +105,7 @@ impl Libraries {
         }
         let (sender, receiver) = watch::channel(Readiness::Building { done: 0, total: 0 });
         asked.insert(id.clone(), receiver.clone());
-        let (shelf, grid, building) = (Arc::clone(&self.shelf), self.grid.clone(), Arc::clone(&self.building));
+        let (shelf, grid, building) = (Arc::clone(&self.shelf), self.grid, Arc::clone(&self.building));
         let built_id = id.clone();
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the end of the process.
         let build = move || {

@@ -6,8 +6,10 @@ use super::{CycleTable, GridSettings, Library, LibraryState, Manifest};
 use crate::gear::{GeometrySpec, OperationSpec, PairSpec};
 use crate::signal::{Features, Indicators};
 
+type Curve = fn(f64) -> f64;
+
 /// Natural logarithms of four mesh lines over wear in parts of the greatest; the second one falls and rises again.
-const CURVES: [(&str, fn(f64) -> f64); 4] = [
+const CURVES: [(&str, Curve); 4] = [
     ("ln_mesh_1", |w| 1.2 * w),
     ("ln_mesh_2", |w| 2.0 * (w - 0.4) * (w - 0.4)),
     ("ln_mesh_3", |w| 1.5 * (1.0 + 3.0 * w).ln()),

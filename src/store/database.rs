@@ -18,10 +18,20 @@ pub(super) struct Database {
     /// Readers see the last committed state and never wait for a writer.
     pub(super) read: AnyPool,
     /// Held while the process lives, so that no second one works on the folder.
-    _lock: File,
+    lock: File,
 }
 
 impl Database {
+    /// Closes both pools and gives the folder free. The lock is given back by name: a child process that is just being started may
+    /// hold a copy of its descriptor.
+    pub(super) async fn close(&self) {
+        self.read.close().await;
+        self.write.close().await;
+        if let Err(error) = self.lock.unlock() {
+            tracing::warn!(%error, "the data folder's lock was not given back");
+        }
+    }
+
     /// Opens `flankwatch.db` in the folder, made where missing, and brings its tables up to date.
     pub(super) async fn open(folder: &Path) -> Result<Self, StoreError> {
         fs::create_dir_all(folder).map_err(|source| file_error("create the data folder", folder, source))?;
@@ -42,7 +52,7 @@ impl Database {
         schema::migrate(&mut connection, Dialect::Sqlite).await?;
         drop(connection);
         let read = pool(&url, 4).await?;
-        Ok(Self { write, read, _lock: lock })
+        Ok(Self { write, read, lock })
     }
 }
 

@@ -68,8 +68,7 @@ impl Store {
 
     /// Writes what is still in the log into the database and closes it.
     pub async fn close(&self) {
-        self.inner.database.read.close().await;
-        self.inner.database.write.close().await;
+        self.inner.database.close().await;
     }
 
     fn read(&self) -> &sqlx::AnyPool {
