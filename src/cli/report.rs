@@ -1,5 +1,7 @@
 //! A report of analysed records as one HTML page, for a browser or a printer.
 
+use std::collections::BTreeMap;
+
 use plotly::common::{Fill, Line, Mode};
 use plotly::layout::Axis;
 use plotly::{Layout, Plot, Scatter};
@@ -16,24 +18,26 @@ pub(super) fn html(asset: Option<&AssetSpec>, records: &[AnalyzedRecord], last_s
         |asset| format!("Vibration report: {}", asset.name_or_id()),
     );
     let mut sections = String::new();
-    let times: Vec<String> = records.iter().map(|record| record.start_time.to_string()).collect();
-    if records.iter().any(|record| record.wear.is_some()) {
-        sections += &section(
-            "Wear depth",
-            "Median and the interval that holds the wear depth with 90 % probability.",
-            wear_plot(&times, records),
-        );
+    let channels: BTreeMap<&str, Vec<&AnalyzedRecord>> = records.iter().fold(BTreeMap::new(), |mut channels, record| {
+        channels.entry(record.channel.as_str()).or_insert_with(Vec::new).push(record);
+        channels
+    });
+    for (channel, records) in &channels {
+        if records.iter().any(|record| record.wear.is_some()) {
+            let caption = format!("Channel {channel}: median, and the interval that holds the wear depth with 90 % probability.");
+            sections += &section("Wear depth", &caption, wear_plot(records));
+        }
     }
-    for (name, caption) in [
-        ("rms", "RMS"),
-        ("kurtosis", "Kurtosis (Gaussian noise: 3)"),
-        ("omx", "First mesh order, peak amplitude"),
-    ] {
-        let values: Vec<Option<f64>> = records.iter().map(|record| record.indicators.get(name)).collect();
-        if values.iter().any(Option::is_some) {
-            let mut plot = plot("start of the record (UTC)", name);
-            plot.add_trace(Scatter::new(times.clone(), values).mode(Mode::LinesMarkers).name(name));
-            sections += &section(name, caption, plot);
+    for (name, heading, caption) in INDICATORS {
+        let mut plot = plot("start of the record (UTC)", heading);
+        let mut any = false;
+        for (channel, records) in &channels {
+            let values: Vec<Option<f64>> = records.iter().map(|record| record.indicators.get(name)).collect();
+            any |= values.iter().any(Option::is_some);
+            plot.add_trace(Scatter::new(times(records), values).mode(Mode::LinesMarkers).name(*channel));
+        }
+        if any {
+            sections += &section(heading, caption, plot);
         }
     }
     if let Some(spectrum) = last_spectrum {
@@ -64,6 +68,17 @@ pub(super) fn html(asset: Option<&AssetSpec>, records: &[AnalyzedRecord], last_s
     )
 }
 
+/// Indicators that are drawn: name, heading and caption.
+const INDICATORS: [(&str, &str, &str); 3] = [
+    (
+        "rms",
+        "RMS",
+        "Root mean square of each record, in the record's unit, mean not removed.",
+    ),
+    ("kurtosis", "Kurtosis", "Gaussian noise has 3, a sine 1.5."),
+    ("omx", "OMX", "Peak amplitude of the first mesh order, in the record's unit."),
+];
+
 const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2rem auto;padding:0 1rem;color:#1b1f24}\
     table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}th,td{border-bottom:1px solid #d0d7de;padding:.3rem .5rem;text-align:left}\
     figure{margin:0 0 1.5rem;break-inside:avoid}figcaption{color:#57606a}";
@@ -74,29 +89,34 @@ fn plot(x: &str, y: &str) -> Plot {
     plot
 }
 
-fn wear_plot(times: &[String], records: &[AnalyzedRecord]) -> Plot {
-    let column = |pick: fn(&AnalyzedRecord) -> Option<f64>| records.iter().map(pick).collect::<Vec<_>>();
+fn times(records: &[&AnalyzedRecord]) -> Vec<String> {
+    records.iter().map(|record| record.start_time.to_string()).collect()
+}
+
+fn wear_plot(records: &[&AnalyzedRecord]) -> Plot {
+    let times = times(records);
+    let column = |pick: fn(&AnalyzedRecord) -> Option<f64>| records.iter().map(|record| pick(record)).collect::<Vec<_>>();
     let mut plot = plot("start of the record (UTC)", "wear depth (µm)");
     let edge = || Line::new().width(0.0);
     let low = column(|record| record.wear.as_ref()?.p05_um);
     let high = column(|record| record.wear.as_ref()?.p95_um);
-    plot.add_trace(Scatter::new(times.to_vec(), low).mode(Mode::Lines).line(edge()).show_legend(false));
+    plot.add_trace(Scatter::new(times.clone(), low).mode(Mode::Lines).line(edge()).show_legend(false));
     plot.add_trace(
-        Scatter::new(times.to_vec(), high)
+        Scatter::new(times.clone(), high)
             .mode(Mode::Lines)
             .line(edge())
             .fill(Fill::ToNextY)
             .name("5 % to 95 %"),
     );
     plot.add_trace(
-        Scatter::new(times.to_vec(), column(|record| record.wear.as_ref()?.median_um))
+        Scatter::new(times.clone(), column(|record| record.wear.as_ref()?.median_um))
             .mode(Mode::Lines)
             .name("median"),
     );
     let reference = column(|record| record.reference_wear_um);
     if reference.iter().any(Option::is_some) {
         plot.add_trace(
-            Scatter::new(times.to_vec(), reference)
+            Scatter::new(times.clone(), reference)
                 .mode(Mode::Lines)
                 .name("reference (simulated or inspected)"),
         );
