@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use plotly::common::{Fill, Line, Mode};
-use plotly::layout::Axis;
+use plotly::layout::{Axis, Margin};
 use plotly::{Layout, Plot, Scatter};
 
 use super::analyze::AnalyzedRecord;
@@ -85,7 +85,13 @@ const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;m
 
 fn plot(x: &str, y: &str) -> Plot {
     let mut plot = Plot::new();
-    plot.set_layout(Layout::new().height(340).x_axis(Axis::new().title(x)).y_axis(Axis::new().title(y)));
+    plot.set_layout(
+        Layout::new()
+            .height(320)
+            .margin(Margin::new().top(20))
+            .x_axis(Axis::new().title(x))
+            .y_axis(Axis::new().title(y)),
+    );
     plot
 }
 
