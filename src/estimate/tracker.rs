@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::baseline::Baseline;
 use super::likelihood::Likelihood;
 use super::shape_spread::spread;
-use super::transition::{advance, never_heals};
+use super::transition::advance;
 use super::wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};
 use crate::library::Library;
 use crate::signal::{Features, PREPROCESSING};
@@ -21,16 +21,9 @@ const GRID_REFINEMENT: usize = 4;
 /// Mean of the exponential prior on wear when the baseline is complete, in µm: the baseline is taken to be healthy, not perfect.
 const PRIOR_WEAR_UM: f64 = 3.0;
 
-/// Part of what was known before that is forgotten with each record, and the weight of the record's own log-likelihood.
-///
-/// What is wrong with a library is wrong in the same way in one record after the other; counting every record in full
-/// would make the interval shrink although nothing new is learnt. With these the posterior never holds more than
-/// `RECORD_WEIGHT / FORGETTING` records' worth, and follows a fast change within a few records.
-const FORGETTING: f64 = 0.25;
-const RECORD_WEIGHT: f64 = 0.375;
-
-/// Depths below this quantile of what was known before are less likely now: wear never heals.
-const HEALED_TAIL: f64 = 0.05;
+/// Weight of one record's log-likelihood. What is wrong with a library is wrong in the same way in one record after the other;
+/// counting every record in full would make the interval shrink although nothing new is learnt.
+const RECORD_WEIGHT: f64 = 0.1;
 
 /// Fewest features that a comparison is made on.
 const LEAST_FEATURES: usize = 3;
@@ -134,12 +127,11 @@ impl Tracker {
         let best = argmax(&log_likelihood);
         let peak = log_likelihood[best];
         let evidence: f64 = predicted.iter().zip(&log_likelihood).map(|(p, l)| p * (l - peak).exp()).sum();
-        let mut weighted: Vec<f64> = predicted
+        let weighted: Vec<f64> = predicted
             .iter()
             .zip(&log_likelihood)
-            .map(|(p, l)| p.powf(1.0 - FORGETTING) * (RECORD_WEIGHT * (l - peak)).exp())
+            .map(|(p, l)| p * (RECORD_WEIGHT * (l - peak)).exp())
             .collect();
-        never_heals(&mut weighted, probability, HEALED_TAIL);
         let total: f64 = weighted.iter().sum();
         // Where nothing of the prediction is left (underflow), the record contradicts the whole history; the history stays.
         *probability = if total > 0.0 {
@@ -337,7 +329,7 @@ mod tests {
         let mut covered = 0;
         let mut count = 0;
         for seed in 0..5 {
-            for (wear, truth) in run(&library, 100, seed) {
+            for (wear, truth) in run(&library, 200, seed) {
                 error_um += (wear.median_um.unwrap() - truth).abs();
                 covered += usize::from((wear.p05_um.unwrap()..=wear.p95_um.unwrap()).contains(&truth));
                 count += 1;

@@ -23,21 +23,6 @@ pub(super) fn advance(probability: &[f64], step_um: f64) -> Vec<f64> {
     advanced
 }
 
-/// Takes weight from depths below what was known before: wear never heals.
-///
-/// Where less than `tail` of the earlier probability lies at or below a depth, its weight falls in that proportion. The body of
-/// the distribution stays as it is, so that noise does not push the estimate up record by record.
-pub(super) fn never_heals(weights: &mut [f64], before: &[f64], tail: f64) {
-    let mut at_or_below = 0.0;
-    for (weight, p) in weights.iter_mut().zip(before) {
-        at_or_below += p;
-        if at_or_below >= tail {
-            return;
-        }
-        *weight *= at_or_below / tail;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -50,13 +35,6 @@ mod tests {
         let advanced = advance(&start, 1.0);
         assert!((advanced.iter().sum::<f64>() - 1.0).abs() < 1e-12);
         assert!(advanced[..10].iter().all(|&p| p == 0.0));
-    }
-
-    #[test]
-    fn depths_below_the_earlier_tail_lose_weight_and_others_do_not() {
-        let mut weights = vec![1.0; 4];
-        never_heals(&mut weights, &[0.0, 0.125, 0.125, 0.75], 0.25);
-        assert_eq!(weights, [0.0, 0.5, 1.0, 1.0]);
     }
 
     #[test]
