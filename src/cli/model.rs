@@ -44,6 +44,8 @@ pub struct ModelArgs {
 pub enum Contact {
     /// The pair that pushes the driven gear furthest, and any pair within the threshold of it
     Threshold,
+    /// Elastic load sharing, tip edges included
+    Loaded,
 }
 
 /// Forms of the output.
@@ -109,8 +111,10 @@ fn cycle(args: &ModelArgs) -> Result<MeshCycle, ModelCommandError> {
         None => PairSpec::from_toml(SHEN2022)?,
         Some(path) => PairSpec::from_toml(&read(path)?).map_err(in_file(path))?,
     };
-    if let Some(Contact::Threshold) = args.contact {
-        spec.dynamics.contact = ContactRule::Threshold;
+    match args.contact {
+        Some(Contact::Threshold) => spec.dynamics.contact = ContactRule::Threshold,
+        Some(Contact::Loaded) => spec.dynamics.contact = ContactRule::Loaded,
+        None => {}
     }
     if let Some(torque_nm) = args.torque_nm {
         spec.operation.torque_nm = torque_nm;

@@ -8,11 +8,11 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::GearError;
 use super::plane_elasticity::PlaneElasticity;
 use super::ring_sector::RingSector;
 use super::sector_mesh::{FlankStation, SectorMesh};
 use super::tooth_outline::ToothOutline;
+use super::{Flank, GearError};
 
 /// Teeth on each side whose displacement is kept.
 pub(super) const REACH: usize = 3;
@@ -54,18 +54,19 @@ struct TipWedge {
 }
 
 impl BodyCompliance {
-    /// Works out the compliance of gear number `gear` (0 or 1) of its pair.
+    /// Works out the compliance of gear number `gear` (0 or 1) of its pair, thinned by the wear of its flank.
     ///
     /// # Errors
     /// [`GearError::ElasticModel`] where the gear's shape cannot be meshed.
     pub(super) fn new(
         gear: usize,
         outline: &ToothOutline,
+        flank: &Flank<'_>,
         module_mm: f64,
-        bore_radius_mm: f64,
         elasticity: &PlaneElasticity,
     ) -> Result<Self, GearError> {
-        let mesh = SectorMesh::new(outline, module_mm, bore_radius_mm);
+        let at_radius = |radius: f64| flank.at(flank.alpha_at_radius_rad(radius));
+        let mesh = SectorMesh::new(outline, module_mm, flank.gear.bore_radius_mm, |radius| at_radius(radius).depth_mm);
         let teeth = (2.0 * PI / outline.pitch_angle_rad).round() as usize;
         let sector = RingSector::new(&mesh, elasticity, outline.pitch_angle_rad).ok_or(GearError::ElasticModel { gear: gear + 1 })?;
         let reach = REACH.min((teeth - 2) / 2);
@@ -84,7 +85,8 @@ impl BodyCompliance {
         let own: Vec<Tensor> = (0..stations.len())
             .map(|load| {
                 let at = |node: usize| sector.displacement(&sides, reach, load, node);
-                own_compliance(&mesh, &stations[load], outline, elasticity, at)
+                let inclination = at_radius(stations[load].radius_mm).lambda_rad;
+                own_compliance(&mesh, &stations[load], inclination, elasticity, at)
             })
             .collect();
         let radii_mm: Vec<f64> = stations.iter().map(|station| station.radius_mm).collect();
@@ -220,11 +222,11 @@ fn interpolate(nodes: &[f64], tensors: &[Tensor], x: f64) -> Tensor {
 fn own_compliance(
     mesh: &SectorMesh,
     station: &FlankStation,
-    outline: &ToothOutline,
+    inclination_rad: f64,
     elasticity: &PlaneElasticity,
     displacement: impl Fn(usize) -> Tensor,
 ) -> Tensor {
-    let (sin, cos) = outline.inclination(station.radius_mm).sin_cos();
+    let (sin, cos) = inclination_rad.sin_cos();
     // Along the flank towards the tip, and into the tooth.
     let axes = [[cos, -sin], [-sin, -cos]];
     let [flank_x, flank_y] = mesh.nodes[station.node];

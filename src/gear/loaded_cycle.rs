@@ -120,14 +120,12 @@ impl MeshCycle {
 
 #[cfg(test)]
 mod tests {
+    use crate::gear::testing::{shen2022, shen2022_spec};
     use crate::gear::{ElasticBodies, FlankWear, GearPair, MeshCycle, PairSpec, PlaneState};
 
-    fn spec() -> PairSpec {
-        PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap()
-    }
-
     fn cycle(pair: &GearPair, points: usize) -> MeshCycle {
-        MeshCycle::loaded(pair, &ElasticBodies::new(pair).unwrap(), &FlankWear::none(), points).unwrap()
+        let wear = FlankWear::none();
+        MeshCycle::loaded(pair, &ElasticBodies::new(pair, &wear).unwrap(), &wear, points).unwrap()
     }
 
     /// φ₁ and stiffness of a finite-element table; its last row is the first of the next period.
@@ -194,7 +192,7 @@ mod tests {
             ),
         ];
         for (csv, torque, bore, plane, limit) in cases {
-            let mut spec = spec();
+            let mut spec = shen2022_spec();
             spec.operation.torque_nm = torque;
             spec.geometry.bore_radius_mm = [bore, bore];
             spec.dynamics.plane = plane;
@@ -207,7 +205,7 @@ mod tests {
     /// The reference's README: 1.73 at 1300 N·m, against 1.61 of the rigid pair.
     #[test]
     fn elastic_teeth_touch_early() {
-        let cycle = cycle(&spec().resolve().unwrap(), 1000);
+        let cycle = cycle(&shen2022(), 1000);
         let ratio = f64::from(cycle.pairs_in_contact.iter().sum::<u32>()) / 1000.0;
         println!("loaded contact ratio {ratio}");
         assert!((ratio - 1.73).abs() <= 0.02);

@@ -67,8 +67,8 @@ struct Mesh<'a> {
 }
 
 impl MeshCycle {
-    /// Works out one mesh period at `points` evenly spaced rotations by the pair's contact rule. For loaded contact and more than one state
-    /// of wear, [`MeshCycle::loaded`] with the same [`ElasticBodies`] is quicker.
+    /// Works out one mesh period at `points` evenly spaced rotations by the pair's contact rule. For loaded contact at more than one
+    /// torque, [`MeshCycle::loaded`] with the same [`ElasticBodies`] is quicker.
     ///
     /// # Errors
     /// Those of [`MeshCycle::loaded`] and [`ElasticBodies::new`] for loaded contact, else
@@ -76,7 +76,7 @@ impl MeshCycle {
     /// period without contact.
     pub fn compute(pair: &GearPair, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
         if pair.spec.dynamics.contact == ContactRule::Loaded {
-            return Self::loaded(pair, &ElasticBodies::new(pair)?, wear, points);
+            return Self::loaded(pair, &ElasticBodies::new(pair, wear)?, wear, points);
         }
         within("points", points as f64, 2.0, 1e6)?;
         let mesh = Mesh::new(pair, wear)?;

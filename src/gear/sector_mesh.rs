@@ -83,9 +83,10 @@ impl Grid {
 }
 
 impl SectorMesh {
-    /// Mesh of the unworn tooth and its part of the ring down to the bore radius in mm.
-    pub(super) fn new(outline: &ToothOutline, module_mm: f64, bore_radius_mm: f64) -> Self {
-        let edge = FlankEdge::new(outline, module_mm);
+    /// Mesh of the tooth, worn on the side of positive Y, and its part of the ring down to the bore; `depth_mm` is the wear along Y over the
+    /// radius in mm of the involute's points.
+    pub(super) fn new(outline: &ToothOutline, module_mm: f64, bore_radius_mm: f64, depth_mm: impl Fn(f64) -> f64) -> Self {
+        let edge = FlankEdge::new(outline, module_mm, depth_mm);
         let across = fractions(&ACROSS_TOOTH);
         let top = ring_top(outline, &edge, &across);
         let inwards: Vec<f64> = (0..RING_ELEMENTS).map(|i| RING_GROWTH.powi(i as i32)).collect();
@@ -153,10 +154,12 @@ struct FlankEdge {
     points: Vec<Point>,
     /// Radii of those on the involute.
     radii_mm: Vec<f64>,
+    /// Wear at all of them along Y; below the involute it runs out to the base line.
+    depths_mm: Vec<f64>,
 }
 
 impl FlankEdge {
-    fn new(outline: &ToothOutline, module_mm: f64) -> Self {
+    fn new(outline: &ToothOutline, module_mm: f64, depth_mm: impl Fn(f64) -> f64) -> Self {
         let widths: Vec<f64> = element_lengths(outline.tip_radius_mm - outline.form_radius_mm, module_mm)
             .into_iter()
             .rev()
@@ -168,7 +171,10 @@ impl FlankEdge {
             .collect();
         let upper = 2 * UPPER_FILLET_ELEMENTS;
         let fillet = (0..upper).map(|i| outline.fillet(outline.fillet_normal(BASE_LINE_PART * (1.0 - i as f64 / upper as f64))));
+        let at_form = depth_mm(outline.form_radius_mm);
+        let run_out = (0..upper).map(|i| at_form * i as f64 / upper as f64);
         Self {
+            depths_mm: run_out.chain(radii_mm.iter().map(|radius| depth_mm(*radius))).collect(),
             points: fillet.chain(radii_mm.iter().map(|radius| outline.flank(*radius))).collect(),
             radii_mm,
         }
@@ -185,7 +191,7 @@ impl FlankEdge {
         let tip_angle = half.atan2(high) * lateral;
         let rise = outline.tip_radius_mm * tip_angle.cos() - high;
         let shift = outline.tip_radius_mm * tip_angle.sin() - half * lateral;
-        [x + bend * rise, y * lateral + bend * shift]
+        [x + bend * rise, y * lateral + bend * shift - self.depths_mm[row] * across]
     }
 }
 
@@ -257,7 +263,7 @@ mod tests {
             let pair = spec.resolve().unwrap();
             for i in 0..2 {
                 let outline = ToothOutline::new(&pair, i).unwrap();
-                let mesh = SectorMesh::new(&outline, 6.0, bore);
+                let mesh = SectorMesh::new(&outline, 6.0, bore, |_| 0.05);
                 for element in &mesh.elements {
                     assert!(
                         elasticity.stiffness(&element.map(|node| mesh.nodes[node])).is_some(),
