@@ -34,12 +34,7 @@ impl BandMatrix {
             let first = row.saturating_sub(self.half_band);
             for column in first..=row {
                 let from = first.max(column.saturating_sub(self.half_band));
-                let products: f64 = self
-                    .part(row, from, column)
-                    .iter()
-                    .zip(self.part(column, from, column))
-                    .map(|(a, b)| a * b)
-                    .sum();
+                let products = dot(self.part(row, from, column), self.part(column, from, column));
                 let rest = self.part(row, column, column + 1)[0] - products;
                 let value = if column == row {
                     if rest <= 0.0 || rest.is_nan() {
@@ -54,6 +49,19 @@ impl BandMatrix {
         }
         Some(BandFactor { lower: self })
     }
+}
+
+/// Scalar product in eight lanes, whose sums do not wait for each other.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 8];
+    let (a_chunks, b_chunks) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a_chunks.zip(b_chunks) {
+        for (lane, (a, b)) in lanes.iter_mut().zip(a.iter().zip(b)) {
+            *lane += a * b;
+        }
+    }
+    lanes.iter().sum::<f64>() + rest
 }
 
 /// Cholesky factor of a [`BandMatrix`].

@@ -51,6 +51,9 @@ pub(super) struct ToothPair<'a> {
 struct DrivenFlank {
     /// Worn radius, γ, dγ/dr, λ and unworn radius.
     table: Vec<[f64; 5]>,
+    base_mm: f64,
+    /// √(r² − R_b²) at both ends.
+    lengths_mm: (f64, f64),
 }
 
 /// A point of the driven flank.
@@ -68,8 +71,13 @@ impl DrivenFlank {
             let slope = -(point.lambda_rad + gamma).tan() / radius;
             [radius, gamma, slope, point.lambda_rad, point.radius_mm]
         };
+        let table: Vec<[f64; 5]> = involute_points(flank, outline, DRIVEN_POINTS).into_iter().map(row).collect();
+        let base_mm = flank.gear.base_radius_mm;
+        let length = |row: &[f64; 5]| (row[0] * row[0] - base_mm * base_mm).max(0.0).sqrt();
         Self {
-            table: involute_points(flank, outline, DRIVEN_POINTS).into_iter().map(row).collect(),
+            lengths_mm: (length(&table[0]), length(&table[table.len() - 1])),
+            table,
+            base_mm,
         }
     }
 
@@ -79,7 +87,17 @@ impl DrivenFlank {
     }
 
     fn at(&self, radius_mm: f64) -> DrivenPoint {
-        let after = self.table.partition_point(|row| row[0] <= radius_mm).clamp(1, self.table.len() - 1);
+        // The table is even in α₁, which is √(r² − R_b²) without wear: a first guess, then a step or two.
+        let last = self.table.len() - 1;
+        let length = (radius_mm * radius_mm - self.base_mm * self.base_mm).max(0.0).sqrt();
+        let part = (length - self.lengths_mm.0) / (self.lengths_mm.1 - self.lengths_mm.0);
+        let mut after = ((part.max(0.0) * last as f64) as usize + 1).min(last);
+        while after < last && self.table[after][0] <= radius_mm {
+            after += 1;
+        }
+        while after > 1 && self.table[after - 1][0] > radius_mm {
+            after -= 1;
+        }
         let (a, b) = (&self.table[after - 1], &self.table[after]);
         let width = b[0] - a[0];
         let t = (radius_mm - a[0]) / width;
@@ -122,10 +140,17 @@ impl<'a> ToothPair<'a> {
         }
     }
 
-    fn reach(&self, point: &FlankPoint, (sin, cos): (f64, f64)) -> Reach {
+    /// Squared distance of a driving point from the driven centre, and its parts along and across the line of centres; `turned` has sine
+    /// and cosine of φ₁.
+    fn driven_polar(&self, point: &FlankPoint, (sin, cos): (f64, f64)) -> (f64, f64, f64) {
         let (x, y) = (point.x_mm, point.y_mm - point.depth_mm);
         let (beside, above) = (self.centre_mm - (x * cos - y * sin), x * sin + y * cos);
-        let radius_mm = beside.hypot(above);
+        (beside * beside + above * above, beside, above)
+    }
+
+    fn reach(&self, point: &FlankPoint, turned: (f64, f64)) -> Reach {
+        let (squared, beside, above) = self.driven_polar(point, turned);
+        let radius_mm = squared.sqrt();
         let driven = self.driven.at(radius_mm);
         Reach {
             phi2_rad: above.atan2(beside) + driven.gamma_rad,
@@ -144,16 +169,16 @@ impl<'a> ToothPair<'a> {
     pub(super) fn touch(&self, phi1_rad: f64) -> Option<ToothTouch> {
         let turned = phi1_rad.sin_cos();
         let (least, most) = self.driven.range();
-        let radius = |alpha: f64| self.reach(&self.driving.at(alpha), turned).radius_mm;
+        let place = |point: &FlankPoint| self.driven_polar(point, turned);
         // The distance from the driven centre falls along the driving flank.
-        let first = self.points.iter().position(|point| self.reach(point, turned).radius_mm <= most)?;
-        let last = self.points.iter().rposition(|point| self.reach(point, turned).radius_mm >= least)?;
+        let first = self.points.iter().position(|point| place(point).0 <= most * most)?;
+        let last = self.points.iter().rposition(|point| place(point).0 >= least * least)?;
         if last < first {
             return None;
         }
         let alpha = |i: usize| self.points[i].alpha_rad;
         let limit = |inside: usize, outside: usize, wanted: f64| {
-            let value = |alpha: f64| radius(alpha) - wanted;
+            let value = |alpha: f64| place(&self.driving.at(alpha)).0 - wanted * wanted;
             let (low, high) = (alpha(inside.min(outside)), alpha(inside.max(outside)));
             root::find(value, (low, value(low)), (high, value(high)), TOLERANCE_RAD)
         };
