@@ -10,14 +10,14 @@ const TIP_ELEMENT_MODULES: f64 = 0.02;
 const GREATEST_OVER_MEAN: f64 = 1.25;
 /// Elements along the part of the fillet above the tooth's base line, and below it.
 const UPPER_FILLET_ELEMENTS: usize = 2;
-const LOWER_FILLET_ELEMENTS: usize = 3;
+const LOWER_FILLET_ELEMENTS: usize = 2;
 /// Where the base line starts: part of the fillet's turn from the involute.
 const BASE_LINE_PART: f64 = 3.0 / 7.0;
 /// Widths of the elements across the tooth, finer below the flanks where displacements are read.
 const ACROSS_TOOTH: [f64; 6] = [0.35, 0.8, 1.2, 1.2, 0.8, 0.35];
 /// Elements from the root to the bore, each longer than the one outside of it.
-const RING_ELEMENTS: usize = 7;
-const RING_GROWTH: f64 = 1.35;
+const RING_ELEMENTS: usize = 5;
+const RING_GROWTH: f64 = 1.6;
 
 /// Columns of the tooth's and of the ring's node grid: corners and middles of the sides.
 const TOOTH_COLUMNS: usize = 2 * ACROSS_TOOTH.len();
