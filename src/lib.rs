@@ -7,6 +7,7 @@
 //! | [`gear`] | the physics of one gear pair: geometry, wear, mesh relationship, stiffness, dynamics |
 //! | [`signal`] | a validated record, its spectra, indicators and features |
 //! | [`library`] | the grid of simulated wear states |
+//! | [`simulation`] | a synthetic run to failure with the truth known |
 //! | [`estimate`] | the healthy baseline, the likelihood and the tracking of wear over time |
 //! | [`recording`] | bytes to records and back: WAV, MCAP, CSV, protobuf, JSON |
 //! | [`asset`] | what is monitored, and one analysed segment of its vibration |
@@ -24,4 +25,5 @@ pub mod ingest;
 pub mod library;
 pub mod recording;
 pub mod signal;
+pub mod simulation;
 pub mod store;

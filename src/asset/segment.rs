@@ -76,6 +76,7 @@ pub struct Segment {
     /// Where the raw bytes are.
     pub raw: RawReference,
     /// Condition indicators.
+    #[serde(flatten)]
     pub indicators: Indicators,
     /// Features for the wear estimate.
     pub features: Features,

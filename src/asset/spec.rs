@@ -235,6 +235,11 @@ impl AssetSpec {
         Ok(())
     }
 
+    /// The name for people, or the one in addresses where there is none.
+    pub fn name_or_id(&self) -> &str {
+        if self.name.is_empty() { self.id.as_str() } else { &self.name }
+    }
+
     /// What the signal code needs to know of the mesh.
     pub fn mesh_context(&self) -> MeshContext {
         MeshContext {

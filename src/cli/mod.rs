@@ -1,8 +1,77 @@
-//! The commands.
+//! The commands: each module reads its arguments, calls the rooms, and prints.
 
+mod analyze;
+mod convert;
+mod demo;
+mod error;
+mod library;
+mod model;
+mod output;
+mod pair_file;
+mod replay;
+mod report;
+mod serve;
+mod simulate;
+
+use std::io::{self, IsTerminal};
 use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use tracing_subscriber::EnvFilter;
+
+pub use error::CliError;
+
+/// Condition monitoring for spur gears: vibration records in, wear depth with an honest interval out.
+#[derive(Parser)]
+#[command(name = "flankwatch", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Serve with a sample gearbox and a simulated run to failure, replayed fast
+    Demo(demo::DemoArgs),
+    /// Run the service: HTTP API and dashboard
+    Serve(serve::ServeArgs),
+    /// Indicators and wear of recordings, without a server
+    Analyze(analyze::AnalyzeArgs),
+    /// Send recordings to a server
+    Replay(replay::ReplayArgs),
+    /// Simulate a run to failure with the true wear known
+    Simulate(simulate::SimulateArgs),
+    /// Mesh stiffness and transmission error of a worn pair over one mesh period
+    Model(model::ModelArgs),
+    /// Build, list and show libraries of simulated wear states
+    Library(library::LibraryArgs),
+    /// Turn other recordings into MCAP or WAV
+    Convert(convert::ConvertArgs),
+}
 
 /// Runs the command line of this process.
 pub fn run() -> ExitCode {
-    ExitCode::SUCCESS
+    let cli = Cli::parse();
+    tracing_subscriber::fmt()
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
+        .with_env_filter(EnvFilter::try_from_env("FLANKWATCH_LOG").unwrap_or_else(|_| EnvFilter::new("warn,flankwatch=info")))
+        .init();
+    let outcome = match &cli.command {
+        Command::Demo(args) => demo::run(args),
+        Command::Serve(args) => serve::run(args).map_err(CliError::from),
+        Command::Analyze(args) => analyze::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Simulate(args) => simulate::run(args),
+        Command::Model(args) => model::run(args),
+        Command::Library(args) => library::run(args),
+        Command::Convert(args) => convert::run(args).map_err(CliError::from),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }

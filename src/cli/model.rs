@@ -6,82 +6,43 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use thiserror::Error;
 
-use crate::gear::{ContactRule, FlankWear, GearError, MeshCycle, PairSpec};
-
-/// The pair of the paper's Table 1.
-const SHEN2022: &str = include_str!("../../fixtures/pairs/shen2022.toml");
+use super::{CliError, pair_file};
+use crate::gear::{ContactRule, FlankWear, MeshCycle};
 
 /// Arguments of `flankwatch model`.
 #[derive(Debug, Args)]
-pub struct ModelArgs {
+pub(super) struct ModelArgs {
     /// Pair file; the pair of Shen et al. 2022 where not given
     #[arg(long)]
-    pub pair: Option<PathBuf>,
+    pair: Option<PathBuf>,
     /// Greatest wear depth in mm, in the pair's wear shape
     #[arg(long, conflicts_with = "profile")]
-    pub wear_mm: Option<f64>,
+    wear_mm: Option<f64>,
     /// Wear table: CSV of gear,radius_mm,depth_um
     #[arg(long)]
-    pub profile: Option<PathBuf>,
+    profile: Option<PathBuf>,
     /// Which pairs of teeth carry; as in the pair file where not given
     #[arg(long)]
-    pub contact: Option<Contact>,
+    contact: Option<ContactRule>,
     /// Torque on the driving gear in N·m; as in the pair file where not given
     #[arg(long)]
-    pub torque_nm: Option<f64>,
+    torque_nm: Option<f64>,
     /// Points of the mesh period
     #[arg(long, default_value_t = 1000)]
-    pub points: usize,
+    points: usize,
     /// How to print the points
     #[arg(long, default_value = "csv")]
-    pub format: Format,
-}
-
-/// Contact rules by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Contact {
-    /// The pair that pushes the driven gear furthest, and any pair within the threshold of it
-    Threshold,
-    /// Elastic load sharing, tip edges included
-    Loaded,
+    format: Format,
 }
 
 /// Forms of the output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Format {
+pub(super) enum Format {
     /// A header and one line a point
     Csv,
     /// One array with an object a point
     Json,
-}
-
-/// Why `flankwatch model` failed.
-#[derive(Debug, Error)]
-pub enum ModelCommandError {
-    /// A file could not be read.
-    #[error("{path}: {source}")]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// A pair file or wear table cannot be used.
-    #[error("{path}: {source}")]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: GearError,
-    },
-    /// The gear model refused.
-    #[error(transparent)]
-    Gear(#[from] GearError),
-    /// The output could not be written.
-    #[error("cannot write the output: {0}")]
-    Write(#[from] io::Error),
 }
 
 /// One point of the mesh period.
@@ -95,55 +56,33 @@ struct Row {
 }
 
 /// Prints one mesh period, `points` evenly spaced angles from the nominal start of contact on, the period's end excluded.
-///
-/// # Errors
-/// [`ModelCommandError`] names the file or field. A reader that closes the output early is none.
-pub fn run(args: &ModelArgs) -> Result<(), ModelCommandError> {
+/// A reader that closes the output early is no error.
+pub(super) fn run(args: &ModelArgs) -> Result<(), CliError> {
     let cycle = cycle(args)?;
     match write(&cycle, args.format, BufWriter::new(io::stdout().lock())) {
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        outcome => Ok(outcome?),
+        Err(source) if source.kind() != ErrorKind::BrokenPipe => Err(CliError::io(Path::new("standard output"))(source)),
+        _ => Ok(()),
     }
 }
 
-fn cycle(args: &ModelArgs) -> Result<MeshCycle, ModelCommandError> {
-    let mut spec = match &args.pair {
-        None => PairSpec::from_toml(SHEN2022)?,
-        Some(path) => PairSpec::from_toml(&read(path)?).map_err(in_file(path))?,
-    };
-    match args.contact {
-        Some(Contact::Threshold) => spec.dynamics.contact = ContactRule::Threshold,
-        Some(Contact::Loaded) => spec.dynamics.contact = ContactRule::Loaded,
-        None => {}
+fn cycle(args: &ModelArgs) -> Result<MeshCycle, CliError> {
+    let mut spec = pair_file::read(args.pair.as_deref())?;
+    if let Some(contact) = args.contact {
+        spec.dynamics.contact = contact;
     }
     if let Some(torque_nm) = args.torque_nm {
         spec.operation.torque_nm = torque_nm;
     }
-    let pair = match &args.pair {
-        Some(path) => spec.resolve().map_err(in_file(path))?,
-        None => spec.resolve()?,
-    };
+    let pair = spec.resolve()?;
     let wear = match (&args.profile, args.wear_mm) {
-        (Some(path), _) => FlankWear::from_table_csv(&pair, &read(path)?).map_err(in_file(path))?,
+        (Some(path), _) => {
+            let table = fs::read_to_string(path).map_err(CliError::io(path))?;
+            FlankWear::from_table_csv(&pair, &table).map_err(CliError::pair(path))?
+        }
         (None, Some(depth_mm)) => FlankWear::from_shape(&pair, depth_mm)?,
         (None, None) => FlankWear::none(),
     };
     Ok(MeshCycle::compute(&pair, &wear, args.points)?)
-}
-
-fn read(path: &Path) -> Result<String, ModelCommandError> {
-    fs::read_to_string(path).map_err(|source| ModelCommandError::Read {
-        path: path.to_owned(),
-        source,
-    })
-}
-
-fn in_file(path: &Path) -> impl Fn(GearError) -> ModelCommandError {
-    let path = path.to_owned();
-    move |source| ModelCommandError::File {
-        path: path.clone(),
-        source,
-    }
 }
 
 fn rows(cycle: &MeshCycle) -> impl Iterator<Item = Row> {
@@ -224,7 +163,13 @@ mod tests {
         for (torque, reference) in [("1300", 6.973_874e8), ("130", 6.630_292e8)] {
             let arguments = ["--contact", "loaded", "--torque-nm", torque, "--points", "64"];
             let text = printed(&arguments, Format::Csv).unwrap();
-            let stiffness: f64 = text.lines().nth(1).and_then(|line| line.split(',').nth(2)).unwrap().parse().unwrap();
+            let stiffness: f64 = text
+                .lines()
+                .nth(1)
+                .and_then(|line| line.split(',').nth(2))
+                .unwrap()
+                .parse()
+                .unwrap();
             assert!((stiffness / reference - 1.0).abs() < 0.02, "{torque} {stiffness}");
         }
     }

@@ -1,6 +1,9 @@
 //! A gear pair as the user describes it in a pair file.
 
 use super::{GearError, GearPair};
+use std::fmt;
+use std::str::FromStr;
+
 use serde::{Deserialize, Serialize};
 
 /// A gear pair: the basic data of the paper's Table 1 and the numbers of its dynamic model.
@@ -126,6 +129,27 @@ pub enum PlaneState {
     Strain,
     /// Narrow against the teeth: no stress along the axis.
     Stress,
+}
+
+impl fmt::Display for ContactRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Threshold => "threshold",
+            Self::Loaded => "loaded",
+        })
+    }
+}
+
+impl FromStr for ContactRule {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name {
+            "threshold" => Ok(Self::Threshold),
+            "loaded" => Ok(Self::Loaded),
+            _ => Err(format!("{name:?} is not a contact rule, expected threshold or loaded")),
+        }
+    }
 }
 
 /// Numbers of the dynamic model that the paper leaves open.

@@ -1,1 +1,275 @@
 //! Accept, validate, keep, process, announce: the path of a record through the service.
+//!
+//! ```text
+//! bytes ─ decode ─▶ records ─ keep ─▶ raw objects, on disk ─ analyse ─▶ indicators, features ─ fold ─▶ wear ─ one transaction ─▶ announced
+//! ```
+//!
+//! What has been answered is on the disk. A record that was stored before is answered with what was stored; one that comes late
+//! changes the estimates after it to what they would have been. Time comes from the [`Clock`] that the service was started with.
+
+mod accept;
+mod batch;
+mod clock;
+mod error;
+mod fold;
+mod libraries;
+mod recall;
+mod replay;
+mod replay_folder;
+mod workers;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use tokio::sync::{RwLock, Semaphore, broadcast};
+
+use crate::asset::{AssetId, AssetSpec, Segment};
+use crate::library::{GridSettings, LibraryShelf};
+use crate::store::{Asset, Store};
+
+pub use accept::{Given, RecordFormat};
+pub use batch::{BatchSummary, Refused};
+pub use clock::{Clock, SystemClock};
+pub use error::IngestError;
+pub use libraries::{Libraries, Readiness};
+pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
+pub use workers::{Ticket, Workers, with_analyzer};
+
+/// How much the service takes on at once.
+#[derive(Debug, Clone)]
+pub struct IngestLimits {
+    /// Threads that compute.
+    pub workers: usize,
+    /// Requests that hold a record, waiting or being processed.
+    pub requests_at_once: usize,
+    /// Bytes of records that all requests together hold.
+    pub bytes_at_once: usize,
+    /// Whole recordings (uploads of many records, replays) read at once.
+    pub recordings_at_once: usize,
+    /// How long a record waits for its asset's library.
+    pub library_wait: Duration,
+}
+
+impl Default for IngestLimits {
+    fn default() -> Self {
+        Self {
+            workers: std::thread::available_parallelism().map_or(2, usize::from),
+            requests_at_once: 64,
+            bytes_at_once: 512 << 20,
+            recordings_at_once: 4,
+            library_wait: Duration::from_secs(120),
+        }
+    }
+}
+
+/// Where the service finds and puts things.
+#[derive(Debug, Clone)]
+pub struct IngestFolders {
+    /// Simulated libraries.
+    pub libraries: PathBuf,
+    /// Recordings that may be replayed; only read.
+    pub recordings: PathBuf,
+    /// Uploads that are read from a file while they are processed.
+    pub uploads: PathBuf,
+}
+
+/// What happened, for those who follow it live.
+#[derive(Debug, Clone)]
+pub enum Announcement {
+    /// An asset was made or its description changed.
+    AssetChanged(AssetId),
+    /// An asset was removed.
+    AssetRemoved(AssetId),
+    /// A record was analysed and stored.
+    SegmentStored(Arc<Segment>),
+    /// The estimates of a channel were computed again.
+    HistoryFolded {
+        /// The asset.
+        asset: AssetId,
+        /// The channel.
+        channel: String,
+    },
+    /// A replay went on or ended.
+    ReplayChanged(Arc<Replay>),
+}
+
+/// What went through the service since it started.
+#[derive(Debug, Default)]
+pub struct Tally {
+    stored: AtomicU64,
+    repeated: AtomicU64,
+    refused: AtomicU64,
+}
+
+impl Tally {
+    /// Records stored.
+    pub fn stored(&self) -> u64 {
+        self.stored.load(Ordering::Relaxed)
+    }
+
+    /// Records that were stored before.
+    pub fn repeated(&self) -> u64 {
+        self.repeated.load(Ordering::Relaxed)
+    }
+
+    /// Records that could not be used.
+    pub fn refused(&self) -> u64 {
+        self.refused.load(Ordering::Relaxed)
+    }
+}
+
+/// The path of records through the service; a clone is another handle to the same one.
+#[derive(Clone)]
+pub struct Ingest {
+    inner: Arc<Inner>,
+}
+
+struct Inner {
+    store: Store,
+    workers: Workers,
+    libraries: Libraries,
+    channels: fold::Channels,
+    clock: Arc<dyn Clock>,
+    folders: IngestFolders,
+    announcements: broadcast::Sender<Announcement>,
+    tally: Tally,
+    replays: replay::Replays,
+    recordings: Arc<Semaphore>,
+    /// Held for reading between keeping raw bytes and committing the rows that refer to them; for writing while objects that
+    /// nothing refers to are removed.
+    keeping: RwLock<()>,
+}
+
+impl Ingest {
+    /// Starts the path on a store. `grid` says how libraries are simulated.
+    ///
+    /// Errors: a folder cannot be made, or no threads are to be had.
+    pub fn new(
+        store: Store,
+        folders: IngestFolders,
+        limits: &IngestLimits,
+        grid: GridSettings,
+        clock: Arc<dyn Clock>,
+    ) -> Result<Self, IngestError> {
+        replay_folder::prepare(&folders)?;
+        let shelf = Arc::new(LibraryShelf::new(folders.libraries.clone()));
+        Ok(Self {
+            inner: Arc::new(Inner {
+                workers: Workers::new(limits)?,
+                libraries: Libraries::new(shelf, grid, limits.library_wait),
+                channels: fold::Channels::default(),
+                announcements: broadcast::channel(1024).0,
+                tally: Tally::default(),
+                replays: replay::Replays::default(),
+                recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
+                keeping: RwLock::new(()),
+                store,
+                clock,
+                folders,
+            }),
+        })
+    }
+
+    /// The store, for reading.
+    pub fn store(&self) -> &Store {
+        &self.inner.store
+    }
+
+    /// The threads that compute.
+    pub fn workers(&self) -> &Workers {
+        &self.inner.workers
+    }
+
+    /// The libraries of the assets.
+    pub fn libraries(&self) -> &Libraries {
+        &self.inner.libraries
+    }
+
+    /// What went through since the start.
+    pub fn tally(&self) -> &Tally {
+        &self.inner.tally
+    }
+
+    /// Follows what happens from now on.
+    pub fn follow(&self) -> broadcast::Receiver<Announcement> {
+        self.inner.announcements.subscribe()
+    }
+
+    /// Makes an asset and starts its library.
+    pub async fn create_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
+        let asset = self.inner.store.insert_asset(spec, self.inner.clock.now()).await?;
+        self.inner.libraries.prepare(spec);
+        self.announce(Announcement::AssetChanged(spec.id.clone()));
+        Ok(asset)
+    }
+
+    /// Replaces an asset's description; its wear history is folded again in the background where it depends on what changed.
+    pub async fn update_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
+        let asset = self.inner.store.update_asset(spec, self.inner.clock.now()).await?;
+        self.inner.libraries.prepare(spec);
+        self.announce(Announcement::AssetChanged(spec.id.clone()));
+        self.refold_in_background(vec![spec.id.clone()]);
+        Ok(asset)
+    }
+
+    /// Removes an asset, its rows, and the raw recordings that no other asset has.
+    pub async fn delete_asset(&self, id: &AssetId) -> Result<(), IngestError> {
+        let _nobody_keeps = self.inner.keeping.write().await;
+        let orphans = self.inner.store.delete_asset(id).await?;
+        self.inner.channels.forget(id);
+        self.announce(Announcement::AssetRemoved(id.clone()));
+        let store = self.inner.store.clone();
+        let removed = self.inner.workers.run("remove raw recordings", move || {
+            orphans.iter().try_for_each(|name| store.objects().remove(name))
+        });
+        Ok(removed.await??)
+    }
+
+    /// Starts the library of every asset and folds again what was folded under other settings, in the background.
+    pub async fn resume(&self) -> Result<(), IngestError> {
+        let mut after: Option<String> = None;
+        let mut all = Vec::new();
+        loop {
+            let assets = self.inner.store.assets(after.as_deref(), 500).await?;
+            let Some(last) = assets.last() else { break };
+            after = Some(last.spec.id.to_string());
+            for asset in assets {
+                self.inner.libraries.prepare(&asset.spec);
+                all.push(asset.spec.id);
+            }
+        }
+        self.refold_in_background(all);
+        Ok(())
+    }
+
+    fn refold_in_background(&self, assets: Vec<AssetId>) {
+        let ingest = self.clone();
+        tokio::spawn(async move {
+            for asset in assets {
+                if let Err(error) = ingest.refold_asset(&asset).await {
+                    tracing::warn!(%asset, %error, "wear history not folded again");
+                }
+            }
+        });
+    }
+
+    async fn refold_asset(&self, asset: &AssetId) -> Result<(), IngestError> {
+        for channel in self.inner.store.channels(asset).await? {
+            while let Err(error) = self.refold(asset, &channel.channel).await {
+                // A library that takes its time; everything else is for the log.
+                let IngestError::Busy { retry_after_s, .. } = error else {
+                    return Err(error);
+                };
+                tokio::time::sleep(Duration::from_secs(retry_after_s.into())).await;
+            }
+        }
+        Ok(())
+    }
+
+    fn announce(&self, announcement: Announcement) {
+        // Nobody may be following.
+        let _ = self.inner.announcements.send(announcement);
+    }
+}

@@ -1,1 +1,34 @@
-//! Bytes to records and back: WAV, MCAP, CSV, protobuf and JSON. The codecs do no I/O of their own.
+//! Bytes to records and back: WAV, MCAP, CSV, protobuf and JSON. The codecs do no I/O of their own; only [`RecordingFile`] opens a file.
+//!
+//! Nothing read here is trusted: a length is checked against the bytes that are there before memory is taken for it, and what cannot be used is refused
+//! with its place, its value and what was expected ([`RecordingError`]).
+
+mod block;
+mod csv;
+mod cut;
+mod error;
+mod file;
+mod json;
+mod mcap_frames;
+mod mcap_reader;
+mod mcap_record;
+mod mcap_writer;
+pub mod message;
+mod wav;
+mod wav_format;
+mod wav_frames;
+
+pub use block::{BlockEncoding, RecordDefaults, decode_block, encode_block};
+pub use csv::CsvFrames;
+pub use cut::Cut;
+pub(crate) use cut::{CutPlan, Cutter};
+pub use error::RecordingError;
+pub use file::{Format, RecordingFile};
+pub use mcap_reader::{McapReader, REFERENCE_WEAR, Recorded};
+pub use mcap_writer::{McapCompression, McapOptions, McapWriter};
+pub(crate) use wav::channel_names;
+pub use wav::{WavBlocks, WavWriter, decode_wav};
+pub(crate) use wav_frames::WavFrames;
+
+#[cfg(test)]
+pub(crate) mod tests;

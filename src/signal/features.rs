@@ -4,12 +4,50 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+/// Identifier of what the features are made by. Values are comparable only where it is the same.
+pub const PREPROCESSING: &str = "hann-lines-1";
+
 /// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of amplitudes)
 /// and changes relative to a healthy baseline are differences.
 ///
-/// A feature that the record cannot give (a harmonic above half the sampling rate) is missing from the map.
+/// | name | natural logarithm of |
+/// | --- | --- |
+/// | `ln_mesh_h`, h = 1 … 10 | the amplitude of mesh harmonic h |
+/// | `ln_sideband_h`, h = 1 … 4 | the root sum square of the amplitudes at h × mesh frequency ± 1 and ± 2 shaft rates |
+/// | `ln_env_h`, h = 1 … 4 | the shaft-rate line in the envelope spectrum of the band of ± 2.5 shaft rates around mesh harmonic h: the part of the sidebands that modulates the amplitude |
+/// | `ln_rms` | the root mean square, mean removed |
+/// | `ln_kurtosis` | the kurtosis |
+///
+/// All lines are narrow against what a transmission path does to a spectrum, so that the path's gain at that frequency is an offset
+/// too. That is why the envelopes are those of single harmonics: a band over several has lines that depend on the path's phase
+/// between them. `ln_rms` and `ln_kurtosis` mix all frequencies and keep this property only for a path without colour.
+///
+/// A feature that the record cannot give (a harmonic above half the sampling rate, sidebands closer than 8 bins) is missing
+/// from the map.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Features {
     /// Value by feature name, for example `ln_mesh_1`.
     pub values: BTreeMap<String, f64>,
+    /// For each line feature (`ln_mesh_h`, `ln_sideband_h`, `ln_env_h`) the natural logarithm of what local noise alone would read on average:
+    /// the root-mean-square amplitude of noise in as many bins as the feature adds up, from the median of the bins between the lines
+    /// beside it. Missing where too few such bins are there.
+    ///
+    /// A line is read at the highest peak within 1.5 bins, so that in pure noise the value lies some tenths above this.
+    #[serde(default)]
+    pub background: BTreeMap<String, f64>,
+}
+
+/// The least amplitude as a part of the record's deviation: rounding of 32-bit samples lies above it, and no logarithm of
+/// zero comes out.
+const AMPLITUDE_FLOOR: f64 = 1e-9;
+
+impl Features {
+    /// Puts down one line feature: its `amplitude` and that of the noise in it, for a record of this `deviation`.
+    pub(super) fn insert_line(&mut self, name: String, amplitude: f64, noise: Option<f64>, deviation: f64) {
+        let floor = AMPLITUDE_FLOOR * deviation;
+        if let Some(noise) = noise {
+            self.background.insert(name.clone(), noise.max(floor).ln());
+        }
+        self.values.insert(name, amplitude.max(floor).ln());
+    }
 }

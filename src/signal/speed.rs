@@ -2,6 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::indicators::Absence;
+use super::line::{MAIN_LOBE_BINS, fits};
+use super::mesh_comb::{self, MESH_RESOLVED_BINS};
+
 /// What is known of the mesh before a record is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshContext {
@@ -13,6 +17,18 @@ pub struct MeshContext {
     pub tolerance: f64,
     /// Whether the nominal speed is exact, so that no search is needed.
     pub nominal_is_exact: bool,
+}
+
+impl MeshContext {
+    /// Nothing is known of the mesh: indicators that need it are absent.
+    pub fn unknown() -> Self {
+        Self {
+            teeth: 0,
+            nominal_shaft_speed_hz: 0.0,
+            tolerance: 0.0,
+            nominal_is_exact: false,
+        }
+    }
 }
 
 /// Where a shaft speed came from.
@@ -36,6 +52,85 @@ pub struct ShaftSpeed {
     pub source: SpeedSource,
     /// Mesh frequency in hertz: teeth × shaft speed.
     pub mesh_frequency_hz: f64,
-    /// How far the comb stands above the background, as a ratio of amplitudes; `None` where no comb was looked for.
+    /// How far the comb stands above the background, as a ratio of amplitudes (root mean square over its lines); `None` where none stood out
+    /// beside a given speed.
     pub comb_to_background: Option<f64>,
+}
+
+/// A speed given with a record or an asset may be off by this part: the lines are looked for there.
+const GIVEN_SPEED_TOLERANCE: f64 = 1e-3;
+
+/// The mesh in one record's spectrum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LocatedMesh {
+    /// The shaft speed, where it is known.
+    pub(super) speed: Option<ShaftSpeed>,
+    /// The mesh frequency in bins as the lines show it, or why there are no lines to read.
+    pub(super) mesh: Result<f64, Absence>,
+}
+
+/// Finds the mesh: the record's own speed before the asset's exact one before the comb within the tolerance around nominal.
+///
+/// A given speed stays what it is; only its lines are looked for by the comb within ± 0.1 %, as a few digits of a tachometer's mean
+/// are often not exact to a bin. `constant` says that the samples do not vary.
+pub(super) fn locate(
+    amplitude: &[f64],
+    resolution_hz: f64,
+    given_hz: Option<f64>,
+    context: &MeshContext,
+    constant: bool,
+    scratch: &mut Vec<f64>,
+) -> LocatedMesh {
+    let teeth = f64::from(context.teeth);
+    let nominal_hz = context.nominal_shaft_speed_hz;
+    let given = match given_hz {
+        Some(speed) => Some((speed, SpeedSource::Record)),
+        None if context.nominal_is_exact && nominal_hz > 0.0 => Some((nominal_hz, SpeedSource::Asset)),
+        None => None,
+    };
+    let (centre_hz, tolerance) = match given {
+        Some((speed, _)) => (speed, GIVEN_SPEED_TOLERANCE),
+        None => (nominal_hz, context.tolerance.max(0.0)),
+    };
+    let centre = teeth * centre_hz / resolution_hz;
+    let absence = if constant {
+        Some(Absence::Constant)
+    } else if !(centre > 0.0 && centre.is_finite()) {
+        Some(Absence::NoSpeed)
+    } else if amplitude.len() < 2 || centre * (1.0 + tolerance) < MESH_RESOLVED_BINS {
+        Some(Absence::TooShort)
+    } else if !fits(centre * (1.0 - tolerance).max(0.0), amplitude.len()) {
+        Some(Absence::AboveNyquist)
+    } else {
+        None
+    };
+    let comb = match absence {
+        Some(_) => None,
+        None => {
+            let highest = amplitude.len() as f64 - 1.0 - MAIN_LOBE_BINS;
+            let range = [centre * (1.0 - tolerance), (centre * (1.0 + tolerance)).min(highest)];
+            mesh_comb::find(amplitude, range, context.teeth, scratch)
+        }
+    };
+    let comb_to_background = comb.map(|comb| comb.to_background);
+    match given {
+        Some((shaft_speed_hz, source)) => LocatedMesh {
+            speed: Some(ShaftSpeed {
+                shaft_speed_hz,
+                source,
+                mesh_frequency_hz: teeth * shaft_speed_hz,
+                comb_to_background,
+            }),
+            mesh: absence.map_or(Ok(comb.map_or(centre, |comb| comb.mesh)), Err),
+        },
+        None => LocatedMesh {
+            speed: comb.map(|comb| ShaftSpeed {
+                shaft_speed_hz: comb.mesh * resolution_hz / teeth,
+                source: SpeedSource::MeshComb,
+                mesh_frequency_hz: comb.mesh * resolution_hz,
+                comb_to_background,
+            }),
+            mesh: absence.map_or(comb.map(|comb| comb.mesh).ok_or(Absence::NoSpeed), Err),
+        },
+    }
 }

@@ -1,1 +1,81 @@
 //! The only SQL and the only raw-object paths.
+//!
+//! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as they came, named by
+//! their hash) and `lock`. All methods speak in domain types; rows and statements do not leave this room.
+
+mod assets;
+mod commit;
+mod database;
+mod error;
+mod objects;
+mod rows;
+mod schema;
+mod segments;
+mod trend;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use database::Database;
+use trend::TrendShelf;
+
+pub use assets::{Asset, ChannelSummary};
+pub use commit::{Commit, FoldState};
+pub use error::StoreError;
+pub use objects::Objects;
+pub use segments::{NewSegment, Order, SegmentFilter, SegmentKey};
+pub use trend::{Trend, WearPoint};
+
+/// The store of one data folder; a clone is another handle to the same one.
+#[derive(Debug, Clone)]
+pub struct Store {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    database: Database,
+    objects: Objects,
+    trends: TrendShelf,
+}
+
+impl Store {
+    /// Opens a data folder, made where it is missing.
+    ///
+    /// Errors: the folder cannot be written, another process works on it, or its database is of a later version.
+    pub async fn open(folder: &Path) -> Result<Self, StoreError> {
+        let database = Database::open(folder).await?;
+        let objects = Objects::open(folder.join("raw"))?;
+        Ok(Self {
+            inner: Arc::new(Inner {
+                database,
+                objects,
+                trends: TrendShelf::default(),
+            }),
+        })
+    }
+
+    /// The raw recordings. Their methods block on the disk.
+    pub fn objects(&self) -> &Objects {
+        &self.inner.objects
+    }
+
+    /// Whether the database answers.
+    pub async fn check(&self) -> Result<(), StoreError> {
+        sqlx::query("SELECT COUNT(*) FROM migrations").fetch_one(self.read()).await?;
+        Ok(())
+    }
+
+    /// Writes what is still in the log into the database and closes it.
+    pub async fn close(&self) {
+        self.inner.database.close().await;
+    }
+
+    fn read(&self) -> &sqlx::AnyPool {
+        &self.inner.database.read
+    }
+
+    fn write(&self) -> &sqlx::AnyPool {
+        &self.inner.database.write
+    }
+}

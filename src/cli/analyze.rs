@@ -1,0 +1,307 @@
+//! `flankwatch analyze`: indicators and wear of recordings, without a server.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use jiff::{SignedDuration, Timestamp};
+use serde::Serialize;
+
+use super::library::progress_bar;
+use super::{CliError, output, report};
+use crate::asset::AssetSpec;
+use crate::estimate::{EstimatorSettings, Tracker, WearEstimate};
+use crate::library::{GridSettings, Library, LibraryShelf};
+use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
+use crate::signal::{AnalysisSettings, Analyzer, Features, Indicators, MeshContext, OperatingPoint, Spectrum, SpeedSource};
+
+/// Arguments of `flankwatch analyze`.
+#[derive(Args)]
+pub(super) struct AnalyzeArgs {
+    /// WAV or MCAP recordings, in time order
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// The machine: tooth numbers, nominal speed, gear pair. Without it, indicators that need no speed
+    #[arg(long)]
+    asset: Option<PathBuf>,
+    /// How to print
+    #[arg(long, value_enum, default_value_t = Format::Table)]
+    format: Format,
+    /// Write a report for a browser or a printer
+    #[arg(long)]
+    report: Option<PathBuf>,
+    /// Cut recordings into records of this length
+    #[arg(long)]
+    record_seconds: Option<f64>,
+    /// Time of the first sample of the first recording that does not say; later ones follow on it
+    #[arg(long, default_value = "1970-01-01T00:00:00Z")]
+    start_time: Timestamp,
+    /// Rotational frequency of the driving shaft in hertz, where the recording does not say
+    #[arg(long)]
+    shaft_speed_hz: Option<f64>,
+    /// Torque on the driving shaft in N·m, where the recording does not say
+    #[arg(long)]
+    torque_nm: Option<f64>,
+    /// Folder of the service's data; libraries are kept in its `libraries`
+    #[arg(long, default_value = "flankwatch-data")]
+    data_dir: PathBuf,
+}
+
+/// How results are printed.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Aligned columns for people
+    Table,
+    /// One array, an object a record
+    Json,
+    /// A line a record
+    Csv,
+}
+
+/// One analysed record, as it is printed.
+#[derive(Debug, Serialize)]
+pub(super) struct AnalyzedRecord {
+    pub(super) file: String,
+    pub(super) channel: String,
+    pub(super) start_time: Timestamp,
+    pub(super) sample_rate_hz: f64,
+    pub(super) samples: usize,
+    pub(super) unit: String,
+    pub(super) shaft_speed_hz: Option<f64>,
+    pub(super) shaft_speed_source: Option<SpeedSource>,
+    pub(super) mesh_frequency_hz: Option<f64>,
+    #[serde(flatten)]
+    pub(super) indicators: Indicators,
+    /// The wear estimate; null where there is none.
+    pub(super) wear: Option<WearEstimate>,
+    /// The estimate in words, or why there is none.
+    pub(super) wear_reason: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) reference_wear_um: Option<f64>,
+    #[serde(skip)]
+    features: Features,
+}
+
+/// Runs the command.
+pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
+    let asset = args.asset.as_deref().map(read_asset).transpose()?;
+    let mut analysis = Analysis {
+        args,
+        asset,
+        analyzer: Analyzer::new(AnalysisSettings::default()),
+        records: Vec::new(),
+        last_spectrum: None,
+    };
+    let mut next_start = args.start_time;
+    let mut failed = 0;
+    for path in &args.files {
+        if let Err(error) = analysis.take_file(path, &mut next_start) {
+            eprintln!("error: {error}");
+            failed += 1;
+        }
+    }
+    analysis.estimate_wear()?;
+    output::print(&match args.format {
+        Format::Table => table(&analysis.records),
+        Format::Json => serde_json::to_string_pretty(&analysis.records).expect("records hold finite numbers and strings") + "\n",
+        Format::Csv => csv(&analysis.records),
+    })?;
+    if let Some(path) = &args.report {
+        let html = report::html(analysis.asset.as_ref(), &analysis.records, analysis.last_spectrum.as_ref());
+        output::write_file(path, html.as_bytes())?;
+    }
+    if failed > 0 {
+        return Err(CliError::SomeFailed {
+            failed,
+            all: args.files.len(),
+        });
+    }
+    Ok(())
+}
+
+pub(super) fn read_asset(path: &Path) -> Result<AssetSpec, CliError> {
+    let text = fs::read_to_string(path).map_err(CliError::io(path))?;
+    AssetSpec::from_toml(&text).map_err(|source| CliError::Asset {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+struct Analysis<'a> {
+    args: &'a AnalyzeArgs,
+    asset: Option<AssetSpec>,
+    analyzer: Analyzer,
+    records: Vec<AnalyzedRecord>,
+    last_spectrum: Option<Spectrum>,
+}
+
+impl Analysis<'_> {
+    fn take_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
+        let defaults = RecordDefaults {
+            channel: None,
+            start_time: *next_start,
+            unit: self.asset.as_ref().and_then(|asset| asset.sensor.unit.clone()),
+            operating_point: OperatingPoint {
+                shaft_speed_hz: self.args.shaft_speed_hz,
+                torque_nm: self.args.torque_nm,
+            },
+        };
+        let cut = self.args.record_seconds.map(Cut::Seconds);
+        let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::recording(path))?;
+        if let Some(seconds) = file.default_cut_seconds() {
+            eprintln!(
+                "note: {}: a long recording, cut into records of {seconds} s; --record-seconds chooses another length",
+                path.display()
+            );
+        }
+        for recorded in &mut file {
+            let recorded = recorded.map_err(CliError::recording(path))?;
+            let length = SignedDuration::from_secs_f64(recorded.record.duration_s());
+            *next_start = (*next_start).max(recorded.record.start_time() + length);
+            self.take_record(path, recorded);
+        }
+        Ok(())
+    }
+
+    fn take_record(&mut self, path: &Path, recorded: Recorded) {
+        let record = recorded.record;
+        let mesh = self.asset.as_ref().map_or_else(MeshContext::unknown, AssetSpec::mesh_context);
+        let analysis = self.analyzer.analyze(&record, &mesh);
+        if self.args.report.is_some() {
+            self.last_spectrum = Some(self.analyzer.amplitude_spectrum(&record));
+        }
+        self.records.push(AnalyzedRecord {
+            file: path.display().to_string(),
+            channel: record.channel().to_owned(),
+            start_time: record.start_time(),
+            sample_rate_hz: record.sample_rate_hz(),
+            samples: record.samples().len(),
+            unit: record.unit().to_owned(),
+            shaft_speed_hz: analysis.shaft_speed.map(|speed| speed.shaft_speed_hz),
+            shaft_speed_source: analysis.shaft_speed.map(|speed| speed.source),
+            mesh_frequency_hz: analysis.shaft_speed.map(|speed| speed.mesh_frequency_hz).filter(|&hz| hz > 0.0),
+            indicators: analysis.indicators,
+            wear: None,
+            wear_reason: "no asset is described, see --asset".to_owned(),
+            reference_wear_um: recorded.reference_wear_um,
+            features: analysis.features,
+        });
+    }
+
+    /// Folds each channel's records in time order, as the service does.
+    fn estimate_wear(&mut self) -> Result<(), CliError> {
+        let Some(asset) = &self.asset else { return Ok(()) };
+        let settings = EstimatorSettings {
+            baseline_records: asset.baseline.records,
+        };
+        let longest = self
+            .records
+            .iter()
+            .fold(BTreeMap::new(), |mut counts: BTreeMap<&str, u32>, record| {
+                *counts.entry(&record.channel).or_default() += 1;
+                counts
+            });
+        // A library is worth its simulation only if some channel gets past its baseline.
+        let needed = longest.values().any(|&count| count > settings.baseline_records);
+        let library = if needed { self.library(asset)? } else { None };
+        let tracker = Tracker::new(settings, library);
+        let mut order: Vec<usize> = (0..self.records.len()).collect();
+        order.sort_by_key(|&i| self.records[i].start_time);
+        let mut states = BTreeMap::new();
+        for index in order {
+            let record = &mut self.records[index];
+            let state = states.entry(record.channel.clone()).or_insert_with(|| tracker.start());
+            let wear = tracker.update(state, &record.features);
+            record.wear_reason = wear.reason.clone();
+            record.wear = wear.median_um.is_some().then_some(wear);
+        }
+        Ok(())
+    }
+
+    fn library(&self, asset: &AssetSpec) -> Result<Option<Arc<Library>>, CliError> {
+        let Some(pair) = &asset.gear.pair else { return Ok(None) };
+        let grid = GridSettings::default();
+        let bar = progress_bar(grid.states as u64, "wear states");
+        let shelf = LibraryShelf::new(self.args.data_dir.join("libraries"));
+        let library = shelf.get_or_build(pair, &grid, &|done, _| bar.set_position(done as u64))?;
+        bar.finish_and_clear();
+        Ok(Some(library))
+    }
+}
+
+/// Indicators in the table's and the CSV's columns.
+const COLUMNS: [&str; 5] = ["rms", "kurtosis", "crest_factor", "omx", "mesh_2"];
+
+fn table(records: &[AnalyzedRecord]) -> String {
+    let mut text = format!("{:<28} {:<12} {:<30} {:>9}", "file", "channel", "start_time", "shaft_hz");
+    for name in COLUMNS {
+        text += &format!(" {name:>12}");
+    }
+    text += "  wear\n";
+    for record in records {
+        let speed = record.shaft_speed_hz.map_or_else(|| "-".to_owned(), |hz| format!("{hz:.3}"));
+        text += &format!("{:<28} {:<12} {:<30} {speed:>9}", record.file, record.channel, record.start_time);
+        for name in COLUMNS {
+            text += &format!(
+                " {:>12}",
+                record
+                    .indicators
+                    .get(name)
+                    .map_or_else(|| "-".to_owned(), |value| format!("{value:.5}"))
+            );
+        }
+        text += &format!("  {}\n", record.wear_reason);
+    }
+    text
+}
+
+fn csv(records: &[AnalyzedRecord]) -> String {
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let mut header: Vec<&str> = vec![
+        "file",
+        "channel",
+        "start_time",
+        "sample_rate_hz",
+        "samples",
+        "unit",
+        "shaft_speed_hz",
+        "mesh_frequency_hz",
+    ];
+    header.extend(COLUMNS);
+    header.extend(["wear_median_um", "wear_p05_um", "wear_p95_um", "wear_reason"]);
+    let rows = records.iter().map(|record| {
+        let mut row = vec![
+            record.file.clone(),
+            record.channel.clone(),
+            record.start_time.to_string(),
+            record.sample_rate_hz.to_string(),
+            record.samples.to_string(),
+            record.unit.clone(),
+            number(record.shaft_speed_hz),
+            number(record.mesh_frequency_hz),
+        ];
+        row.extend(COLUMNS.iter().map(|name| number(record.indicators.get(name))));
+        let wear = record.wear.as_ref();
+        row.extend(
+            [
+                wear.and_then(|w| w.median_um),
+                wear.and_then(|w| w.p05_um),
+                wear.and_then(|w| w.p95_um),
+            ]
+            .map(number),
+        );
+        row.push(record.wear_reason.clone());
+        row
+    });
+    let header = header.into_iter().map(str::to_owned).collect::<Vec<_>>();
+    for row in std::iter::once(header).chain(rows) {
+        writer
+            .write_record(row)
+            .expect("writing to memory does not fail, and every row has the header's width");
+    }
+    let bytes = writer.into_inner().expect("flushing to memory does not fail");
+    String::from_utf8(bytes).expect("only text was written")
+}

@@ -1,0 +1,266 @@
+//! `flankwatch convert`: other recordings into MCAP or WAV.
+
+mod source;
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use jiff::Timestamp;
+use thiserror::Error;
+
+use crate::asset::{AssetError, AssetId};
+use crate::recording::{Cut, CutPlan, Cutter, McapOptions, McapWriter, RecordDefaults, RecordingError, WavWriter};
+use crate::signal::OperatingPoint;
+use source::Source;
+
+/// Arguments of `flankwatch convert`.
+#[derive(Debug, Clone, Args)]
+pub(super) struct ConvertArgs {
+    /// The recording: CSV (one channel a column) or WAV
+    #[arg(value_name = "IN")]
+    pub input: PathBuf,
+    /// The file to write: .mcap, or .wav with 32-bit floating-point samples
+    #[arg(value_name = "OUT")]
+    pub output: PathBuf,
+    /// Sampling rate in hertz; needed for CSV, replaces the header's for WAV
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<f64>,
+    /// Unit of the samples, for example m/s2 or g; needed for CSV
+    #[arg(long)]
+    pub unit: Option<String>,
+    /// Asset that the recording belongs to, the first part of its MCAP topics
+    #[arg(long, value_name = "ID", default_value = "gearbox")]
+    pub asset: String,
+    /// Channels to take, in this order: the header's names, or 1,2,…; all where not given
+    #[arg(long, value_delimiter = ',', value_name = "A,B")]
+    pub channels: Vec<String>,
+    /// Time of the first sample, RFC 3339
+    #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
+    pub start_time: Timestamp,
+    /// Rotational frequency of the driving shaft in hertz
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+    pub shaft_speed_hz: Option<f64>,
+    /// Torque on the driving shaft in newton metres
+    #[arg(long, value_name = "NM", allow_negative_numbers = true)]
+    pub torque_nm: Option<f64>,
+    /// Length of the MCAP records in seconds; without it up to 10 minutes are one record, more is cut into records of 10 s
+    #[arg(long, value_name = "S")]
+    pub record_seconds: Option<f64>,
+    /// Replace OUT where it exists
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Why a recording was not converted. OUT is then as it was.
+#[derive(Debug, Error)]
+pub enum ConvertError {
+    /// An argument that cannot be used.
+    #[error("{argument} is {value}, expected {expected}")]
+    Argument {
+        /// Which one.
+        argument: &'static str,
+        /// Its value.
+        value: String,
+        /// What would have been right.
+        expected: &'static str,
+    },
+    /// The asset's name.
+    #[error("--asset: {0}")]
+    Asset(#[from] AssetError),
+    /// The file to write exists.
+    #[error("{0:?} exists, expected a new file (or --force to replace it)")]
+    Exists(PathBuf),
+    /// The input cannot be read or its samples are no record.
+    #[error("{path:?}: {source}")]
+    Input {
+        /// The input.
+        path: PathBuf,
+        /// Why not.
+        source: RecordingError,
+    },
+    /// The output cannot be written.
+    #[error("{path:?}: {source}")]
+    Output {
+        /// The output.
+        path: PathBuf,
+        /// Why not.
+        source: RecordingError,
+    },
+}
+
+/// Converts one recording, in bounded memory. The output appears under its name only when it is whole.
+pub(super) fn run(args: &ConvertArgs) -> Result<(), ConvertError> {
+    let target = Target::of(&args.output)?;
+    if args.output.exists() && !args.force {
+        return Err(ConvertError::Exists(args.output.clone()));
+    }
+    let asset = AssetId::new(args.asset.as_str())?;
+    let mut source = Source::open(args)?;
+    let partial = Partial::create(&args.output)?;
+    let written = match target {
+        Target::Mcap => write_mcap(args, &asset, &mut source, &partial.file),
+        Target::Wav => write_wav(args, &mut source, &partial.file),
+    }?;
+    partial.complete(&args.output)?;
+    eprintln!("{}: {written}", args.output.display());
+    Ok(())
+}
+
+/// What the output's extension asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Target {
+    Mcap,
+    Wav,
+}
+
+impl Target {
+    fn of(path: &Path) -> Result<Self, ConvertError> {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        match extension.as_deref() {
+            Some("mcap") => Ok(Self::Mcap),
+            Some("wav") => Ok(Self::Wav),
+            _ => Err(argument("OUT", path.display(), "a name that ends in .mcap or .wav")),
+        }
+    }
+}
+
+/// Writes one message a record and channel; says what was written.
+fn write_mcap(args: &ConvertArgs, asset: &AssetId, source: &mut Source, file: &File) -> Result<String, ConvertError> {
+    let input = |source: RecordingError| ConvertError::Input {
+        path: args.input.clone(),
+        source,
+    };
+    let output = |source: RecordingError| ConvertError::Output {
+        path: args.output.clone(),
+        source,
+    };
+    let defaults = RecordDefaults {
+        channel: None,
+        start_time: args.start_time,
+        unit: args.unit.clone(),
+        operating_point: OperatingPoint {
+            shaft_speed_hz: args.shaft_speed_hz,
+            torque_nm: args.torque_nm,
+        },
+    };
+    let cut = args.record_seconds.map(Cut::Seconds);
+    let plan = CutPlan::new(cut, source.frames_at_most, source.sample_rate_hz, source.channels.len()).map_err(input)?;
+    let mut cutter = Cutter::new(source.channels.clone(), source.sample_rate_hz, &defaults, plan);
+    let mut writer = McapWriter::new(BufWriter::new(file), McapOptions::default()).map_err(output)?;
+    let mut frame = vec![0.0; source.channels.len()];
+    let mut records = 0_u64;
+    loop {
+        let more = source.next_frame(&mut frame).map_err(input)?;
+        if more && !cutter.push(&frame) {
+            continue;
+        }
+        for record in cutter.take() {
+            let record = record.map_err(input)?;
+            let topic = format!("/{asset}/{}/waveform", record.channel());
+            writer.write(&topic, &record).map_err(output)?;
+            records += 1;
+        }
+        if !more {
+            break;
+        }
+    }
+    let mut inner = writer.finish().map_err(output)?;
+    inner.flush().map_err(|error| output(error.into()))?;
+    let note = plan
+        .default_seconds
+        .map_or(String::new(), |seconds| format!(" of {seconds} s (--record-seconds changes it)"));
+    Ok(format!("{records} records{note}, channels {}", source.channels.join(", ")))
+}
+
+/// Writes all chosen channels side by side; says what was written.
+fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<String, ConvertError> {
+    let output = |source: RecordingError| ConvertError::Output {
+        path: args.output.clone(),
+        source,
+    };
+    let input = |source: RecordingError| ConvertError::Input {
+        path: args.input.clone(),
+        source,
+    };
+    let mut writer = WavWriter::new(BufWriter::new(file), source.channels.len(), source.sample_rate_hz).map_err(output)?;
+    let mut frame = vec![0.0; source.channels.len()];
+    let mut frames = 0_u64;
+    while source.next_frame(&mut frame).map_err(input)? {
+        if let Some(k) = frame.iter().position(|sample| !sample.is_finite()) {
+            return Err(input(RecordingError::field(
+                "a sample",
+                format!("{} (channel {:?}, sample {frames})", frame[k], source.channels[k]),
+                "a finite number",
+            )));
+        }
+        writer.write_frame(&frame).map_err(output)?;
+        frames += 1;
+    }
+    if frames == 0 {
+        return Err(input(RecordingError::field("the number of samples", 0, "at least 1")));
+    }
+    writer.finish().map_err(output)?;
+    Ok(format!("{frames} samples, channels {}", source.channels.join(", ")))
+}
+
+/// The output under a temporary name beside its own; removed again unless it is completed.
+struct Partial {
+    path: PathBuf,
+    file: File,
+    complete: bool,
+}
+
+impl Partial {
+    fn create(output: &Path) -> Result<Self, ConvertError> {
+        let name = output.file_name().unwrap_or_default().to_string_lossy();
+        let path = output.with_file_name(format!(".{name}.{}.partial", std::process::id()));
+        let file = OpenOptions::new()
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(&path)
+            .map_err(|error| failed(output, error))?;
+        Ok(Self {
+            path,
+            file,
+            complete: false,
+        })
+    }
+
+    /// Gives it its name, once it is on the disk.
+    fn complete(mut self, output: &Path) -> Result<(), ConvertError> {
+        self.file.sync_all().map_err(|error| failed(output, error))?;
+        fs::rename(&self.path, output).map_err(|error| failed(output, error))?;
+        self.complete = true;
+        Ok(())
+    }
+}
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        if !self.complete {
+            // The conversion's own error is the one to report.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+fn failed(path: &Path, error: std::io::Error) -> ConvertError {
+    ConvertError::Output {
+        path: path.to_owned(),
+        source: error.into(),
+    }
+}
+
+fn argument(argument: &'static str, value: impl ToString, expected: &'static str) -> ConvertError {
+    ConvertError::Argument {
+        argument,
+        value: value.to_string(),
+        expected,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,167 @@
+//! `flankwatch demo`: the service with a sample gearbox that wears out before the visitor's eyes.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use jiff::{SignedDuration, Timestamp};
+
+use super::serve::asked_to_stop;
+use super::{CliError, output, pair_file};
+use crate::asset::{AssetId, AssetSpec, BaselineSpec, GearSpec, SensorSpec, WearLimits};
+use crate::http::{RunningService, ServiceConfig, ServiceError, start};
+use crate::ingest::{Clock, Given, Ingest, IngestError, RecordFormat, SystemClock};
+use crate::recording::{BlockEncoding, encode_block};
+use crate::simulation::{Run, RunPlan};
+
+/// The sample asset.
+const ASSET: &str = "demo-gearbox";
+
+/// Seconds between the starts of two records.
+const INTERVAL_S: f64 = 60.0;
+
+/// Arguments of `flankwatch demo`.
+#[derive(Args)]
+pub(super) struct DemoArgs {
+    /// Address to listen on, port 0 for a free one; 127.0.0.1:8600 or, where that is taken, a free one where not given
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<SocketAddr>,
+    /// Keep the demonstration's data in this folder instead of a temporary one
+    #[arg(long, value_name = "DIR")]
+    data_dir: Option<PathBuf>,
+    /// Records of the run to failure
+    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(30..=10_000))]
+    records: u32,
+    /// Records replayed a second
+    #[arg(long, default_value_t = 5.0)]
+    speed: f64,
+    /// Seed of the run
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Runs the command until Ctrl-C.
+pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
+    if !(args.speed > 0.0 && args.speed <= 1000.0) {
+        return Err(CliError::Argument(format!(
+            "--speed is {}, expected a number above 0 and at most 1000",
+            args.speed
+        )));
+    }
+    let temporary = std::env::temp_dir().join(format!("flankwatch-demo-{}", std::process::id()));
+    let data_dir = args.data_dir.clone().unwrap_or_else(|| temporary.clone());
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(CliError::io(&data_dir))?;
+    let ended = runtime.block_on(serve_and_replay(args, data_dir));
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    if args.data_dir.is_none()
+        && let Err(error) = fs::remove_dir_all(&temporary)
+        && error.kind() != ErrorKind::NotFound
+    {
+        tracing::warn!(folder = %temporary.display(), %error, "the demonstration's data was left behind");
+    }
+    ended
+}
+
+async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliError> {
+    let clock: Arc<dyn Clock> = Arc::new(SystemClock);
+    let service = start_anywhere(args.listen, data_dir, clock.clone()).await?;
+    output::print(&format!(
+        "dashboard: http://{}/#/assets/{ASSET}\na gearbox wears out in about {:.0} s; Ctrl-C ends\n",
+        service.address(),
+        f64::from(args.records) / args.speed,
+    ))?;
+    let replay = tokio::select! {
+        stopped = asked_to_stop() => stopped.map(|()| true).map_err(|source| CliError::Io { path: "signals".into(), source }),
+        replayed = replay(service.ingest(), args, clock.now()) => replayed.map(|()| false),
+    };
+    let outcome = match replay {
+        Ok(false) => {
+            output::print("the run is over; the dashboard stays until Ctrl-C\n")?;
+            asked_to_stop().await.map_err(|source| CliError::Io {
+                path: "signals".into(),
+                source,
+            })
+        }
+        Ok(true) => Ok(()),
+        Err(error) => Err(error),
+    };
+    service.stop().await?;
+    outcome
+}
+
+/// Listens where asked; where nothing was asked and the usual port is taken, on a free one.
+async fn start_anywhere(listen: Option<SocketAddr>, data_dir: PathBuf, clock: Arc<dyn Clock>) -> Result<RunningService, CliError> {
+    let usual = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
+    match start(ServiceConfig::new(listen.unwrap_or(usual), &data_dir), clock.clone()).await {
+        Err(ServiceError::Listen { source, .. }) if listen.is_none() && source.kind() == ErrorKind::AddrInUse => {
+            Ok(start(ServiceConfig::new((Ipv4Addr::LOCALHOST, 0).into(), data_dir), clock).await?)
+        }
+        started => Ok(started?),
+    }
+}
+
+/// Makes the sample asset and feeds it with a simulated run that ends about now.
+async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), CliError> {
+    let pair = pair_file::read(None)?;
+    let id = AssetId::new(ASSET).map_err(|error| CliError::Argument(error.to_string()))?;
+    let asset = AssetSpec {
+        id: id.clone(),
+        name: "Demonstration gearbox".to_owned(),
+        gear: GearSpec {
+            teeth: pair.geometry.teeth,
+            shaft_speed_hz: pair.operation.shaft_speed_hz,
+            speed_tolerance: 0.05,
+            speed_is_exact: false,
+            pair: Some(pair.clone()),
+        },
+        sensor: SensorSpec::default(),
+        baseline: BaselineSpec::default(),
+        limits: WearLimits {
+            warning_um: Some(120.0),
+            danger_um: Some(200.0),
+        },
+        envelope_band_hz: None,
+    };
+    match ingest.create_asset(&asset).await {
+        // With a kept data folder the asset may be there from the last time.
+        Ok(_) | Err(IngestError::Store(crate::store::StoreError::AssetExists(_))) => {}
+        Err(error) => return Err(error.into()),
+    }
+    let run = Run::new(RunPlan {
+        pair,
+        records: args.records,
+        seconds: 2.0,
+        sample_rate_hz: 20_000.0,
+        max_wear_um: 245.0,
+        wear_exponent: 1.5,
+        start_time: now - SignedDuration::from_secs_f64(INTERVAL_S * f64::from(args.records)),
+        interval_s: INTERVAL_S,
+        snr_db: 10.0,
+        speed_variation: 0.005,
+        torque_variation: 0.02,
+        seed: args.seed,
+        channel: "gearbox/x".to_owned(),
+    })?;
+    let run = Arc::new(run);
+    let mut due = tokio::time::interval(Duration::from_secs_f64(1.0 / args.speed));
+    for index in 0..args.records {
+        due.tick().await;
+        let run = run.clone();
+        let simulated = ingest.workers().run("simulate a record", move || run.record(index)).await??;
+        let given = Given {
+            reference_wear_um: Some(simulated.wear_um),
+            ..Given::default()
+        };
+        let bytes = encode_block(&simulated.record, BlockEncoding::Protobuf).into();
+        let ticket = ingest.workers().admit()?;
+        ingest.accept(&id, RecordFormat::Protobuf, bytes, given, ticket).await?;
+    }
+    Ok(())
+}

@@ -1,0 +1,198 @@
+//! `flankwatch library`: build, list and show libraries of simulated wear states.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{CliError, output, pair_file};
+use crate::gear::ContactRule;
+use crate::library::{self, GridSettings, Library, LibraryShelf, decode, keep};
+
+/// Arguments of `flankwatch library`.
+#[derive(Args)]
+pub(super) struct LibraryArgs {
+    #[command(subcommand)]
+    command: LibraryCommand,
+}
+
+#[derive(Subcommand)]
+enum LibraryCommand {
+    /// Simulate the wear states of a gear pair, or load them if nothing has changed
+    Build(BuildArgs),
+    /// The libraries that are kept
+    List(ShelfArgs),
+    /// One library's states
+    Show(ShowArgs),
+}
+
+#[derive(Args)]
+struct ShelfArgs {
+    /// Folder of the service's data; libraries are kept in its `libraries`
+    #[arg(long, default_value = "flankwatch-data")]
+    data_dir: PathBuf,
+}
+
+#[derive(Args)]
+struct BuildArgs {
+    /// The gear pair; the pair of Shen et al. 2022 where not given
+    #[arg(long)]
+    pair: Option<PathBuf>,
+    /// Number of wear states
+    #[arg(long, default_value_t = 50)]
+    states: usize,
+    /// Greatest wear depth of the last state in µm
+    #[arg(long, default_value_t = 245.0)]
+    max_wear_um: f64,
+    /// Length of each simulated record in seconds
+    #[arg(long, default_value_t = 2.0)]
+    seconds: f64,
+    /// Sampling rate of each simulated record in hertz
+    #[arg(long, default_value_t = 20_000.0)]
+    rate: f64,
+    /// Which tooth pairs carry the load
+    #[arg(long)]
+    contact: Option<ContactRule>,
+    /// Keep the library in this file instead of the data folder
+    #[arg(long)]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    shelf: ShelfArgs,
+}
+
+#[derive(Args)]
+struct ShowArgs {
+    /// The library's name, as `list` shows it, or a library file
+    library: String,
+    #[command(flatten)]
+    shelf: ShelfArgs,
+}
+
+/// Runs the command.
+pub(super) fn run(args: &LibraryArgs) -> Result<(), CliError> {
+    match &args.command {
+        LibraryCommand::Build(args) => build(args),
+        LibraryCommand::List(args) => list(args),
+        LibraryCommand::Show(args) => show(args),
+    }
+}
+
+impl ShelfArgs {
+    fn shelf(&self) -> LibraryShelf {
+        LibraryShelf::new(self.data_dir.join("libraries"))
+    }
+}
+
+fn build(args: &BuildArgs) -> Result<(), CliError> {
+    let mut pair = pair_file::read(args.pair.as_deref())?;
+    if let Some(contact) = args.contact {
+        pair.dynamics.contact = contact;
+    }
+    let grid = GridSettings {
+        states: args.states,
+        max_wear_um: args.max_wear_um,
+        seconds: args.seconds,
+        sample_rate_hz: args.rate,
+        ..GridSettings::default()
+    };
+    let bar = progress_bar(grid.states as u64, "wear states");
+    let progress = |done: usize, _| bar.set_position(done as u64);
+    let place = match &args.out {
+        None => {
+            let library = args.shelf.shelf().get_or_build(&pair, &grid, &progress)?;
+            format!("{} in {}", library.id(), args.shelf.data_dir.join("libraries").display())
+        }
+        Some(path) => {
+            if let Some(reason) = not_reusable(path, &library::library_id(&pair, &grid)) {
+                if path.exists() {
+                    tracing::warn!(file = %path.display(), reason, "building the library again");
+                }
+                keep(path, &library::build(&pair, &grid, &progress)?)?;
+            }
+            format!("{} in {}", library::library_id(&pair, &grid), path.display())
+        }
+    };
+    bar.finish_and_clear();
+    output::print(&format!("library {place}\n"))
+}
+
+/// Why the file cannot stand for the library with this name; `None` if it can.
+fn not_reusable(path: &std::path::Path, id: &str) -> Option<String> {
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) => return Some(error.to_string()),
+    };
+    match decode(&bytes) {
+        Ok(library) if library.id() == id => None,
+        Ok(library) => Some(format!("it was made from other inputs ({})", library.id())),
+        Err(error) => Some(error.to_string()),
+    }
+}
+
+fn list(args: &ShelfArgs) -> Result<(), CliError> {
+    let mut text = format!(
+        "{:<18} {:<20} {:>6} {:>10} {:>10}\n",
+        "library", "pair", "states", "to_um", "contact"
+    );
+    for manifest in args.shelf().list()? {
+        let contact = manifest.contact();
+        text += &format!(
+            "{:<18} {:<20} {:>6} {:>10} {:>10}\n",
+            manifest.id,
+            manifest.pair.name,
+            manifest.grid.states,
+            manifest.grid.max_wear_um,
+            contact.to_string()
+        );
+    }
+    output::print(&text)
+}
+
+fn show(args: &ShowArgs) -> Result<(), CliError> {
+    let path = std::path::Path::new(&args.library);
+    if path.is_file() {
+        let bytes = std::fs::read(path).map_err(CliError::io(path))?;
+        return output::print(&table(&decode(&bytes)?));
+    }
+    match args.shelf.shelf().get(&args.library)? {
+        Some(library) => output::print(&table(&library)),
+        None => Err(CliError::Argument(format!(
+            "no library {:?} in {}, see `flankwatch library list`",
+            args.library,
+            args.shelf.data_dir.display()
+        ))),
+    }
+}
+
+fn table(library: &Library) -> String {
+    let manifest = library.manifest();
+    let mut text = format!(
+        "library {} of pair {:?}, contact rule {}, model {}\n",
+        library.id(),
+        manifest.pair.name,
+        manifest.contact(),
+        manifest.model_version
+    );
+    text += &format!(
+        "{:>5} {:>9} {:>12} {:>10} {:>12}\n",
+        "state", "wear_um", "rms_m_s2", "kurtosis", "omx_m_s2"
+    );
+    for state in library.states() {
+        let value = |name| state.indicators.get(name).map_or_else(|| "-".to_owned(), |x| format!("{x:.4}"));
+        text += &format!(
+            "{:>5} {:>9.1} {:>12} {:>10} {:>12}\n",
+            state.index,
+            state.wear_um,
+            value("rms"),
+            value("kurtosis"),
+            value("omx")
+        );
+    }
+    text
+}
+
+/// A progress bar on standard error, drawn only on a terminal.
+pub(super) fn progress_bar(length: u64, unit: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template(&format!("{{bar:32}} {{pos}}/{{len}} {unit} {{elapsed}} {{msg}}"));
+    ProgressBar::new(length).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}

@@ -1,0 +1,162 @@
+//! `flankwatch replay`: send recordings to a server, record by record.
+
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use indicatif::ProgressBar;
+use jiff::Timestamp;
+
+use super::library::progress_bar;
+use super::{CliError, output};
+use crate::asset::AssetId;
+use crate::ingest::Pace;
+use crate::recording::{BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, encode_block};
+use crate::signal::OperatingPoint;
+
+/// Tries for one record while the server is busy or away.
+const TRIES: u32 = 8;
+
+/// Longest wait between two tries.
+const LONGEST_WAIT: Duration = Duration::from_secs(30);
+
+/// Arguments of `flankwatch replay`.
+#[derive(Args)]
+pub(super) struct ReplayArgs {
+    /// MCAP or WAV recordings, in time order
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// The asset that they belong to
+    #[arg(long)]
+    asset: String,
+    /// The server
+    #[arg(long, default_value = "http://127.0.0.1:8600")]
+    url: String,
+    /// How fast: realtime, max, or a factor such as 10x
+    #[arg(long, default_value = "max")]
+    pace: Pace,
+    /// Cut WAV recordings into records of this length
+    #[arg(long)]
+    record_seconds: Option<f64>,
+    /// Time of the first sample of the first recording that does not say; later ones follow on it
+    #[arg(long, default_value = "1970-01-01T00:00:00Z")]
+    start_time: Timestamp,
+}
+
+/// Runs the command. Sending a record again is harmless, so a replay that was stopped is resumed by starting it again.
+pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
+    let asset = AssetId::new(args.asset.clone()).map_err(|error| CliError::Argument(error.to_string()))?;
+    let mut sender = Sender {
+        agent: ureq::Agent::config_builder()
+            .http_status_as_error(false)
+            .timeout_global(Some(Duration::from_secs(120)))
+            .build()
+            .into(),
+        url: format!("{}/v1/assets/{asset}/segments", args.url.trim_end_matches('/')),
+        pace: args.pace,
+        first: None,
+        sent: 0,
+    };
+    let bytes: u64 = args
+        .files
+        .iter()
+        .filter_map(|path| path.metadata().ok())
+        .map(|metadata| metadata.len())
+        .sum();
+    let bar = progress_bar(bytes, "bytes");
+    let mut next_start = args.start_time;
+    for path in &args.files {
+        sender.send_file(path, args.record_seconds, &mut next_start, &bar)?;
+    }
+    bar.finish_and_clear();
+    output::print(&format!("{} records sent to {}\n", sender.sent, sender.url))
+}
+
+struct Sender {
+    agent: ureq::Agent,
+    url: String,
+    pace: Pace,
+    first: Option<(Timestamp, Instant)>,
+    sent: u64,
+}
+
+impl Sender {
+    fn send_file(
+        &mut self,
+        path: &Path,
+        record_seconds: Option<f64>,
+        next_start: &mut Timestamp,
+        bar: &ProgressBar,
+    ) -> Result<(), CliError> {
+        let defaults = RecordDefaults {
+            channel: None,
+            start_time: *next_start,
+            unit: None,
+            operating_point: OperatingPoint::default(),
+        };
+        let mut file = RecordingFile::open(path, defaults, record_seconds.map(Cut::Seconds)).map_err(CliError::recording(path))?;
+        let before = bar.position();
+        while let Some(recorded) = file.next() {
+            let recorded = recorded.map_err(CliError::recording(path))?;
+            let end = recorded.record.start_time() + jiff::SignedDuration::from_secs_f64(recorded.record.duration_s());
+            *next_start = (*next_start).max(end);
+            self.wait_for_its_time(recorded.record.start_time());
+            self.send(&recorded)?;
+            bar.set_position(before + file.bytes_read());
+            bar.set_message(format!("{} records", self.sent));
+        }
+        Ok(())
+    }
+
+    fn wait_for_its_time(&mut self, start_time: Timestamp) {
+        let Pace::Times(factor) = self.pace else { return };
+        let (first_time, began) = *self.first.get_or_insert_with(|| (start_time, Instant::now()));
+        let due = start_time.duration_since(first_time).as_secs_f64().max(0.0) / factor;
+        thread::sleep(Duration::from_secs_f64(due.min(1e9)).saturating_sub(began.elapsed()));
+    }
+
+    fn send(&mut self, recorded: &Recorded) -> Result<(), CliError> {
+        let body = encode_block(&recorded.record, BlockEncoding::Protobuf);
+        let mut wait = Duration::from_millis(250);
+        let failed = |reason: String| CliError::Server {
+            url: self.url.clone(),
+            reason,
+        };
+        for attempt in 1..=TRIES {
+            let mut request = self.agent.post(&self.url).content_type("application/x-protobuf");
+            if let Some(depth) = recorded.reference_wear_um {
+                request = request.query("reference_wear_um", depth.to_string());
+            }
+            let reason = match request.send(&body) {
+                Ok(response) if response.status().is_success() => {
+                    self.sent += 1;
+                    return Ok(());
+                }
+                Ok(mut response) => {
+                    let status = response.status().as_u16();
+                    let after = response
+                        .headers()
+                        .get("retry-after")
+                        .and_then(|value| value.to_str().ok()?.parse().ok());
+                    let detail = response.body_mut().read_to_string().unwrap_or_default();
+                    if !matches!(status, 429 | 502 | 503 | 504) {
+                        return Err(failed(format!("the server answered {status}: {detail}")));
+                    }
+                    wait = after.map_or(wait, Duration::from_secs);
+                    format!("the server answered {status}: {detail}")
+                }
+                Err(error) => error.to_string(),
+            };
+            if attempt == TRIES {
+                return Err(failed(format!(
+                    "{reason} ({TRIES} tries, {} records sent before; start again to go on)",
+                    self.sent
+                )));
+            }
+            thread::sleep(wait.min(LONGEST_WAIT));
+            wait = (wait * 2).min(LONGEST_WAIT);
+        }
+        Ok(())
+    }
+}

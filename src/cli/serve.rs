@@ -1,0 +1,204 @@
+//! `flankwatch serve`: the service.
+
+use std::fs;
+use std::io::Write;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use serde::Deserialize;
+use thiserror::Error;
+
+use crate::http::{ServiceConfig, ServiceError, start};
+use crate::ingest::SystemClock;
+
+/// Run the service: the API and the dashboard.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct ServeArgs {
+    /// Settings file (TOML); options given here go before it.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Address to listen on, port 0 for a free one [default: 127.0.0.1:8600].
+    #[arg(long, value_name = "ADDR")]
+    pub listen: Option<SocketAddr>,
+    /// Where everything is kept [default: ./flankwatch-data].
+    #[arg(long, value_name = "DIR")]
+    pub data_dir: Option<PathBuf>,
+    /// Recordings that may be replayed [default: recordings in the data folder].
+    #[arg(long, value_name = "DIR")]
+    pub replay_dir: Option<PathBuf>,
+}
+
+/// Why the service does not run.
+#[derive(Debug, Error)]
+pub enum ServeError {
+    /// The settings file cannot be read.
+    #[error("cannot read the settings file {path}: {source}", path = path.display())]
+    ConfigFile {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The settings file says something that is not understood.
+    #[error("settings file {path}: {source}", path = path.display())]
+    Config {
+        /// The file.
+        path: PathBuf,
+        /// What is not understood, and where.
+        source: Box<toml::de::Error>,
+    },
+    /// The process cannot run a server at all.
+    #[error("cannot start: {0}")]
+    Process(#[from] std::io::Error),
+    /// The service could not be started, or stopped by itself.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+}
+
+/// The settings file as it is written.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct ConfigFile {
+    listen: Option<SocketAddr>,
+    data_dir: Option<PathBuf>,
+    replay_dir: Option<PathBuf>,
+    limits: LimitsTable,
+}
+
+/// The table `limits` of the settings file.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct LimitsTable {
+    record_bytes: Option<usize>,
+    recording_bytes: Option<u64>,
+    bytes_at_once: Option<usize>,
+    requests_at_once: Option<usize>,
+    recordings_at_once: Option<usize>,
+    workers: Option<usize>,
+    body_timeout_s: Option<u64>,
+    request_timeout_s: Option<u64>,
+    grace_s: Option<u64>,
+}
+
+impl ServeArgs {
+    /// The settings that follow from the options and the settings file.
+    fn resolve(&self) -> Result<ServiceConfig, ServeError> {
+        let file = match &self.config {
+            Some(path) => ConfigFile::read(path)?,
+            None => ConfigFile::default(),
+        };
+        let default_listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
+        let mut config = ServiceConfig::new(
+            self.listen.or(file.listen).unwrap_or(default_listen),
+            self.data_dir
+                .clone()
+                .or(file.data_dir)
+                .unwrap_or_else(|| PathBuf::from("flankwatch-data")),
+        );
+        config.replay_dir = self.replay_dir.clone().or(file.replay_dir);
+        file.limits.apply(&mut config);
+        Ok(config)
+    }
+}
+
+impl ConfigFile {
+    fn read(path: &Path) -> Result<Self, ServeError> {
+        let text = fs::read_to_string(path).map_err(|source| ServeError::ConfigFile {
+            path: path.to_path_buf(),
+            source,
+        })?;
+        toml::from_str(&text).map_err(|source| ServeError::Config {
+            path: path.to_path_buf(),
+            source: Box::new(source),
+        })
+    }
+}
+
+impl LimitsTable {
+    fn apply(&self, config: &mut ServiceConfig) {
+        fn set<T: Copy>(setting: &mut T, given: Option<T>) {
+            if let Some(given) = given {
+                *setting = given;
+            }
+        }
+        set(&mut config.http.record_bytes, self.record_bytes);
+        set(&mut config.http.recording_bytes, self.recording_bytes);
+        set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
+        set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
+        set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
+        set(&mut config.ingest.bytes_at_once, self.bytes_at_once);
+        set(&mut config.ingest.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
+        set(&mut config.ingest.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));
+        set(&mut config.ingest.workers, self.workers.map(|n| n.max(1)));
+    }
+}
+
+/// Runs the service until Ctrl-C or SIGTERM.
+pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
+    let config = args.resolve()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let ended = runtime.block_on(async {
+        let service = start(config, Arc::new(SystemClock)).await?;
+        let mut out = std::io::stdout();
+        writeln!(out, "listening on http://{}", service.address())?;
+        out.flush()?;
+        asked_to_stop().await?;
+        tracing::info!("stopping");
+        service.stop().await?;
+        Ok(())
+    });
+    // A recording that is being read ends by itself; nothing that matters waits for it.
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    ended
+}
+
+/// Waits for Ctrl-C, or for SIGTERM where there is such a thing.
+pub(super) async fn asked_to_stop() -> std::io::Result<()> {
+    #[cfg(unix)]
+    {
+        let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
+        tokio::select! {
+            interrupted = tokio::signal::ctrl_c() => interrupted,
+            _ = terminate.recv() => Ok(()),
+        }
+    }
+    #[cfg(not(unix))]
+    tokio::signal::ctrl_c().await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_option_goes_before_the_settings_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flankwatch.toml");
+        fs::write(&path, "listen = \"127.0.0.1:1\"\ndata_dir = \"d\"\n[limits]\nrecord_bytes = 1000\n").unwrap();
+        let args = ServeArgs {
+            config: Some(path),
+            listen: Some("127.0.0.1:2".parse().unwrap()),
+            ..ServeArgs::default()
+        };
+        let config = args.resolve().unwrap();
+        assert_eq!(config.listen.port(), 2);
+        assert_eq!(config.data_dir, PathBuf::from("d"));
+        assert_eq!(config.http.record_bytes, 1000);
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused_with_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flankwatch.toml");
+        fs::write(&path, "[limits]\nrecord_byte = 1\n").unwrap();
+        let args = ServeArgs {
+            config: Some(path),
+            ..ServeArgs::default()
+        };
+        let error = args.resolve().unwrap_err().to_string();
+        assert!(error.contains("record_byte") && error.contains("flankwatch.toml"), "{error}");
+    }
+}

@@ -1,0 +1,194 @@
+//! `/v1/assets`.
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::IntoResponse;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::body;
+use super::problem::Problem;
+use super::query::{self, AssetInPath, Page, Parameters};
+use super::router::App;
+use crate::asset::{AssetId, AssetSpec};
+use crate::estimate::WearEstimate;
+use crate::store::Asset;
+
+/// Points of the small curve of an asset's wear.
+const RECENT_POINTS: usize = 40;
+
+/// An asset as it is shown.
+#[derive(Debug, Serialize)]
+pub(super) struct AssetView {
+    #[serde(flatten)]
+    spec: AssetSpec,
+    created_at: Timestamp,
+    updated_at: Timestamp,
+    summary: Summary,
+}
+
+/// What a list of assets shows of each.
+#[derive(Debug, Serialize)]
+struct Summary {
+    segments: u64,
+    channels: Vec<String>,
+    first_start_time: Option<Timestamp>,
+    last_start_time: Option<Timestamp>,
+    library_id: Option<String>,
+    library_state: &'static str,
+    wear: Option<WearEstimate>,
+    wear_channel: Option<String>,
+    recent_wear_um: Vec<f64>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ListParameters {
+    limit: Option<u32>,
+    cursor: Option<String>,
+}
+
+pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<AssetView>>, Problem> {
+    let limit = query::limit(asked.limit)?;
+    let assets = app.ingest.store().assets(asked.cursor.as_deref(), limit + 1).await?;
+    let (assets, next_cursor) = Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
+    let mut views = Vec::with_capacity(assets.len());
+    for asset in assets {
+        views.push(view(&app, asset).await?);
+    }
+    Ok(Json(Page::from_parts(views, next_cursor)))
+}
+
+pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
+    let spec = description(&app, &headers, body).await?;
+    let asset = app.ingest.create_asset(&spec).await?;
+    let location = format!("/v1/assets/{}", spec.id);
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view(&app, asset).await?)))
+}
+
+pub(super) async fn show(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<Json<AssetView>, Problem> {
+    let asset = app.ingest.store().asset(&id).await?;
+    Ok(Json(view(&app, asset).await?))
+}
+
+pub(super) async fn replace(
+    State(app): State<App>,
+    AssetInPath(id): AssetInPath,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Json<AssetView>, Problem> {
+    let spec = description(&app, &headers, body).await?;
+    if spec.id != id {
+        return Err(Problem::content("id", &spec.id, &format!("{id}, as in the address")));
+    }
+    let asset = app.ingest.update_asset(&spec).await?;
+    Ok(Json(view(&app, asset).await?))
+}
+
+pub(super) async fn remove(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<StatusCode, Problem> {
+    app.ingest.delete_asset(&id).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+async fn description(app: &App, headers: &HeaderMap, body: Body) -> Result<AssetSpec, Problem> {
+    let media_type = body::media_type(headers);
+    match media_type.as_deref() {
+        Some("application/json") => {
+            let bytes = body::read_description(headers, body, &app.limits).await?;
+            let spec: AssetSpec = body::from_json(&bytes)?;
+            spec.validate()?;
+            Ok(spec)
+        }
+        Some("application/toml") => {
+            let bytes = body::read_description(headers, body, &app.limits).await?;
+            let text = std::str::from_utf8(&bytes)
+                .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, format!("the body is not UTF-8: {error}")))?;
+            Ok(AssetSpec::from_toml(text)?)
+        }
+        other => Err(body::unsupported(other, "application/json or application/toml")),
+    }
+}
+
+async fn view(app: &App, asset: Asset) -> Result<AssetView, Problem> {
+    let summary = summary(app, &asset).await?;
+    Ok(AssetView {
+        spec: asset.spec,
+        created_at: asset.created_at,
+        updated_at: asset.updated_at,
+        summary,
+    })
+}
+
+async fn summary(app: &App, asset: &Asset) -> Result<Summary, Problem> {
+    let store = app.ingest.store();
+    let channels = store.channels(&asset.spec.id).await?;
+    let (library_id, readiness) = app.ingest.libraries().readiness(&asset.spec);
+    let mut wear = None;
+    let mut recent_wear_um = Vec::new();
+    let speaking = asset.speaking_channel(&channels, None);
+    if let Some(channel) = speaking {
+        if let Some(id) = &channel.last_segment {
+            wear = store.segment(id).await?.map(|segment| WearEstimate {
+                posterior: None,
+                ..segment.wear
+            });
+        }
+        let trend = store.trend(channel).await?;
+        let medians: Vec<f64> = trend.wear.iter().filter_map(|wear| wear.median_um).collect();
+        recent_wear_um = thin(&medians);
+    }
+    Ok(Summary {
+        segments: channels.iter().map(|channel| channel.segments).sum(),
+        first_start_time: channels.iter().filter_map(|channel| channel.first_start_time).min(),
+        last_start_time: channels.iter().filter_map(|channel| channel.last_start_time).max(),
+        library_id,
+        library_state: readiness.name(),
+        wear,
+        wear_channel: speaking.map(|channel| channel.channel.clone()),
+        recent_wear_um,
+        channels: channels.into_iter().map(|channel| channel.channel).collect(),
+    })
+}
+
+/// Values evenly picked over the whole, the first and the last among them.
+fn thin(values: &[f64]) -> Vec<f64> {
+    if values.len() <= RECENT_POINTS {
+        return values.to_vec();
+    }
+    let last = values.len() - 1;
+    (0..RECENT_POINTS).map(|n| values[n * last / (RECENT_POINTS - 1)]).collect()
+}
+
+/// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for the asset.
+///
+/// None of a channel where the asset has no records; a problem where the channel asked for has none.
+pub(super) async fn asset_and_channel(
+    app: &App,
+    id: &AssetId,
+    asked: Option<&str>,
+) -> Result<(Asset, Option<crate::store::ChannelSummary>), Problem> {
+    let store = app.ingest.store();
+    let asset = store.asset(id).await?;
+    let channels = store.channels(id).await?;
+    let channel = asset.speaking_channel(&channels, asked).cloned();
+    if channel.is_none()
+        && let Some(asked) = asked
+    {
+        return Err(Problem::not_found(format!("asset {id} has no records of channel {asked:?}")));
+    }
+    Ok((asset, channel))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thinned_curve_begins_and_ends_where_the_whole_does() {
+        let values: Vec<f64> = (0..1000).map(f64::from).collect();
+        let thin = thin(&values);
+        assert_eq!((thin.len(), thin[0], thin[RECENT_POINTS - 1]), (RECENT_POINTS, 0.0, 999.0));
+    }
+}

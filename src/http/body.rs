@@ -1,0 +1,167 @@
+//! Reading bodies: bytes are counted as they come, and no more are taken than allowed.
+
+use std::future::poll_fn;
+use std::path::{Path, PathBuf};
+use std::pin::Pin;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use axum::body::{Body, HttpBody};
+use axum::http::{HeaderMap, StatusCode, header};
+use bytes::{Bytes, BytesMut};
+use serde::de::DeserializeOwned;
+use tokio::io::AsyncWriteExt;
+
+use super::limits::HttpLimits;
+use super::problem::Problem;
+
+/// The media type of a body without its parameters, in lower case; none where the client does not say.
+pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
+    let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
+    Some(value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
+}
+
+/// The problem of a body that is of none of the `expected` media types, or of a coding of its content.
+pub(super) fn unsupported(found: Option<&str>, expected: &str) -> Problem {
+    let found = found.unwrap_or("missing");
+    Problem::new(
+        StatusCode::UNSUPPORTED_MEDIA_TYPE,
+        format!("content-type is {found}, expected {expected}"),
+    )
+}
+
+/// The whole body, at most `most` bytes; `take` is told of every piece before it is kept.
+pub(super) async fn read(
+    headers: &HeaderMap,
+    mut body: Body,
+    most: usize,
+    limits: &HttpLimits,
+    mut take: impl FnMut(usize) -> Result<(), Problem>,
+) -> Result<Bytes, Problem> {
+    let announced = announced(headers, most as u64)?;
+    let all = async {
+        let mut all = BytesMut::with_capacity(usize::try_from(announced.unwrap_or(0)).unwrap_or(0).min(1 << 20));
+        while let Some(piece) = next_piece(&mut body).await? {
+            if all.len() + piece.len() > most {
+                return Err(Problem::too_large(most as u64));
+            }
+            take(piece.len())?;
+            all.extend_from_slice(&piece);
+        }
+        Ok(all.freeze())
+    };
+    within(limits, all).await
+}
+
+/// The body of a description (JSON or TOML), at most as long as such a body may be.
+pub(super) async fn read_description(headers: &HeaderMap, body: Body, limits: &HttpLimits) -> Result<Bytes, Problem> {
+    read(headers, body, limits.description_bytes, limits, |_| Ok(())).await
+}
+
+/// A body in a file, removed when dropped.
+pub(super) struct SpooledBody {
+    path: PathBuf,
+}
+
+impl SpooledBody {
+    /// Writes the whole body to a file in `folder`.
+    pub(super) async fn receive(headers: &HeaderMap, mut body: Body, folder: &Path, limits: &HttpLimits) -> Result<Self, Problem> {
+        static COUNTER: AtomicU64 = AtomicU64::new(0);
+        let most = limits.recording_bytes;
+        announced(headers, most)?;
+        let spooled = Self {
+            path: folder.join(COUNTER.fetch_add(1, Ordering::Relaxed).to_string()),
+        };
+        let failed = |source| {
+            Problem::from(crate::ingest::IngestError::File {
+                action: "write",
+                path: folder.to_path_buf(),
+                source,
+            })
+        };
+        let write = async {
+            let file = tokio::fs::File::create(&spooled.path).await.map_err(failed)?;
+            let mut file = tokio::io::BufWriter::with_capacity(1 << 20, file);
+            let mut written = 0;
+            while let Some(piece) = next_piece(&mut body).await? {
+                written += piece.len() as u64;
+                if written > most {
+                    return Err(Problem::too_large(most));
+                }
+                file.write_all(&piece).await.map_err(failed)?;
+            }
+            file.flush().await.map_err(failed)
+        };
+        within(limits, write).await?;
+        Ok(spooled)
+    }
+
+    /// Where it is.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for SpooledBody {
+    fn drop(&mut self) {
+        if let Err(error) = std::fs::remove_file(&self.path) {
+            tracing::debug!(file = %self.path.display(), %error, "upload file not removed");
+        }
+    }
+}
+
+/// What JSON bytes say: 400 where they are not JSON, 422 where they are but do not fit.
+pub(super) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    serde_json::from_slice(bytes).map_err(|error| {
+        let message = error.to_string();
+        let status = match error.classify() {
+            serde_json::error::Category::Data => StatusCode::UNPROCESSABLE_ENTITY,
+            _ => StatusCode::BAD_REQUEST,
+        };
+        Problem::new(status, format!("the body cannot be used: {message}")).naming_field_in(&message)
+    })
+}
+
+/// Refuses a body that says itself that it is too long.
+fn announced(headers: &HeaderMap, most: u64) -> Result<Option<u64>, Problem> {
+    if let Some(coding) = headers.get(header::CONTENT_ENCODING) {
+        let detail = format!("content-encoding is {coding:?}, expected none");
+        return Err(Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, detail));
+    }
+    let length = headers
+        .get(header::CONTENT_LENGTH)
+        .and_then(|value| value.to_str().ok()?.parse().ok());
+    match length {
+        Some(length) if length > most => Err(Problem::too_large(most)),
+        length => Ok(length),
+    }
+}
+
+async fn next_piece(body: &mut Body) -> Result<Option<Bytes>, Problem> {
+    loop {
+        let frame = poll_fn(|context| Pin::new(&mut *body).poll_frame(context)).await;
+        match frame {
+            None => return Ok(None),
+            Some(Ok(frame)) => {
+                // Trailers carry nothing that is asked for.
+                if let Ok(piece) = frame.into_data() {
+                    return Ok(Some(piece));
+                }
+            }
+            Some(Err(error)) => {
+                return Err(Problem::new(
+                    StatusCode::BAD_REQUEST,
+                    format!("the body ended before it was complete: {error}"),
+                ));
+            }
+        }
+    }
+}
+
+async fn within<T>(limits: &HttpLimits, reading: impl Future<Output = Result<T, Problem>>) -> Result<T, Problem> {
+    tokio::time::timeout(limits.body_timeout, reading).await.unwrap_or_else(|_| {
+        Err(Problem::new(
+            StatusCode::REQUEST_TIMEOUT,
+            format!("the body took longer than {} s", limits.body_timeout.as_secs()),
+        ))
+    })
+}

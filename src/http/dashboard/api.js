@@ -1,0 +1,105 @@
+// The only place that talks to the server. A repeated answer gives the same object back, so callers can see by identity that nothing changed.
+
+const REMEMBERED = 48;
+const memory = new Map(); // address → { etag, text, data }, the latest used last
+
+/** The server answered with an error; `problem` is its RFC 9457 body where it sent one. */
+export class ApiError extends Error {
+  constructor(status, problem) {
+    super(problem.detail || problem.title || `the server answered ${status}`);
+    this.status = status;
+    this.problem = problem;
+  }
+}
+
+/** No answer, or one that says that the service is not there at the moment. */
+export class ConnectionError extends Error {}
+
+/** An address under /v1 relative to the page, so that a path prefix of a proxy is kept. */
+export function address(segments, parameters = {}) {
+  const url = new URL(["v1", ...segments.map(encodeURIComponent)].join("/"), document.baseURI);
+  url.hash = "";
+  for (const [name, value] of Object.entries(parameters)) {
+    if (value !== null && value !== undefined && value !== "") url.searchParams.set(name, value);
+  }
+  return url.href;
+}
+
+function remember(href, entry) {
+  memory.delete(href);
+  memory.set(href, entry);
+  if (memory.size > REMEMBERED) memory.delete(memory.keys().next().value);
+}
+
+function parsed(text) {
+  try {
+    return JSON.parse(text);
+  } catch {
+    return null;
+  }
+}
+
+/** The error of an answer outside 2xx. */
+export function failure(status, text) {
+  const problem = parsed(text) ?? {};
+  const gone = status === 502 || status === 503 || status === 504;
+  return gone ? new ConnectionError(problem.detail ?? `the server answered ${status}`) : new ApiError(status, problem);
+}
+
+async function request(href, options) {
+  try {
+    const response = await fetch(href, options);
+    return { response, text: await response.text() };
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new ConnectionError("no answer from the server", { cause: error });
+  }
+}
+
+async function get(segments, parameters, signal) {
+  const href = address(segments, parameters);
+  const known = memory.get(href);
+  const headers = { accept: "application/json" };
+  if (known?.etag) headers["if-none-match"] = known.etag;
+  const { response, text } = await request(href, { headers, signal, cache: "no-store" });
+  if (known && (response.status === 304 || (response.ok && text === known.text))) {
+    remember(href, known);
+    return known.data;
+  }
+  if (!response.ok) throw failure(response.status, text);
+  const data = parsed(text);
+  if (data === null) throw new ApiError(response.status, { title: "the server's answer is not JSON" });
+  remember(href, { etag: response.headers.get("etag"), text, data });
+  return data;
+}
+
+async function send(method, segments, body, signal) {
+  const headers = { accept: "application/json", ...(body && { "content-type": "application/json" }) };
+  const { response, text } = await request(address(segments), { method, headers, signal, body: body && JSON.stringify(body) });
+  if (!response.ok) throw failure(response.status, text);
+  return parsed(text);
+}
+
+/** Every asset, over as many pages as the server cuts the list into. */
+export async function assets(signal) {
+  const pages = [];
+  let cursor;
+  do {
+    const page = await get(["assets"], { limit: 1000, cursor }, signal);
+    pages.push(page.items);
+    cursor = page.next_cursor;
+  } while (cursor);
+  return pages.length === 1 ? pages[0] : pages.flat();
+}
+
+export const asset = (id, signal) => get(["assets", id], {}, signal);
+export const wear = (id, channel, signal) => get(["assets", id, "wear"], { channel }, signal);
+export const wearHistory = (id, channel, signal) => get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
+export const indicators = (id, channel, names, signal) =>
+  get(["assets", id, "indicators"], { channel, names: names.join(","), max_points: 2000 }, signal);
+export const segment = (id, signal) => get(["segments", id], {}, signal);
+export const spectrum = (id, signal) => get(["segments", id, "spectrum"], { max_points: 4000 }, signal);
+export const envelope = (id, signal) => get(["segments", id, "envelope"], { max_points: 4000 }, signal);
+export const replays = (signal) => get(["replays"], { limit: 100 }, signal);
+export const startReplay = (body) => send("POST", ["replays"], body);
+export const stopReplay = (id) => send("DELETE", ["replays", id]);

@@ -1,0 +1,125 @@
+// The top of an asset's page: its state, the wear now with its interval in words, and the facts behind them.
+
+import { h, setChildren, setText } from "./dom.js";
+import { age, count, depth, hertz, number, speedSource, utc } from "./format.js";
+import { baselineBar, wearBar } from "./gauge.js";
+import { assetName } from "./fleet-row.js";
+import { change } from "./route.js";
+import { assetState, limitUse, sentence, STATES, wearState } from "./state.js";
+import { badge } from "./symbols.js";
+
+const LIBRARY_STATES = {
+  none: "none: no gear pair described",
+  building: "being built",
+  failed: "could not be built",
+  ready: "ready",
+};
+
+function fact(term, ...words) {
+  return h("div", { class: "fact" }, h("dt", {}, term), h("dd", {}, ...words));
+}
+
+function small(text, title) {
+  return h("span", { class: "muted", title }, text);
+}
+
+function speedFact(speed, gear, known) {
+  if (!speed) return fact("Shaft speed", known ? "not found" : hertz(gear.shaft_speed_hz), small(known ? `nominal ${hertz(gear.shaft_speed_hz)}` : "nominal"));
+  return fact("Shaft speed", `${hertz(speed.shaft_speed_hz)}, ${number(speed.shaft_speed_hz * 60, 4)} rpm`, small(speedSource(speed)));
+}
+
+function libraryFact({ library_id: id, library_state: state }, wear) {
+  const best = wear?.best_state;
+  const words = best ? `state ${best.index}, ${depth(best.wear_um)} µm` : (LIBRARY_STATES[state] ?? state);
+  return fact(best ? "Best library state" : "Library", words, id ? small(`library ${id.slice(0, 8)}`, id) : null);
+}
+
+function facts(asset, wear, last) {
+  const { summary, gear } = asset;
+  const speed = wear?.shaft_speed;
+  const { have, need } = wear?.baseline ?? {};
+  const baseline = !gear.pair ? ["not needed", small("for indicators alone")] : have >= need ? [`complete, ${need} records`] : [baselineBar({ have: have ?? 0, need: need ?? asset.baseline.records })];
+  return [
+    fact("Baseline", ...baseline),
+    libraryFact(summary, wear),
+    speedFact(speed, gear, Boolean(wear?.segment_id)),
+    fact("Mesh frequency", hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]), small(speed ? "teeth × shaft speed" : "from the nominal speed")),
+    fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
+    fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "segment" : "segments"}`, last),
+  ];
+}
+
+/** Everything above the plots of an asset's page. */
+export class AssetHeader {
+  #name = h("h1");
+  #id = h("span", { class: "muted id" });
+  #state = h("div", { class: "state-line" });
+  #sentence = h("p", { class: "sentence" });
+  #number = h("p", { class: "wear-now" });
+  #bar = h("div");
+  #facts = h("dl", { class: "facts" });
+  #age = h("span", { class: "muted" });
+  #last;
+  #channel = h("select", { id: "channel", onchange: () => change({ channel: this.#channel.value, segment: null }) });
+  #channelField = h("label", { class: "field", for: "channel", hidden: true }, h("span", {}, "Channel"), this.#channel);
+  #verdict = h("div", { class: "card verdict" }, h("div", { class: "verdict-main" }, this.#state, this.#number, this.#bar, this.#sentence), this.#facts);
+  element;
+
+  constructor(onAddRecords) {
+    const add = h("button", { type: "button", onclick: onAddRecords }, "Add records…");
+    this.element = h(
+      "header",
+      { class: "asset-header" },
+      h("nav", { class: "crumbs", "aria-label": "Breadcrumb" }, h("a", { href: "#/" }, "Fleet"), h("span", { "aria-hidden": "true" }, "›")),
+      h("div", { class: "asset-title" }, h("div", {}, this.#name, this.#id), h("div", { class: "asset-actions" }, this.#channelField, add)),
+      this.#verdict,
+    );
+  }
+
+  /** Shows an asset and the latest wear estimate of one of its channels. */
+  update(asset, wear, channel) {
+    const { summary, limits } = asset;
+    const name = assetName(asset);
+    setText(this.#name, name);
+    setText(this.#id, asset.name ? asset.id : "");
+    const overall = assetState(asset);
+    // another channel may say something else than the one that speaks for the asset
+    const other = wear?.segment_id && channel !== summary.wear_channel;
+    const state = other ? wearState(wear, limits) : overall;
+    setChildren(this.#state, badge(state, 30));
+    this.#verdict.dataset.symbol = STATES[state].symbol;
+    document.title = `${STATES[overall].short} · ${name} · flankwatch`;
+    const known = wear?.median_um != null;
+    setChildren(this.#number, ...(known ? wearNumber(wear, limits) : []));
+    this.#number.hidden = !known;
+    setChildren(this.#bar, known ? wearBar(wear, limits) : null);
+    setText(this.#sentence, wear?.segment_id ? sentence(wear, limits) : sentence(null));
+    setChildren(this.#facts, facts(asset, wear, this.#age));
+    this.#last = summary.last_start_time;
+    this.#age.title = this.#last ? `${utc(summary.first_start_time)} to ${utc(this.#last)}` : "";
+    this.#updateChannels(summary.channels, channel);
+    this.tick();
+  }
+
+  #updateChannels(channels, chosen) {
+    this.#channelField.hidden = channels.length < 2;
+    if (this.#channel.dataset.channels !== JSON.stringify(channels)) {
+      this.#channel.dataset.channels = JSON.stringify(channels);
+      setChildren(this.#channel, channels.map((name) => h("option", { value: name }, name)));
+    }
+    this.#channel.value = chosen ?? "";
+  }
+
+  /** Lets the last record's age grow. */
+  tick() {
+    setText(this.#age, this.#last ? `the last one ${age(this.#last)}` : "none yet");
+  }
+}
+
+function wearNumber(wear, limits) {
+  const use = limitUse(wear, limits);
+  const interval = `${depth(wear.p05_um)} to ${depth(wear.p95_um)} µm`;
+  const share = use ? ` · ${Math.round(100 * use.share)} % of the ${use.name} limit` : "";
+  const unclear = wear.status === "not_identifiable";
+  return [h("strong", {}, unclear ? "Unclear" : depth(wear.median_um), h("span", {}, unclear ? "" : " µm")), h("span", { class: "muted" }, `5 to 95 %: ${interval}${unclear ? "" : share}`)];
+}

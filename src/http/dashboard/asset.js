@@ -1,0 +1,205 @@
+// One asset: fetches what its page shows, and keeps the plots, the selection and the address in step.
+
+import * as api from "./api.js";
+import { AssetHeader } from "./asset-header.js";
+import { h, setChildren } from "./dom.js";
+import { PlotCard } from "./plot-card.js";
+import { linkTimeAxes, onPointClick } from "./plots.js";
+import { RecordView } from "./record-view.js";
+import { RecordsDialog } from "./records-dialog.js";
+import { change } from "./route.js";
+import { chosenPanes, PANES, paneNames, trendDrawing } from "./trend-plot.js";
+import { wearDrawing, withoutEstimate } from "./wear-plot.js";
+
+/** An answer, or the server's refusal as a value; a lost connection still throws. */
+async function answer(promise) {
+  try {
+    return await promise;
+  } catch (error) {
+    if (error instanceof api.ApiError) return error;
+    throw error;
+  }
+}
+
+/** The page of one asset. */
+export class AssetPage {
+  #id;
+  #query;
+  #root;
+  #data = null;
+  #key = "";
+  #dialog;
+  #header;
+  #wear = new PlotCard("wear", "Wear over time");
+  #trends = new PlotCard("trends", "Indicator trends");
+  #record = new RecordView();
+  #panes = new Map();
+  #log = h("input", { type: "checkbox", id: "trend-log", onchange: () => change({ log: this.#log.checked ? "1" : null }, { quiet: true }) });
+  #empty = h("section", { class: "card empty", hidden: true });
+  #grid;
+
+  constructor(root, route) {
+    this.#root = root;
+    this.#id = route.id;
+    this.#query = route.query;
+    this.#dialog = new RecordsDialog(route.id);
+    this.#header = new AssetHeader(() => this.#dialog.open());
+    const chips = h("div", { class: "chips", role: "group", "aria-label": "Indicators" });
+    for (const { key, label } of PANES) {
+      const chip = h("button", { type: "button", class: "chip", "data-key": key, onclick: () => this.#togglePane(key) }, label);
+      this.#panes.set(key, chip);
+      chips.append(chip);
+    }
+    this.#trends.tools.append(chips, h("label", { class: "check", for: "trend-log" }, this.#log, "Log"));
+    const [bar, spectrum, envelope, posterior] = this.#record.elements;
+    this.#grid = h(
+      "div",
+      { class: "asset-grid", hidden: true },
+      h("div", { class: "column" }, this.#wear.element, this.#trends.element),
+      h("div", { class: "column" }, bar, spectrum, envelope, posterior),
+    );
+    const loading = h("p", { class: "notice loading" }, `Loading ${route.id}…`);
+    setChildren(root, loading);
+    document.title = `${route.id} · flankwatch`;
+  }
+
+  #togglePane(key) {
+    const keys = chosenPanes(this.#query.trend).map((pane) => pane.key);
+    const next = keys.includes(key) ? keys.filter((other) => other !== key) : [...keys, key];
+    if (next.length) change({ trend: next.join(",") }, { quiet: true });
+  }
+
+  /** Follows a changed address. */
+  update(route) {
+    const before = this.#query;
+    this.#query = route.query;
+    if (!this.#data) return true;
+    if (before.segment !== route.query.segment || before.channel !== route.query.channel) {
+      this.#record.busy(true);
+      return true;
+    }
+    if (before.trend !== route.query.trend) return true;
+    this.redraw();
+    return false;
+  }
+
+  /** Asks the server and shows what changed. */
+  async refresh(signal) {
+    const asset = await answer(api.asset(this.#id, signal));
+    if (asset instanceof Error) return this.#refused(asset);
+    const key = JSON.stringify(this.#query);
+    if (asset === this.#data?.asset && key === this.#key) return;
+    const { summary } = asset;
+    const channel = this.#query.channel ?? summary.wear_channel ?? summary.channels[0];
+    const latest = await answer(api.wear(this.#id, channel, signal));
+    if (latest instanceof Error) return this.#refused(latest);
+    if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element);
+    this.#header.update(asset, latest, latest.channel ?? channel);
+    if (!latest.segment_id) {
+      this.#showEmpty();
+    } else {
+      this.#empty.hidden = true;
+      this.#grid.hidden = false; // with its cards saying that they are loading
+      await this.#fetch(asset, latest, channel, signal);
+      await this.redraw();
+    }
+    this.#data ??= {};
+    this.#data.asset = asset;
+    this.#key = key;
+  }
+
+  async #fetch(asset, latest, channel, signal) {
+    const id = this.#query.segment ?? latest.segment_id;
+    const panes = chosenPanes(this.#query.trend);
+    // a record that was refused is not asked for again at every look
+    const known = this.#data?.id === id && this.#data.segment instanceof Error ? this.#data : null;
+    const record = known ? Promise.resolve(known.segment) : answer(api.segment(id, signal)).then((segment) => {
+      const foreign = !(segment instanceof Error) && segment.asset_id !== this.#id;
+      return foreign ? new api.ApiError(404, { detail: `segment ${id} belongs to another asset` }) : segment;
+    });
+    const trends = record.then(async (segment) => {
+      const names = paneNames(panes, segment);
+      return { names, panes, answer: names.length ? await answer(api.indicators(this.#id, channel, names, signal)) : null };
+    });
+    const [segment, spectrum, envelope, history, trend] = await Promise.all([
+      record,
+      known?.spectrum ?? answer(api.spectrum(id, signal)),
+      known?.envelope ?? answer(api.envelope(id, signal)),
+      answer(api.wearHistory(this.#id, channel, signal)),
+      trends,
+    ]);
+    const refused = segment instanceof Error;
+    this.#data = { asset, latest, channel, id, segment, spectrum: refused ? segment : spectrum, envelope: refused ? segment : envelope, history, trend };
+  }
+
+  /** Draws everything again from what is known, for a changed address or theme. */
+  async redraw() {
+    if (!this.#data?.history) return;
+    const { asset, latest, channel, id, segment, history, trend } = this.#data;
+    const revision = `${this.#id} ${channel}`;
+    const selected = segment.start_time ?? null;
+    const points = history instanceof Error ? [] : history.items;
+    this.#record.place(points.map((item) => item.segment_id), id, !this.#query.segment);
+    await Promise.all([
+      this.#drawWear(history, latest.limits, selected, revision),
+      this.#drawTrends(trend, selected, revision),
+      this.#record.show(this.#data, asset, this.#query),
+    ]);
+    const select = (clicked) => change({ segment: clicked });
+    onPointClick(this.#wear.plot, select);
+    onPointClick(this.#trends.plot, select);
+    linkTimeAxes(this.#wear.plot, this.#trends.plot);
+  }
+
+  #drawWear(history, limits, selected, revision) {
+    if (history instanceof Error) return this.#wear.say(history.message);
+    if (history.items.length === 0) return this.#wear.say("No records of this channel yet.");
+    const reason = withoutEstimate(history.items);
+    if (reason) return this.#wear.say(reason);
+    return this.#wear.show(wearDrawing(history, limits, selected, revision), `${this.#id}-wear`);
+  }
+
+  #drawTrends({ names, panes, answer: indicators }, selected, revision) {
+    const logarithmic = this.#query.log === "1";
+    this.#log.checked = logarithmic;
+    for (const [key, chip] of this.#panes) chip.setAttribute("aria-pressed", String(panes.some((pane) => pane.key === key)));
+    if (!indicators) return this.#trends.say("This record has no such indicators.");
+    if (indicators instanceof Error) return this.#trends.say(indicators.message);
+    this.#trends.plot.style.setProperty("--panes", panes.length);
+    return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, revision), `${this.#id}-trends`);
+  }
+
+  #showEmpty() {
+    this.#grid.hidden = true;
+    this.#empty.hidden = false;
+    const example = `curl -X POST '${api.address(["assets", this.#id, "segments"])}' \\\n  -H 'content-type: audio/wav' --data-binary @record.wav`;
+    setChildren(
+      this.#empty,
+      h("h2", {}, "Waiting for the first record"),
+      h("p", {}, "Send vibration records taken while the gears are healthy: they become the baseline that later records are compared with."),
+      h("pre", { tabindex: "0" }, h("code", {}, example)),
+      h("button", { type: "button", onclick: () => this.#dialog.open() }, "Add records…"),
+    );
+  }
+
+  #refused(error) {
+    const words = error.status === 404 ? `There is no asset “${this.#id}” on this server.` : error.message;
+    document.title = "Not found · flankwatch";
+    setChildren(this.#root, h("h1", {}, this.#id), h("p", { class: "notice" }, `${words} `, h("a", { href: "#/" }, "Go to the fleet")));
+    this.#data = null;
+  }
+
+  /** Lets ages grow. */
+  tick() {
+    if (this.#header.element.isConnected) this.#header.tick();
+    this.#dialog.tick();
+  }
+
+  /** Frees the plots. */
+  dispose() {
+    this.#wear.dispose();
+    this.#trends.dispose();
+    this.#record.dispose();
+    this.#dialog.dispose();
+  }
+}

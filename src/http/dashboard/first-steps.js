@@ -1,0 +1,42 @@
+// What to do first on a server without assets.
+
+import { h } from "./dom.js";
+
+function command(title, text) {
+  const button = h("button", { type: "button", class: "quiet" }, "Copy");
+  button.addEventListener("click", async () => {
+    try {
+      await navigator.clipboard.writeText(text);
+      button.textContent = "Copied";
+    } catch {
+      button.textContent = "Select and copy by hand";
+    }
+  });
+  return h("li", {}, h("div", { class: "command-head" }, h("h3", {}, title), button), h("pre", { tabindex: "0" }, h("code", {}, text)));
+}
+
+/** The steps from nothing to a first wear estimate, with this server's own address in them. */
+export function firstSteps() {
+  const base = new URL(".", document.baseURI).href.replace(/\/$/, "");
+  const asset = `curl -X POST ${base}/v1/assets -H 'content-type: application/json' -d '{
+  "id": "pump-north", "name": "Pump north",
+  "gear": { "teeth": [32, 80], "shaft_speed_hz": 29.7 },
+  "limits": { "warning_um": 100, "danger_um": 150 }
+}'`;
+  const record = `curl -X POST '${base}/v1/assets/pump-north/segments?unit=m/s2&start_time=2026-03-02T06:00:00Z' \\
+  -H 'content-type: audio/wav' --data-binary @record.wav`;
+  return h(
+    "section",
+    { class: "card first-steps" },
+    h("h2", {}, "No assets yet"),
+    h("p", {}, "An asset is one gear mesh seen by one or more accelerometers. Describe one, then send it vibration records: its first 20 records, taken while the gears are healthy, become the baseline."),
+    h(
+      "ol",
+      {},
+      command("Describe the gear mesh", asset),
+      command("Send a vibration record", record),
+      command("Or watch a simulated gear wear out", "flankwatch demo"),
+    ),
+    h("p", { class: "muted" }, "Teeth are those of the driving and the driven gear; the shaft speed is the driving shaft's, in Hz. For a wear estimate in µm the asset also needs its gear pair (gear.pair); without it indicators are computed. This page shows the asset as soon as it exists."),
+  );
+}

@@ -1,0 +1,84 @@
+// One asset of the fleet: a row of the table on a wide screen, a card on a narrow one.
+
+import { h, setChildren, setText } from "./dom.js";
+import { age, count, depth, utc } from "./format.js";
+import { baselineBar, sparkline, wearBar } from "./gauge.js";
+import { format } from "./route.js";
+import { assetState, limitUse } from "./state.js";
+import { badge } from "./symbols.js";
+
+/** The name for people, or the id where there is none. */
+export function assetName(asset) {
+  return asset.name || asset.id;
+}
+
+function cell(label, ...children) {
+  return h("td", { "data-label": label }, ...children);
+}
+
+function note(text) {
+  return h("span", { class: "muted" }, text);
+}
+
+const WAITING = {
+  empty: "waiting for the first record",
+  no_library: "no gear pair described",
+  library_failed: "the library could not be built",
+  building: "the library is being built",
+};
+
+function wearContent(asset, state) {
+  const { wear } = asset.summary;
+  if (state === "collecting") return [baselineBar(wear.baseline)];
+  if (wear?.median_um == null) return [note(WAITING[state] ?? "no estimate")];
+  const use = limitUse(wear, asset.limits);
+  const interval = `${depth(wear.p05_um)} to ${depth(wear.p95_um)} µm`;
+  return [
+    h(
+      "p",
+      { class: "wear-number" },
+      h("strong", {}, state === "unclear" ? "unclear" : `${depth(wear.median_um)} µm`),
+      h("span", { class: "muted" }, interval),
+      use && state !== "unclear" ? h("span", { class: "muted use", title: `${use.name} limit` }, `${Math.round(100 * use.share)} % of ${depth(use.limit)} µm`) : null,
+    ),
+    wearBar(wear, asset.limits),
+  ];
+}
+
+/** A row that is built once and then kept up to date. */
+export class FleetRow {
+  #asset;
+  #age = h("span");
+  #link = h("a");
+  #id = h("span", { class: "muted id" });
+  #state = cell("State");
+  #wear = cell("Wear");
+  #trend = cell("Wear over the life");
+  #last = cell("Last record", this.#age);
+  #segments = cell("Segments");
+  element = h("tr", {}, h("th", { scope: "row" }, this.#link, this.#id), this.#state, this.#wear, this.#trend, this.#last, this.#segments);
+
+  /** Shows an asset; the same object again costs nothing. */
+  update(asset) {
+    if (asset === this.#asset) return;
+    this.#asset = asset;
+    const { summary } = asset;
+    const state = assetState(asset);
+    this.element.dataset.asset = asset.id;
+    this.element.dataset.state = state;
+    this.#link.href = format({ page: "asset", id: asset.id });
+    setText(this.#link, assetName(asset));
+    setText(this.#id, asset.name ? asset.id : "");
+    setChildren(this.#state, badge(state));
+    setChildren(this.#wear, ...wearContent(asset, state));
+    setChildren(this.#trend, summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"));
+    setText(this.#segments, count(summary.segments));
+    this.#last.title = summary.last_start_time ? utc(summary.last_start_time) : "";
+    this.tick();
+  }
+
+  /** Lets the last record's age grow. */
+  tick() {
+    setText(this.#age, age(this.#asset.summary.last_start_time));
+  }
+}

@@ -1,0 +1,150 @@
+// Every asset on one page: sorted by severity first, filtered by name and state.
+
+import * as api from "./api.js";
+import { h, setChildren, setText } from "./dom.js";
+import { firstSteps } from "./first-steps.js";
+import { assetName, FleetRow } from "./fleet-row.js";
+import { change } from "./route.js";
+import { assetState, rank, STATES } from "./state.js";
+import { symbol } from "./symbols.js";
+
+const wearOf = (asset) => asset.summary.wear?.median_um ?? -1;
+const lastOf = (asset) => Date.parse(asset.summary.last_start_time ?? 0);
+const byName = (a, b) => assetName(a).localeCompare(assetName(b), "en", { numeric: true });
+
+const COLUMNS = [
+  { key: "name", label: "Asset", compare: byName },
+  { key: "state", label: "State", descends: true, compare: (a, b) => rank(assetState(a)) - rank(assetState(b)) || wearOf(b) - wearOf(a) },
+  { key: "wear", label: "Wear, 5 to 95 %", descends: true, compare: (a, b) => wearOf(b) - wearOf(a) },
+  { label: "Wear over the life" },
+  { key: "last", label: "Last record", descends: true, compare: (a, b) => lastOf(b) - lastOf(a) },
+  { key: "segments", label: "Segments", descends: true, compare: (a, b) => b.summary.segments - a.summary.segments },
+];
+
+/** The fleet page. */
+export class FleetPage {
+  #assets;
+  #query;
+  #rows = new Map();
+  #headers = new Map();
+  #body = h("tbody");
+  #total = h("p", { class: "muted", "aria-live": "polite" });
+  #states = h("div", { class: "chips", role: "group", "aria-label": "Show only one state" });
+  #search = h("input", { type: "search", id: "fleet-search", placeholder: "Name or id", autocomplete: "off", oninput: () => change({ q: this.#search.value }, { quiet: true }) });
+  #order = h("select", { id: "fleet-sort", onchange: () => change({ sort: this.#order.value, desc: null }) });
+  #list = h("div", { class: "card fleet", hidden: true });
+  #empty = h("div", { hidden: true });
+  #loading = h("p", { class: "notice" }, "Loading the fleet…");
+
+  constructor(root, route) {
+    this.#query = route.query;
+    for (const { key, label } of COLUMNS.filter((column) => column.key)) this.#order.append(h("option", { value: key }, label));
+    const tools = h(
+      "div",
+      { class: "fleet-tools" },
+      h("label", { class: "field", for: "fleet-search" }, h("span", {}, "Filter"), this.#search),
+      h("label", { class: "field narrow-only", for: "fleet-sort" }, h("span", {}, "Sort by"), this.#order),
+      this.#states,
+      this.#total,
+    );
+    this.#list.append(tools, h("table", {}, h("thead", {}, h("tr", {}, COLUMNS.map((column) => this.#header(column)))), this.#body));
+    setChildren(root, h("h1", {}, "Fleet"), this.#loading, this.#empty, this.#list);
+    document.title = "Fleet · flankwatch";
+  }
+
+  #header({ key, label }) {
+    if (!key) return h("th", { scope: "col" }, label);
+    const header = h("th", { scope: "col" }, h("button", { type: "button", class: "sort", onclick: () => this.#sortBy(key) }, label));
+    this.#headers.set(key, header);
+    return header;
+  }
+
+  #sortBy(key) {
+    const { sort = "state", desc } = this.#query;
+    change({ sort: key, desc: sort === key && !desc ? "1" : null });
+  }
+
+  /** Follows a changed address; nothing new has to be asked for. */
+  update(route) {
+    this.#query = route.query;
+    this.#render();
+    return false;
+  }
+
+  /** Asks the server and shows what changed. */
+  async refresh(signal) {
+    const assets = await api.assets(signal);
+    if (assets === this.#assets) return;
+    this.#assets = assets;
+    this.#render();
+  }
+
+  /** Lets ages grow. */
+  tick() {
+    for (const row of this.#rows.values()) row.tick();
+  }
+
+  /** Nothing to stop. */
+  dispose() {}
+
+  #render() {
+    if (!this.#assets) return;
+    const empty = this.#assets.length === 0;
+    this.#loading.hidden = true;
+    this.#list.hidden = empty;
+    this.#empty.hidden = !empty;
+    if (empty && !this.#empty.firstChild) this.#empty.append(firstSteps());
+    const { q = "", state, sort = "state", desc } = this.#query;
+    if (this.#search.value !== q) this.#search.value = q;
+    this.#order.value = sort;
+    this.#renderStates(state);
+    this.#renderSort(sort, desc);
+    this.#renderRows(this.#chosen(q, state, sort, desc));
+  }
+
+  #chosen(q, state, sort, desc) {
+    const words = q.toLowerCase().split(/\s+/).filter(Boolean);
+    const matches = (asset) => words.every((word) => `${asset.name} ${asset.id}`.toLowerCase().includes(word));
+    const { compare } = COLUMNS.find((column) => column.key === sort) ?? COLUMNS[1];
+    const sign = desc ? -1 : 1;
+    return this.#assets.filter((asset) => matches(asset) && (!state || assetState(asset) === state)).sort((a, b) => sign * compare(a, b) || byName(a, b));
+  }
+
+  #renderRows(assets) {
+    for (const asset of this.#assets) {
+      if (!this.#rows.has(asset.id)) this.#rows.set(asset.id, new FleetRow());
+      this.#rows.get(asset.id).update(asset);
+    }
+    const elements = assets.map((asset) => this.#rows.get(asset.id).element);
+    const same = elements.length === this.#body.children.length && elements.every((element, index) => element === this.#body.children[index]);
+    // moving rows would take the keyboard focus out of them
+    if (!same) this.#body.replaceChildren(...elements);
+    const all = this.#assets.length;
+    setText(this.#total, assets.length === all ? `${all} ${all === 1 ? "asset" : "assets"}` : `${assets.length} of ${all} assets`);
+  }
+
+  #renderStates(chosen) {
+    const counts = new Map();
+    for (const asset of this.#assets) counts.set(assetState(asset), (counts.get(assetState(asset)) ?? 0) + 1);
+    if (chosen && STATES[chosen] && !counts.has(chosen)) counts.set(chosen, 0);
+    const signature = JSON.stringify([...counts, chosen]);
+    if (this.#states.dataset.signature === signature) return;
+    this.#states.dataset.signature = signature;
+    const focused = this.#states.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+    const chips = [...counts].sort(([a], [b]) => rank(a) - rank(b)).map(([key, number]) => {
+      const pressed = key === chosen;
+      const onclick = () => change({ state: pressed ? null : key });
+      return h("button", { type: "button", class: "chip", "data-key": key, "aria-pressed": String(pressed), onclick }, symbol(key, 16), `${STATES[key].short} ${number}`);
+    });
+    setChildren(this.#states, chips);
+    chips.find((chip) => chip.dataset.key === focused)?.focus();
+  }
+
+  #renderSort(sort, desc) {
+    for (const [key, header] of this.#headers) {
+      const { descends = false } = COLUMNS.find((column) => column.key === key);
+      if (key === sort) header.setAttribute("aria-sort", descends !== Boolean(desc) ? "descending" : "ascending");
+      else header.removeAttribute("aria-sort");
+    }
+  }
+}

@@ -1,0 +1,107 @@
+// Numbers, units and times as people read them. Times are always UTC and say so.
+
+const SUPERSCRIPTS = { "-": "⁻", 0: "⁰", 1: "¹", 2: "²", 3: "³", 4: "⁴", 5: "⁵", 6: "⁶", 7: "⁷", 8: "⁸", 9: "⁹" };
+const NONE = "–";
+
+/** A number with so many significant digits; a power of ten outside 0.001 … 100 000. */
+export function number(value, digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+  const size = Math.abs(value);
+  if (value !== 0 && (size < 1e-3 || size >= 1e5)) {
+    const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
+    return `${Number(mantissa)} × 10${[...exponent.replace("+", "")].map((c) => SUPERSCRIPTS[c]).join("")}`;
+  }
+  return Number(value.toPrecision(digits)).toString();
+}
+
+/** A wear depth in µm, without the unit; no decimals from 10 µm, where they would feign precision. */
+export function depth(value) {
+  if (value === null || value === undefined) return NONE;
+  return value < 9.95 && value >= 0.05 ? value.toFixed(1) : value.toFixed(0);
+}
+
+/** A frequency with its unit. */
+export function hertz(value) {
+  if (value === null || value === undefined) return NONE;
+  return value >= 10_000 ? `${number(value / 1000, 4)} kHz` : `${number(value, value >= 1000 ? 5 : 4)} Hz`;
+}
+
+/** A count with thin spaces between thousands. */
+export function count(value) {
+  return String(value).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+}
+
+/** A unit as written on an axis: `m/s2` becomes m/s². Empty where there is none. */
+export function unit(name) {
+  if (!name || name === "1") return "";
+  return name.replace(/(?<=[a-z])\^?(-?\d)/gi, (_, power) => [...power].map((c) => SUPERSCRIPTS[c]).join(""));
+}
+
+/** A quantity's name with its unit as an axis title, with a dash where it has none. */
+export function titled(name, unitName) {
+  const shown = unit(unitName);
+  return shown ? `${name} (${shown})` : `${name} (–)`;
+}
+
+/** `2026-03-02 14:05:09 UTC`. */
+export function utc(time) {
+  return time ? `${new Date(time).toISOString().slice(0, 19).replace("T", " ")} UTC` : NONE;
+}
+
+/** A length of time in its largest sensible unit. */
+export function span(seconds) {
+  const size = Math.abs(seconds);
+  if (size < 90) return `${Math.round(size)} s`;
+  if (size < 90 * 60) return `${Math.round(size / 60)} min`;
+  if (size < 36 * 3600) return `${Math.round(size / 3600)} h`;
+  if (size < 730 * 86400) return `${Math.round(size / 86400)} d`;
+  return `${Math.round(size / (365.25 * 86400))} y`;
+}
+
+/** How long ago a time is, seen from `now` (ms). */
+export function age(time, now = Date.now()) {
+  if (!time) return "never";
+  const seconds = (now - Date.parse(time)) / 1000;
+  if (seconds < -1.5) return `in ${span(seconds)}`;
+  return seconds < 1.5 ? "just now" : `${span(seconds)} ago`;
+}
+
+/** A file size. */
+export function bytes(value) {
+  if (value < 1024) return `${value} B`;
+  return value < 1024 * 1024 ? `${number(value / 1024, 3)} KiB` : `${number(value / 1024 / 1024, 3)} MiB`;
+}
+
+const INDICATORS = { rms: "RMS", kurtosis: "Kurtosis", omx: "OMX", crest_factor: "Crest factor", peak: "Peak" };
+
+/** An indicator's name as the field writes it. */
+export function indicatorName(name) {
+  const mesh = /^mesh_(\d+)$/.exec(name);
+  if (mesh) return `Mesh harmonic ${mesh[1]}×`;
+  return INDICATORS[name] ?? name;
+}
+
+const ABSENCES = {
+  no_speed: "no shaft speed",
+  too_short: "record too short",
+  constant: "signal does not vary",
+  above_nyquist: "above half the sampling rate",
+};
+
+/** Why an indicator is absent, in words. */
+export function absence(reason) {
+  return ABSENCES[reason] ?? reason.replaceAll("_", " ");
+}
+
+const SPEED_SOURCES = {
+  record: "given with the record",
+  asset: "the asset's exact nominal speed",
+  mesh_comb: "found from the mesh harmonics",
+};
+
+/** Where a shaft speed came from, in words. */
+export function speedSource(speed) {
+  const words = SPEED_SOURCES[speed.source] ?? speed.source;
+  const comb = speed.comb_to_background;
+  return comb ? `${words}, ${number(comb, 2)} times the background` : words;
+}

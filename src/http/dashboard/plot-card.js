@@ -1,0 +1,53 @@
+// The frame of a plot: heading, legend, tools, the plot itself, what it says in words, and what to show where it cannot be drawn.
+
+import { h, setChildren, setText } from "./dom.js";
+import { discard, draw, legend } from "./plots.js";
+
+/** A figure that holds one plot. */
+export class PlotCard {
+  plot = h("div", { class: "plot" });
+  tools = h("div", { class: "plot-tools" });
+  #title = h("h2");
+  #sub = h("p", { class: "muted plot-sub" });
+  #legend = h("ul", { class: "legend" });
+  #notice = h("p", { class: "notice plot-notice" }, "Loading…");
+  element;
+
+  constructor(kind, title) {
+    setText(this.#title, title);
+    this.plot.hidden = true;
+    const caption = h("figcaption", {}, h("div", { class: "plot-head" }, this.#title, this.tools), this.#sub);
+    this.element = h("figure", { class: `card plot-card plot-${kind}`, "data-plot": kind }, caption, this.#legend, this.plot, this.#notice);
+  }
+
+  /** Draws `{ traces, layout, legend, title?, sub, summary }`; `filename` is that of a saved picture. */
+  async show(drawing, filename) {
+    if (drawing.title) setText(this.#title, drawing.title);
+    setText(this.#sub, drawing.sub ?? "");
+    setChildren(this.#legend, legend(drawing.legend ?? []));
+    this.#notice.hidden = true;
+    this.plot.hidden = false;
+    this.plot.setAttribute("role", "img");
+    this.plot.setAttribute("aria-label", drawing.summary);
+    await draw(this.plot, drawing.traces, drawing.layout, filename);
+  }
+
+  /** Says why there is nothing to draw. */
+  say(words) {
+    this.plot.hidden = true;
+    this.#notice.hidden = false;
+    setText(this.#notice, words);
+    setText(this.#sub, "");
+    setChildren(this.#legend);
+  }
+
+  /** Marks what is shown as that of an earlier record while the next one is fetched. */
+  busy(is) {
+    this.element.setAttribute("aria-busy", String(is));
+  }
+
+  /** Frees the plot. */
+  dispose() {
+    discard(this.plot);
+  }
+}

@@ -1,0 +1,143 @@
+// Plotly with the page's fonts and colours. It is loaded when the first plot is wanted, so the fleet does not wait for it.
+
+import { h, svg } from "./dom.js";
+import { colours, translucent } from "./theme.js";
+
+let loading;
+
+function load() {
+  loading ??= new Promise((resolve, reject) => {
+    const script = h("script", { src: new URL("static/plotly.js", document.baseURI).href });
+    script.addEventListener("load", () => resolve(globalThis.Plotly));
+    script.addEventListener("error", () => {
+      loading = undefined;
+      script.remove();
+      reject(new Error("the plotting code could not be loaded"));
+    });
+    document.head.append(script);
+  });
+  return loading;
+}
+
+/** The colours that plots use, as they are in the current theme. */
+export function palette() {
+  const values = colours("ink", "muted", "line", "surface", "accent", "warning", "danger", "reference", "select", "edge", "series-1", "series-2", "series-3", "series-4", "series-5");
+  const series = [1, 2, 3, 4, 5].map((index) => values[`series-${index}`]);
+  return { ...values, series, band: translucent(values.accent, 0.2), zone: translucent(values.muted, 0.12) };
+}
+
+const axis = (colour) => ({
+  automargin: true,
+  gridcolor: translucent(colour.line, 0.7),
+  linecolor: colour.line,
+  zerolinecolor: colour.line,
+  ticks: "outside",
+  tickcolor: colour.line,
+  title: { standoff: 8 },
+});
+
+/** An axis of times; Plotly shows a time as it is written, and it is written in UTC. */
+export const timeAxis = { type: "date", title: { text: "Start of record (UTC)", standoff: 8 }, hoverformat: "%Y-%m-%d %H:%M:%S UTC" };
+
+/** The margins of plots over time: fixed, so that plots above one another have their times aligned. */
+export const timeMargin = { l: 64, r: 14, t: 10, b: 8 };
+
+/**
+ * One invisible point a record that is hovered and clicked instead of the lines: lines have gaps, and Plotly would answer for a
+ * gap with the nearest record that has a value. `values` say how high the points are; where there is none any other will do.
+ */
+export function recordPoints(items, values, words) {
+  const fallback = values.find((value) => value != null) ?? 1;
+  return {
+    x: items.map((item) => item.start_time),
+    y: values.map((value) => value ?? fallback),
+    customdata: items.map((item) => item.segment_id),
+    text: items.map(words),
+    mode: "lines",
+    line: { width: 0 },
+    opacity: 0,
+    hovertemplate: "%{text}<extra></extra>",
+  };
+}
+
+/** Merges a plot's layout into the common one; axes are every key that starts with `xaxis` or `yaxis`. */
+function themed(layout, colour) {
+  const small = matchMedia("(max-width: 40rem)").matches;
+  const axes = Object.entries(layout).filter(([key]) => /^[xy]axis/.test(key));
+  const base = axis(colour);
+  return {
+    margin: { l: 8, r: small ? 8 : 14, t: 10, b: 8 },
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: "rgba(0,0,0,0)",
+    font: { family: getComputedStyle(document.body).fontFamily, size: small ? 11 : 12, color: colour.ink },
+    hoverlabel: { bgcolor: colour.surface, bordercolor: colour.line, font: { color: colour.ink }, align: "left" },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: colour.muted, activecolor: colour.accent },
+    showlegend: false,
+    // a drag on a touch screen scrolls the page
+    dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
+    ...layout,
+    ...Object.fromEntries(axes.map(([key, own]) => [key, { ...base, ...own, title: { ...base.title, ...own.title } }])),
+  };
+}
+
+const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d"];
+
+/** Draws or redraws a plot. What the user zoomed to is kept as long as `layout.uirevision` stays the same. */
+export async function draw(element, traces, layout, filename) {
+  const Plotly = await load();
+  if (!element.isConnected) return;
+  const toImageButtonOptions = { format: "png", scale: 2, filename };
+  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: BUTTONS_LEFT_OUT, toImageButtonOptions };
+  await Plotly.react(element, traces, themed(layout, palette()), config);
+}
+
+/** Calls back with the time or value of the point that was clicked, by Plotly's `customdata`. */
+export function onPointClick(element, callback) {
+  if (element.dataset.clickable || !element.on) return;
+  element.dataset.clickable = "true";
+  element.on("plotly_click", (event) => {
+    const point = event.points.find(({ customdata }) => customdata !== undefined);
+    if (point) callback(Array.isArray(point.customdata) ? point.customdata[0] : point.customdata);
+  });
+}
+
+/** Keeps the horizontal range of two plots the same when the user changes either. */
+export function linkTimeAxes(...elements) {
+  for (const element of elements) {
+    if (element.dataset.linked || !element.on) continue;
+    element.dataset.linked = "true";
+    element.on("plotly_relayout", (event) => {
+      const range = event["xaxis.range"] ?? (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
+      if (!range && !event["xaxis.autorange"]) return;
+      for (const other of elements) {
+        if (other === element || !other.layout) continue;
+        const current = other.layout.xaxis;
+        const same = range ? !current.autorange && String(current.range) === String(range) : current.autorange;
+        if (!same) globalThis.Plotly.relayout(other, range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true });
+      }
+    });
+  }
+}
+
+/** Frees what Plotly holds for a plot. */
+export function discard(element) {
+  if (element.layout) globalThis.Plotly.purge(element);
+}
+
+/** A vertical line over the whole plot. */
+export function verticalLine(x, colour, dash = "solid", width = 1) {
+  return { type: "line", xref: "x", yref: "paper", x0: x, x1: x, y0: 0, y1: 1, layer: "below", line: { color: colour, width, dash } };
+}
+
+const SWATCHES = {
+  line: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2.5 }),
+  dash: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2, "stroke-dasharray": "6 3" }),
+  dot: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2.5, "stroke-dasharray": "2 3" }),
+  band: (colour) => svg("rect", { x: 1, y: 1, width: 22, height: 12, fill: colour }),
+  diamond: (colour) => svg("path", { d: "M12 2l5 5-5 5-5-5z", fill: "none", stroke: colour, "stroke-width": 2 }),
+};
+
+/** A legend in the page instead of in the plot, where it would cover data: `[swatch, colour, text]` each. */
+export function legend(entries) {
+  return entries.map(([swatch, colour, text]) => h("li", {}, svg("svg", { viewBox: "0 0 24 14", width: 24, height: 14, "aria-hidden": "true" }, SWATCHES[swatch](colour)), text));
+}

@@ -1,0 +1,57 @@
+// Posterior over wear depth of one record: how probable each depth is.
+
+import { depth } from "./format.js";
+import { palette, verticalLine } from "./plots.js";
+
+/** Probabilities of grid cells as a density, so that the grid's step does not change the picture. */
+function density({ wear_um: x, probability }) {
+  return probability.map((p, index) => {
+    const left = x[Math.max(0, index - 1)];
+    const right = x[Math.min(x.length - 1, index + 1)];
+    const inside = index > 0 && index < x.length - 1;
+    const width = inside ? (right - left) / 2 : right - left;
+    return width > 0 ? p / width : p;
+  });
+}
+
+function mark(x, text, colour, ground, xanchor) {
+  return { x, yref: "paper", y: 1, text, showarrow: false, xanchor, xshift: xanchor === "left" ? 4 : -4, yanchor: "top", bgcolor: ground, font: { color: colour } };
+}
+
+/** The drawing of a wear estimate's posterior with its interval, the limits and the reference where there is one. */
+export function posteriorDrawing(wear, limits, reference, revision) {
+  const colour = palette();
+  const { wear_um: x } = wear.posterior;
+  const y = density(wear.posterior);
+  const { p05_um: low, p95_um: high, median_um: median } = wear;
+  const inside = x.map((value, index) => ({ value, y: y[index] })).filter(({ value }) => value >= low && value <= high);
+  const entries = [["line", colour.accent, `median ${depth(median)} µm`], ["band", colour.band, `5 to 95 %: ${depth(low)} to ${depth(high)} µm`]];
+  const shapes = [verticalLine(median, colour.accent, "solid", 2)];
+  const annotations = [];
+  if (reference != null) {
+    shapes.push(verticalLine(reference, colour.reference, "dot", 2));
+    entries.push(["dot", colour.reference, `reference ${depth(reference)} µm`]);
+  }
+  for (const [name, value, dash] of [["warning", limits?.warning_um, "dash"], ["danger", limits?.danger_um, "solid"]]) {
+    if (value == null || value > x.at(-1)) continue;
+    shapes.push(verticalLine(value, colour[name], dash, 1.5));
+    annotations.push(mark(value, name, colour[name], colour.surface, name === "danger" ? "left" : "right"));
+  }
+  return {
+    traces: [
+      { x: inside.map((point) => point.value), y: inside.map((point) => point.y), mode: "lines", line: { width: 0 }, fill: "tozeroy", fillcolor: colour.band, hoverinfo: "skip" },
+      { x, y, mode: "lines", line: { color: colour.accent, width: 1.5 }, hovertemplate: "%{x:.0f} µm: %{y:.3g} per µm<extra></extra>" },
+    ],
+    legend: entries,
+    sub: "What this record and those before it say about the wear depth. The area under the curve is 1.",
+    summary: `Posterior over wear depth: median ${depth(median)} µm, 5 to 95 % interval ${depth(low)} to ${depth(high)} µm.`,
+    layout: {
+      uirevision: revision,
+      hovermode: "closest",
+      xaxis: { title: { text: "Wear depth (µm)" }, range: [x[0], x.at(-1)] },
+      yaxis: { title: { text: "Density (1/µm)" }, range: [0, 1.2 * Math.max(...y)] },
+      shapes,
+      annotations,
+    },
+  };
+}

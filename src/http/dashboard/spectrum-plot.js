@@ -1,0 +1,159 @@
+// Amplitude spectrum with its mesh lines, and envelope spectrum with the shafts' lines.
+
+import { hertz, number, titled, unit } from "./format.js";
+import { palette, verticalLine } from "./plots.js";
+
+const WINDOWS = { hann: "Hann", hamming: "Hamming", rectangular: "rectangular", flattop: "flat-top", blackman: "Blackman" };
+const QUANTITIES = { amplitude_peak: "Peak amplitude", amplitude_rms: "RMS amplitude", psd: "Power spectral density" };
+
+/** Window, bandwidth and reduction: what makes two spectra comparable. */
+function convention({ window, bandwidth_hz: bandwidth, resolution_hz: resolution, reduced }) {
+  const name = WINDOWS[window] ?? window;
+  const lines = `${name} window, ${hertz(bandwidth)} noise bandwidth, lines every ${hertz(resolution)}`;
+  return reduced ? `${lines}; drawn with fewer points, every peak kept` : lines;
+}
+
+/** The amplitude axis with room for the labels on the peaks; on a log scale from below the median, so that noise stays in sight. */
+function amplitudeAxis({ quantity, unit: unitName, frequency_hz: x, amplitude }, [from, to], logarithmic, revision) {
+  const title = { text: titled(QUANTITIES[quantity] ?? quantity, unitName) };
+  const uirevision = `${revision} ${logarithmic}`;
+  const visible = amplitude.filter((_, index) => x[index] >= from && x[index] <= to).sort((a, b) => a - b);
+  const top = visible.at(-1) || 1;
+  if (!logarithmic) return { title, type: "linear", range: [0, 1.15 * top], uirevision };
+  const low = Math.max(visible[visible.length >> 1] / 5, top * 1e-8);
+  return { title, type: "log", range: [Math.log10(low), Math.log10(3 * top)], dtick: 1, exponentformat: "power", uirevision };
+}
+
+function line({ frequency_hz: x, amplitude, unit: unitName }, colour) {
+  const hovertemplate = `%{x:.2f} Hz: %{y:.4g} ${unit(unitName)}<extra></extra>`;
+  return { x, y: amplitude, mode: "lines", line: { color: colour.accent, width: 1 }, hovertemplate };
+}
+
+/** Marks at frequencies: a marker on the peak that says more when pointed at. */
+function marks(points, colour) {
+  return {
+    x: points.map((point) => point.frequency_hz),
+    y: points.map((point) => point.amplitude),
+    mode: "markers",
+    cliponaxis: false,
+    marker: { symbol: "diamond-open", size: 9, color: colour.reference, line: { width: 2 } },
+    customdata: points.map((point) => point.words),
+    hovertemplate: "%{customdata}<extra></extra>",
+  };
+}
+
+/** A label above a mark, with a ground of its own: the mark's line would strike it through. */
+function label({ frequency_hz: x, amplitude, label: text }, colour, logarithmic) {
+  const y = logarithmic ? Math.log10(amplitude) : amplitude;
+  return { x, y, text, showarrow: false, yshift: 14, borderpad: 0, bgcolor: colour.surface, font: { color: colour.reference } };
+}
+
+/** The amplitude at a frequency: the largest of the nearest points, as a line may fall between two. */
+function amplitudeAt({ frequency_hz: x, amplitude }, frequency) {
+  const step = x.length > 1 ? (x.at(-1) - x[0]) / (x.length - 1) : 0;
+  const nearest = Math.round((frequency - x[0]) / (step || 1));
+  return Math.max(0, ...[-1, 0, 1].map((offset) => amplitude[nearest + offset] ?? 0));
+}
+
+/** Where the user may jump to: the whole spectrum or the surroundings of a mesh line. */
+export function zoomRange(spectrum, choice) {
+  const order = Number(choice);
+  if (!order || !spectrum.mesh_frequency_hz) return null;
+  const reach = Math.min(10 * spectrum.shaft_speed_hz, 0.5 * spectrum.mesh_frequency_hz);
+  return [order * spectrum.mesh_frequency_hz - reach, order * spectrum.mesh_frequency_hz + reach];
+}
+
+/** The sidebands of the mesh lines; numbered only around the line that the plot is zoomed to. */
+function sidebandLines(harmonics, shaft, colour, zoom) {
+  const shapes = [];
+  const annotations = [];
+  for (const { order, frequency_hz: centre } of harmonics) {
+    for (const k of [-3, -2, -1, 1, 2, 3]) {
+      const x = centre + k * shaft;
+      shapes.push(verticalLine(x, colour.edge, "dash", 1));
+      if (order === Number(zoom)) annotations.push({ x, yref: "paper", y: 1, yanchor: "top", text: k > 0 ? `+${k}` : `−${-k}`, showarrow: false, bgcolor: colour.surface, font: { color: colour.muted } });
+    }
+  }
+  return { shapes, annotations };
+}
+
+/** The drawing of an amplitude spectrum. `zoom` is "" or the order of a mesh line. */
+export function spectrumDrawing(spectrum, { logarithmic, sidebands, zoom }, revision) {
+  const colour = palette();
+  const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, mesh_harmonics: harmonics } = spectrum;
+  const points = harmonics.map(({ order, frequency_hz: frequency, amplitude }) => ({
+    frequency_hz: frequency,
+    amplitude,
+    label: `${order}×`,
+    words: `mesh harmonic ${order}×: ${hertz(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
+  }));
+  const shapes = harmonics.map(({ frequency_hz: frequency }) => verticalLine(frequency, colour.reference, "dot"));
+  const annotations = points.map((point) => label(point, colour, logarithmic));
+  const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${hertz(mesh)}`]] : [];
+  if (sidebands && shaft && mesh) {
+    const lines = sidebandLines(harmonics, shaft, colour, zoom);
+    shapes.push(...lines.shapes);
+    annotations.push(...lines.annotations);
+    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${hertz(shaft)} shaft speed`]);
+  }
+  const range = zoomRange(spectrum, zoom) ?? [0, spectrum.frequency_hz.at(-1)];
+  const axisRevision = `${revision} ${zoom}`;
+  const none = mesh ? "" : "No shaft speed is known for this record, so mesh lines are not marked. ";
+  return {
+    traces: [line(spectrum, colour), marks(points, colour)],
+    legend: entries,
+    sub: `${none}${convention(spectrum)}.`,
+    summary: `Amplitude spectrum${points.length ? `: ${points.map((point) => point.words).join("; ")}` : ""}.`,
+    layout: {
+      uirevision: revision,
+      hovermode: "closest",
+      hoverdistance: 12,
+      xaxis: { title: { text: "Frequency (Hz)" }, range, uirevision: axisRevision, exponentformat: "none", separatethousands: true },
+      yaxis: amplitudeAxis(spectrum, range, logarithmic, axisRevision),
+      shapes,
+      annotations,
+    },
+  };
+}
+
+const BAND_SOURCES = {
+  query: "as asked for",
+  asset: "set for the asset",
+  strongest_mesh_harmonic: "around the strongest mesh harmonic",
+  whole: "the whole band",
+};
+
+/** The drawing of an envelope spectrum; `teeth` are those of the driving and the driven gear. */
+export function envelopeDrawing(envelope, teeth, { logarithmic }, revision) {
+  const colour = palette();
+  const { shaft_speed_hz: shaft, band_hz: [low, high], band_source: source } = envelope;
+  const end = Math.min(envelope.frequency_hz.at(-1), high - low);
+  const lines = [];
+  if (shaft) {
+    const driven = (shaft * teeth[0]) / teeth[1];
+    if (Math.abs(driven / shaft - 1) > 0.02) lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft" });
+    for (let k = 1; k <= 5; k++) lines.push({ frequency_hz: k * shaft, label: k === 1 ? "shaft 1×" : `${k}×`, name: `driving shaft ${k}×` });
+  }
+  const points = lines
+    .filter((point) => point.frequency_hz <= end)
+    .map((point) => {
+      const amplitude = amplitudeAt(envelope, point.frequency_hz);
+      return { ...point, amplitude, words: `${point.name}: ${hertz(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}` };
+    });
+  return {
+    title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
+    traces: [line(envelope, colour), marks(points, colour)],
+    legend: points.length ? [["diamond", colour.reference, `shaft lines of ${hertz(shaft)}`]] : [],
+    sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
+    summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "no shaft speed known"}.`,
+    layout: {
+      uirevision: revision,
+      hovermode: "closest",
+      hoverdistance: 12,
+      xaxis: { title: { text: "Modulation frequency (Hz)" }, range: [0, end] },
+      yaxis: amplitudeAxis(envelope, [0, end], logarithmic, revision),
+      shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
+      annotations: points.map((point) => label(point, colour, logarithmic)),
+    },
+  };
+}

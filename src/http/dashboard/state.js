@@ -1,0 +1,79 @@
+// What an asset's numbers mean for the person who looks after it, in the categories of NAMUR NE 107.
+
+import { depth } from "./format.js";
+
+/** Kinds of state, worst first. `symbol` names a shape in symbols.js, `category` the NE 107 signal. */
+export const STATES = {
+  danger: { word: "Above danger limit", short: "Danger", symbol: "failure", category: "NE 107 failure" },
+  warning: { word: "Above warning limit", short: "Warning", symbol: "maintenance", category: "NE 107 maintenance required" },
+  library_failed: { word: "Library failed", short: "Library failed", symbol: "specification", category: "NE 107 out of specification" },
+  unclear: { word: "Not identifiable", short: "Not identifiable", symbol: "specification", category: "NE 107 out of specification" },
+  collecting: { word: "Collecting baseline", short: "Baseline", symbol: "check", category: "NE 107 function check" },
+  building: { word: "Building library", short: "Building library", symbol: "check", category: "NE 107 function check" },
+  normal: { word: "Normal", short: "Normal", symbol: "normal", category: "NE 107 normal" },
+  unlimited: { word: "No limits set", short: "No limits", symbol: "none", category: "wear is estimated, but there is no limit to compare it with" },
+  no_library: { word: "Indicators only", short: "Indicators only", symbol: "none", category: "no gear pair described, so wear is not estimated" },
+  empty: { word: "No records", short: "No records", symbol: "none", category: "nothing received yet" },
+};
+
+const RANKS = Object.keys(STATES);
+
+/** Position in the order of severity; 0 is the worst. */
+export function rank(key) {
+  return RANKS.indexOf(key);
+}
+
+/** The key into `STATES` of a wear estimate under limits. */
+export function wearState(wear, limits) {
+  if (wear.status === "collecting_baseline") return "collecting";
+  if (wear.status === "no_library") return "no_library";
+  if (wear.status !== "estimated") return "unclear";
+  const { warning_um: warning, danger_um: danger } = limits ?? {};
+  if (danger != null && wear.median_um >= danger) return "danger";
+  if (warning != null && wear.median_um >= warning) return "warning";
+  return danger == null && warning == null ? "unlimited" : "normal";
+}
+
+/** The key into `STATES` of an asset as listed. */
+export function assetState(asset) {
+  const { summary, limits } = asset;
+  if (summary.library_state === "failed") return "library_failed";
+  if (summary.segments === 0) return "empty";
+  if (summary.library_state === "building" && summary.wear?.status !== "estimated") return "building";
+  return summary.wear ? wearState(summary.wear, limits) : "empty";
+}
+
+/** The limit that counts next and how much of it is used, or null without limits or a number. */
+export function limitUse(wear, limits) {
+  if (wear?.median_um == null) return null;
+  const limit = limits?.danger_um ?? limits?.warning_um;
+  return limit == null ? null : { limit, name: limits.danger_um != null ? "danger" : "warning", share: wear.median_um / limit };
+}
+
+/** One or two sentences that say what is known of the wear and what to do with it. */
+export function sentence(wear, limits) {
+  if (!wear) return "No record has been received yet.";
+  const { have, need } = wear.baseline ?? {};
+  if (wear.status === "collecting_baseline") {
+    return `Learning what healthy looks like: ${have} of ${need} baseline records. Wear is estimated after that.`;
+  }
+  if (wear.status === "no_library") return "No gear pair is described for this asset, so indicators are computed but wear is not estimated.";
+  if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
+  if (wear.status === "not_identifiable") return `The records do not tell how worn the gear is: ${wear.reason}.`;
+  const { p05_um: low, p95_um: high } = wear;
+  const certain = `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
+  return `${certain} ${outlook(wear, limits)}`.trim();
+}
+
+function outlook(wear, limits) {
+  const { warning_um: warning, danger_um: danger } = limits ?? {};
+  const key = wearState(wear, limits);
+  if (key === "danger") return `The median is above the danger limit of ${depth(danger)} µm: the gear must not run on.`;
+  if (key === "warning") return `The median is above the warning limit of ${depth(warning)} µm: plan maintenance.`;
+  const next = warning ?? danger;
+  if (next == null) return "No limits are set for this asset.";
+  const name = warning != null ? "warning" : "danger";
+  return wear.p95_um >= next
+    ? `The median is below the ${name} limit of ${depth(next)} µm, but the interval reaches past it.`
+    : `The whole interval is below the ${name} limit of ${depth(next)} µm.`;
+}

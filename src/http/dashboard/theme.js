@@ -1,0 +1,66 @@
+// Light, dark, or as the system has it; and the colours of the style sheet for plots, which need them as values.
+
+const KEY = "flankwatch-theme";
+const ORDER = ["auto", "light", "dark"];
+const probe = document.createElement("span");
+
+function stored() {
+  try {
+    const choice = localStorage.getItem(KEY);
+    return ORDER.includes(choice) ? choice : "auto";
+  } catch {
+    return "auto"; // storage is refused in some private windows
+  }
+}
+
+let choice = stored();
+
+function apply() {
+  if (choice === "auto") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = choice;
+}
+
+function announce() {
+  document.dispatchEvent(new CustomEvent("themechange"));
+}
+
+/** Makes a button walk through auto, light and dark. */
+export function bindThemeButton(button) {
+  const label = () => {
+    button.textContent = `Theme: ${choice}`;
+  };
+  button.addEventListener("click", () => {
+    choice = ORDER[(ORDER.indexOf(choice) + 1) % ORDER.length];
+    try {
+      localStorage.setItem(KEY, choice);
+    } catch {
+      // the choice then lasts as long as the page
+    }
+    apply();
+    label();
+    announce();
+  });
+  label();
+}
+
+/** The current values of custom properties, as `rgb(…)`. */
+export function colours(...names) {
+  if (!probe.isConnected) {
+    probe.hidden = true;
+    document.body.append(probe);
+  }
+  return Object.fromEntries(
+    names.map((name) => {
+      probe.style.color = `var(--${name})`;
+      return [name, getComputedStyle(probe).color];
+    }),
+  );
+}
+
+/** An `rgb(…)` colour with an opacity. */
+export function translucent(colour, opacity) {
+  return colour.replace(/^rgb\(([^)]*)\)$/, `rgba($1, ${opacity})`);
+}
+
+apply();
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", announce);

@@ -1,0 +1,84 @@
+// Indicator trends: one pane a kind of indicator over a common time axis.
+
+import { indicatorName, number, titled, unit } from "./format.js";
+import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
+
+/** The panes to choose from; `mesh` holds every mesh harmonic that the records have. */
+export const PANES = [
+  { key: "rms", label: "RMS", names: ["rms"] },
+  { key: "kurtosis", label: "Kurtosis", names: ["kurtosis"] },
+  { key: "omx", label: "OMX", names: ["omx"] },
+  { key: "crest_factor", label: "Crest factor", names: ["crest_factor"] },
+  { key: "mesh", label: "Mesh harmonics", names: [] },
+];
+const DEFAULT = "rms,kurtosis,omx";
+const GAP = 0.05;
+
+/** The panes that an address asks for, never none. */
+export function chosenPanes(text) {
+  const keys = (text ?? DEFAULT).split(",");
+  const chosen = PANES.filter((pane) => keys.includes(pane.key));
+  return chosen.length ? chosen : PANES.slice(0, 1);
+}
+
+/** The indicators to ask the server for. A record's own indicators say how many mesh harmonics there are. */
+export function paneNames(panes, record) {
+  const { indicators: values = {}, absent = {} } = record ?? {};
+  const mesh = [...Object.keys(values), ...Object.keys(absent)].filter((name) => /^mesh_\d+$/.test(name)).sort((a, b) => a.slice(5) - b.slice(5));
+  return panes.flatMap((pane) => (pane.key === "mesh" ? mesh : pane.names));
+}
+
+function axisTitle(pane, units) {
+  if (pane.key === "mesh") return titled("Mesh lines", units.mesh_1);
+  if (pane.key === "omx") return titled("OMX", units.omx);
+  return titled(pane.label, units[pane.names[0]]);
+}
+
+/** The drawing for indicators over time. */
+export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, revision) {
+  const colour = palette();
+  const times = items.map((item) => item.start_time);
+  const mode = items.length < 40 ? "lines+markers" : "lines";
+  const height = (1 - GAP * (panes.length - 1)) / panes.length;
+  const layout = {
+    uirevision: revision,
+    hovermode: "x unified",
+    hoversubplots: "axis",
+    hoverdistance: -1,
+    margin: timeMargin,
+    xaxis: { ...timeAxis, anchor: panes.length > 1 ? `y${panes.length}` : "y" },
+    shapes: selected ? [verticalLine(selected, colour.select, "solid", 2)] : [],
+  };
+  const traces = [];
+  const entries = [];
+  panes.forEach((pane, index) => {
+    const suffix = index ? String(index + 1) : "";
+    const top = 1 - index * (height + GAP);
+    layout[`yaxis${suffix}`] = {
+      domain: [Math.max(0, top - height), top],
+      type: logarithmic ? "log" : "linear",
+      title: { text: axisTitle(pane, units) },
+      nticks: panes.length > 3 ? 3 : 5,
+      automargin: false,
+      // another scale or set of panes starts from its own range
+      uirevision: `${revision} ${logarithmic} ${panes.map(({ key }) => key)}`,
+    };
+    const shown = pane.key === "mesh" ? names.filter((name) => name.startsWith("mesh_")) : pane.names;
+    const words = (item) => shown.map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim()).join("<br>");
+    const points = recordPoints(items, items.map((item) => item[shown[0]]), words);
+    traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });
+    shown.forEach((name, order) => {
+      const line = { color: shown.length > 1 ? colour.series[order % colour.series.length] : colour.accent, width: 1.5, dash: order < 5 ? "solid" : "dot" };
+      const y = items.map((item) => item[name]);
+      traces.push({ x: times, y, yaxis: `y${suffix}`, xaxis: "x", mode, line, hoverinfo: "skip" });
+      if (shown.length > 1) entries.push([order < 5 ? "line" : "dot", line.color, indicatorName(name)]);
+    });
+  });
+  return {
+    traces,
+    layout,
+    legend: entries,
+    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise.`,
+    summary: `Trends of ${panes.map((pane) => pane.label).join(", ")} over ${items.length} records.`,
+  };
+}

@@ -1,0 +1,114 @@
+// Upload of one file at a time, with progress, and the server's refusal word for word.
+
+import { address, failure } from "./api.js";
+import { h, setChildren, setText } from "./dom.js";
+import { bytes, depth, utc } from "./format.js";
+
+const TYPES = { wav: "audio/wav", mcap: "application/mcap", json: "application/json", pb: "application/x-protobuf" };
+
+function field(id, label, properties) {
+  const input = h("input", { id, ...properties });
+  return { input, element: h("label", { class: "field", for: id }, h("span", {}, label), input) };
+}
+
+/** Sends a file and reports how much of it is gone; fetch has no progress of an upload. */
+function send(href, file, type, onProgress) {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open("POST", href);
+    request.setRequestHeader("content-type", type);
+    request.setRequestHeader("accept", "application/json");
+    request.upload.addEventListener("progress", ({ loaded, total }) => onProgress(loaded / total));
+    request.addEventListener("load", () => (request.status < 300 ? resolve(JSON.parse(request.responseText)) : reject(failure(request.status, request.responseText))));
+    request.addEventListener("error", () => reject(new Error("the connection was lost during the upload")));
+    request.send(file);
+  });
+}
+
+/** The upload part of the dialog. */
+export class UploadPanel {
+  #assetId;
+  #file = h("input", { type: "file", id: "upload-file", accept: ".wav,.mcap,.json,.pb", onchange: () => this.#upload(this.#file.files[0]) });
+  #unit = field("upload-unit", "Unit", { placeholder: "m/s2", size: 6 });
+  #start = field("upload-start", "Start, UTC", { type: "datetime-local", step: 1 });
+  #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
+  #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
+  #progress = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Upload" });
+  #result = h("div", { class: "result", role: "status" });
+  element;
+
+  constructor(assetId) {
+    this.#assetId = assetId;
+    const drop = h("label", { class: "drop", for: "upload-file" }, h("strong", {}, "Drop a WAV or MCAP file here"), h("span", {}, "or choose one:"), this.#file);
+    drop.addEventListener("dragover", (event) => {
+      event.preventDefault();
+      drop.classList.add("over");
+    });
+    drop.addEventListener("dragleave", () => drop.classList.remove("over"));
+    drop.addEventListener("drop", (event) => {
+      event.preventDefault();
+      drop.classList.remove("over");
+      this.#upload(event.dataTransfer.files[0]);
+    });
+    const fields = [this.#unit, this.#start, this.#speed, this.#torque].map(({ element }) => element);
+    const optional = h("details", {}, h("summary", {}, "For a WAV file: unit, start time, operating point"), h("div", { class: "fields" }, fields));
+    this.element = h("section", {}, h("h3", {}, "Upload a file"), optional, drop, this.#progress, this.#result);
+  }
+
+  #parameters() {
+    const start = this.#start.input.value;
+    return {
+      unit: this.#unit.input.value.trim(),
+      start_time: start && new Date(`${start}Z`).toISOString(),
+      shaft_speed_hz: this.#speed.input.value,
+      torque_nm: this.#torque.input.value,
+    };
+  }
+
+  async #upload(file) {
+    if (!file) return;
+    const type = TYPES[file.name.split(".").pop().toLowerCase()];
+    if (!type) return this.#refused(file, new Error("expected a file that ends in .wav, .mcap, .json or .pb"));
+    this.#progress.hidden = false;
+    this.#progress.value = 0;
+    setText(this.#result, `Sending ${file.name}, ${bytes(file.size)}…`);
+    this.#result.dataset.kind = "";
+    try {
+      const parameters = type === "audio/wav" ? this.#parameters() : {};
+      const href = address(["assets", this.#assetId, "segments"], parameters);
+      const answer = await send(href, file, type, (share) => (this.#progress.value = share));
+      this.#accepted(file, answer);
+      document.dispatchEvent(new CustomEvent("recordschange"));
+    } catch (error) {
+      this.#refused(file, error);
+    } finally {
+      this.#progress.hidden = true;
+      this.#file.value = "";
+    }
+  }
+
+  #accepted(file, answer) {
+    this.#result.dataset.kind = "good";
+    setChildren(this.#result, ...words(file, answer).map((text) => h("p", {}, text)));
+  }
+
+  #refused(file, error) {
+    this.#result.dataset.kind = "bad";
+    const { field: name, value, expected } = error.problem ?? {};
+    const parts = [`${file.name} was not taken: ${error.message}`];
+    if (expected && !error.message.includes(expected)) parts.push(`${name ?? "value"} is ${JSON.stringify(value ?? null)}, expected ${expected}`);
+    setChildren(this.#result, parts.map((text) => h("p", {}, text)));
+  }
+}
+
+function words(file, answer) {
+  if (answer.records !== undefined) {
+    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored, ${answer.repeated} already known, ${answer.refused.length} refused.`;
+    return [counts, ...answer.refused.slice(0, 5).map(({ record, channel, reason }) => `Record ${record}, channel ${channel}: ${reason}`)];
+  }
+  const segments = answer.segments ?? [answer];
+  return segments.map(({ channel, start_time: start, wear }) => {
+    const estimate = wear.median_um == null ? wear.reason : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
+    return `${file.name}: channel ${channel} stored as the record of ${utc(start)}; ${estimate}.`;
+  });
+}

@@ -1,0 +1,114 @@
+// Wear over time: median with its 5 to 95 % band, limits, the baseline's stretch, and the reference where there is one.
+
+import { depth } from "./format.js";
+import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
+
+/** The outline of the band, one closed polygon for every stretch of records with an interval. */
+function bandOutline(items) {
+  const x = [];
+  const y = [];
+  let stretch = [];
+  const close = () => {
+    if (stretch.length > 1) {
+      const back = [...stretch].reverse();
+      x.push(...stretch.map((item) => item.start_time), ...back.map((item) => item.start_time), null);
+      y.push(...stretch.map((item) => item.p95_um), ...back.map((item) => item.p05_um), null);
+    }
+    stretch = [];
+  };
+  for (const item of items) {
+    if (item.p05_um == null || item.p95_um == null) close();
+    else stretch.push(item);
+  }
+  close();
+  return { x, y };
+}
+
+function limitLine(name, value, colour, dash, ends) {
+  const trace = { x: ends, y: [value, value], mode: "lines", line: { color: colour, width: 1, dash }, opacity: 0, hoverinfo: "skip" };
+  const shape = { type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value, line: { color: colour, width: 1.5, dash } };
+  const text = `${name} ${depth(value)} µm`;
+  const annotation = { text, xref: "paper", x: 0, xanchor: "left", y: value, yanchor: "bottom", showarrow: false, font: { color: colour } };
+  return { trace, shape, annotation };
+}
+
+function hoverWords({ median_um: median, p05_um: low, p95_um: high, reference_wear_um: reference, status, reason }) {
+  const lines = [median == null ? (reason ?? status) : `median ${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`];
+  if (median != null && status !== "estimated") lines.push(status.replaceAll("_", " "));
+  if (reference != null) lines.push(`reference ${depth(reference)} µm`);
+  return lines.join("<br>");
+}
+
+/** Why there is no estimate at all, or null where there is one or the baseline is under way. */
+export function withoutEstimate(items) {
+  const none = items.every((item) => item.median_um == null && item.status !== "collecting_baseline");
+  return none ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.` : null;
+}
+
+function baselineZone(items, colour) {
+  const collecting = items.filter((item) => item.status === "collecting_baseline");
+  if (collecting.length < 2) return null;
+  const [from, to] = [collecting[0].start_time, collecting.at(-1).start_time];
+  const shape = { type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1, layer: "below", line: { width: 0 }, fillcolor: colour.zone };
+  const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
+  const only = collecting.length === items.length;
+  const annotation = only
+    ? { ...common, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
+    : { ...common, text: "baseline", x: from, xanchor: "left", textangle: -90 };
+  return { shape, annotation };
+}
+
+/** The drawing for a wear history; `selected` is the start time of the record that the page shows. */
+export function wearDrawing({ channel, items }, limits, selected, revision) {
+  const colour = palette();
+  const ends = [items[0].start_time, items.at(-1).start_time];
+  const times = items.map((item) => item.start_time);
+  const markers = items.length < 40 ? "lines+markers" : "lines";
+  const estimated = items.some((item) => item.median_um != null);
+  const entries = estimated ? [["line", colour.accent, "median"], ["band", colour.band, "5 to 95 % interval"]] : [];
+  const traces = [
+    { ...bandOutline(items), mode: "lines", fill: "toself", fillcolor: colour.band, line: { width: 0 }, hoverinfo: "skip" },
+    { x: times, y: items.map((item) => item.median_um), mode: markers, line: { color: colour.accent, width: 2 }, hoverinfo: "skip" },
+    recordPoints(items, items.map((item) => item.median_um ?? 0), hoverWords),
+  ];
+  if (items.some((item) => item.median_um == null)) {
+    const y = items.map((item) => (item.median_um == null ? 0 : null));
+    const line = { color: colour.muted, width: 4 };
+    traces.push({ x: times, y, mode: markers, line, hoverinfo: "skip" });
+    entries.push(["line", colour.muted, "records without an estimate"]);
+  }
+  if (items.some((item) => item.reference_wear_um != null)) {
+    const line = { color: colour.reference, width: 2, dash: "dot" };
+    traces.push({ x: times, y: items.map((item) => item.reference_wear_um), mode: markers, line, hoverinfo: "skip" });
+    entries.push(["dot", colour.reference, "reference (simulated or inspected)"]);
+  }
+  const zone = baselineZone(items, colour);
+  const shapes = zone ? [zone.shape] : [];
+  const annotations = zone ? [zone.annotation] : [];
+  for (const [name, value, dash] of [["warning", limits?.warning_um, "dash"], ["danger", limits?.danger_um, "solid"]]) {
+    if (value == null) continue;
+    const line = limitLine(name, value, colour[name], dash, ends);
+    traces.push(line.trace);
+    shapes.push(line.shape);
+    annotations.push(line.annotation);
+  }
+  if (selected) shapes.push(verticalLine(selected, colour.select, "solid", 2));
+  const last = items.findLast((item) => item.median_um != null);
+  const now = last ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm` : "no estimate yet";
+  return {
+    traces,
+    legend: entries,
+    sub: `Greatest wear depth over the flank, channel ${channel}. Click a record to see it.`,
+    summary: `Wear depth over ${items.length} records: ${now}.`,
+    layout: {
+      uirevision: revision,
+      hovermode: "x unified",
+      hoverdistance: -1,
+      xaxis: timeAxis,
+      margin: timeMargin,
+      yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false },
+      shapes,
+      annotations,
+    },
+  };
+}

@@ -1,0 +1,33 @@
+//! What one request may cost: the one place where the API's limits stand.
+
+use std::time::Duration;
+
+/// Limits on requests.
+#[derive(Debug, Clone)]
+pub struct HttpLimits {
+    /// Bytes of a record's body.
+    pub record_bytes: usize,
+    /// Bytes of a recording's body (many records; it is read from a file, not held in memory).
+    pub recording_bytes: u64,
+    /// Bytes of any other body.
+    pub description_bytes: usize,
+    /// How long a body may take to arrive.
+    pub body_timeout: Duration,
+    /// How long a request may take once its body is there.
+    pub request_timeout: Duration,
+    /// How long the service takes to end what it has begun when it is stopped.
+    pub grace: Duration,
+}
+
+impl Default for HttpLimits {
+    fn default() -> Self {
+        Self {
+            record_bytes: 256 << 20,
+            recording_bytes: 4 << 30,
+            description_bytes: 1 << 20,
+            body_timeout: Duration::from_secs(300),
+            request_timeout: Duration::from_secs(150),
+            grace: Duration::from_secs(10),
+        }
+    }
+}

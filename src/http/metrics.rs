@@ -1,0 +1,195 @@
+//! `GET /metrics` in Prometheus' text format.
+
+use std::fmt::Write;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::IntoResponse;
+
+use super::problem::Problem;
+use super::router::App;
+
+/// Upper bounds of the latency histogram in seconds.
+const BOUNDS_S: [f64; 12] = [0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0];
+
+/// Indicators of each asset's latest record that are shown.
+const SHOWN_INDICATORS: [&str; 3] = ["rms", "kurtosis", "omx"];
+
+/// What the API measures of itself.
+#[derive(Debug, Default)]
+pub(super) struct Measurements {
+    /// Uploads no longer than each bound and longer than the one before; the last counts the longer ones.
+    latency: [AtomicU64; BOUNDS_S.len() + 1],
+    latency_sum_us: AtomicU64,
+    client_errors: AtomicU64,
+    server_errors: AtomicU64,
+}
+
+impl Measurements {
+    /// Counts an upload and how long it took.
+    pub(super) fn upload(&self, took: Duration, status: StatusCode) {
+        let bucket = BOUNDS_S.partition_point(|bound| *bound < took.as_secs_f64());
+        self.latency[bucket].fetch_add(1, Ordering::Relaxed);
+        let micros = u64::try_from(took.as_micros()).unwrap_or(u64::MAX);
+        self.latency_sum_us.fetch_add(micros, Ordering::Relaxed);
+        if status.is_client_error() {
+            self.client_errors.fetch_add(1, Ordering::Relaxed);
+        } else if status.is_server_error() {
+            self.server_errors.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The page's lines.
+struct Text(String);
+
+impl Text {
+    fn head(&mut self, name: &str, kind: &str, help: &str) {
+        let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
+    }
+
+    fn line(&mut self, name: &str, labels: &[(&str, &str)], value: impl std::fmt::Display) {
+        let labels: Vec<String> = labels
+            .iter()
+            .map(|(name, value)| {
+                let value = value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
+                format!("{name}=\"{value}\"")
+            })
+            .collect();
+        let labels = if labels.is_empty() {
+            String::new()
+        } else {
+            format!("{{{}}}", labels.join(","))
+        };
+        let _ = writeln!(self.0, "{name}{labels} {value}");
+    }
+
+    fn single(&mut self, name: &str, kind: &str, help: &str, value: impl std::fmt::Display) {
+        self.head(name, kind, help);
+        self.line(name, &[], value);
+    }
+}
+
+pub(super) async fn show(State(app): State<App>) -> Result<impl IntoResponse, Problem> {
+    let mut text = Text(String::new());
+    service(&app, &mut text).await?;
+    assets(&app, &mut text).await?;
+    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text.0))
+}
+
+async fn service(app: &App, text: &mut Text) -> Result<(), Problem> {
+    text.head("flankwatch_build_info", "gauge", "The running version.");
+    text.line("flankwatch_build_info", &[("version", env!("CARGO_PKG_VERSION"))], 1);
+    let segments = app.ingest.store().segment_count().await?;
+    text.single("flankwatch_segments", "gauge", "Segments in the store.", segments);
+    let tally = app.ingest.tally();
+    text.head(
+        "flankwatch_records_total",
+        "counter",
+        "Records received since the start, by what became of them.",
+    );
+    let outcomes = [
+        ("stored", tally.stored()),
+        ("repeated", tally.repeated()),
+        ("refused", tally.refused()),
+    ];
+    for (outcome, count) in outcomes {
+        text.line("flankwatch_records_total", &[("outcome", outcome)], count);
+    }
+    let (used, most) = app.ingest.workers().queue();
+    text.single("flankwatch_ingest_queue_used", "gauge", "Uploads being processed or waiting.", used);
+    text.single(
+        "flankwatch_ingest_queue_limit",
+        "gauge",
+        "Uploads beyond which further ones are refused.",
+        most,
+    );
+    let measured = &app.measurements;
+    let errors = [("client", &measured.client_errors), ("server", &measured.server_errors)];
+    text.head(
+        "flankwatch_upload_errors_total",
+        "counter",
+        "Uploads answered with an error, by whose it was.",
+    );
+    for (whose, count) in errors {
+        text.line("flankwatch_upload_errors_total", &[("whose", whose)], count.load(Ordering::Relaxed));
+    }
+    let name = "flankwatch_upload_duration_seconds";
+    text.head(name, "histogram", "Time from the head of an upload to its answer.");
+    let mut count = 0;
+    let bounds = BOUNDS_S.iter().map(f64::to_string).chain(["+Inf".to_string()]);
+    for (bound, bucket) in bounds.zip(&measured.latency) {
+        count += bucket.load(Ordering::Relaxed);
+        text.line(&format!("{name}_bucket"), &[("le", &bound)], count);
+    }
+    let sum_s = measured.latency_sum_us.load(Ordering::Relaxed) as f64 / 1e6;
+    text.line(&format!("{name}_sum"), &[], sum_s);
+    text.line(&format!("{name}_count"), &[], count);
+    Ok(())
+}
+
+async fn assets(app: &App, text: &mut Text) -> Result<(), Problem> {
+    let store = app.ingest.store();
+    let mut latest = Vec::new();
+    let mut after: Option<String> = None;
+    loop {
+        let assets = store.assets(after.as_deref(), 500).await?;
+        let Some(last) = assets.last() else { break };
+        after = Some(last.spec.id.to_string());
+        for asset in assets {
+            for channel in store.channels(&asset.spec.id).await? {
+                latest.extend(channel.last_segment);
+            }
+        }
+    }
+    let mut latest = store.segments_by_id(&latest).await?;
+    latest.sort_by(|a, b| (&a.asset_id, &a.channel).cmp(&(&b.asset_id, &b.channel)));
+    text.head(
+        "flankwatch_wear_depth_um",
+        "gauge",
+        "Quantiles of the wear depth after the latest record, in micrometres.",
+    );
+    for segment in &latest {
+        let wear = &segment.wear;
+        for (quantile, value) in [("0.05", wear.p05_um), ("0.5", wear.median_um), ("0.95", wear.p95_um)] {
+            if let Some(value) = value {
+                let labels = [
+                    ("asset", segment.asset_id.as_str()),
+                    ("channel", &segment.channel),
+                    ("quantile", quantile),
+                ];
+                text.line("flankwatch_wear_depth_um", &labels, value);
+            }
+        }
+    }
+    text.head(
+        "flankwatch_indicator",
+        "gauge",
+        "Condition indicators of the latest record, in its unit.",
+    );
+    for segment in &latest {
+        for name in SHOWN_INDICATORS {
+            if let Some(value) = segment.indicators.get(name) {
+                let labels = [
+                    ("asset", segment.asset_id.as_str()),
+                    ("channel", &segment.channel),
+                    ("indicator", name),
+                ];
+                text.line("flankwatch_indicator", &labels, value);
+            }
+        }
+    }
+    text.head(
+        "flankwatch_last_record_timestamp_seconds",
+        "gauge",
+        "Start of the latest record, in seconds since 1970.",
+    );
+    for segment in &latest {
+        let labels = [("asset", segment.asset_id.as_str()), ("channel", &segment.channel)];
+        let seconds = segment.start_time.as_nanosecond() as f64 / 1e9;
+        text.line("flankwatch_last_record_timestamp_seconds", &labels, seconds);
+    }
+    Ok(())
+}

@@ -1,0 +1,172 @@
+//! Everything that goes wrong, as RFC 9457 problem details.
+
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+use crate::asset::AssetError;
+use crate::ingest::IngestError;
+use crate::store::StoreError;
+
+/// The media type of problem details.
+const MEDIA_TYPE: &str = "application/problem+json";
+
+/// What went wrong with a request.
+#[derive(Debug, Clone)]
+pub(super) struct Problem(Box<Details>);
+
+/// The problem's members.
+#[derive(Debug, Clone, Serialize)]
+struct Details {
+    #[serde(rename = "type")]
+    kind: &'static str,
+    title: &'static str,
+    #[serde(serialize_with = "as_number")]
+    status: StatusCode,
+    detail: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    field: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    value: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    expected: Option<String>,
+    #[serde(skip)]
+    retry_after_s: Option<u32>,
+}
+
+fn as_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_u16(status.as_u16())
+}
+
+impl Problem {
+    pub(super) fn new(status: StatusCode, detail: impl Into<String>) -> Self {
+        Self(Box::new(Details {
+            kind: "about:blank",
+            title: status.canonical_reason().unwrap_or("Problem"),
+            status,
+            detail: detail.into(),
+            field: None,
+            value: None,
+            expected: None,
+            retry_after_s: None,
+        }))
+    }
+
+    pub(super) fn not_found(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::NOT_FOUND, detail)
+    }
+
+    /// A parameter of the address has a value that cannot be used.
+    pub(super) fn query(field: &str, value: impl ToString, expected: &str) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, "").with_field(field, value, expected)
+    }
+
+    /// A field of the body has a value that cannot be used.
+    pub(super) fn content(field: &str, value: impl ToString, expected: &str) -> Self {
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, "").with_field(field, value, expected)
+    }
+
+    pub(super) fn too_large(limit: u64) -> Self {
+        Self::new(
+            StatusCode::PAYLOAD_TOO_LARGE,
+            format!("the body is too large, expected at most {limit} bytes"),
+        )
+    }
+
+    pub(super) fn busy(detail: impl Into<String>, retry_after_s: u32) -> Self {
+        let mut problem = Self::new(StatusCode::SERVICE_UNAVAILABLE, detail);
+        problem.0.retry_after_s = Some(retry_after_s);
+        problem
+    }
+
+    fn with_field(mut self, field: &str, value: impl ToString, expected: &str) -> Self {
+        let value = value.to_string();
+        if self.0.detail.is_empty() {
+            self.0.detail = format!("{field} is {value}, expected {expected}");
+        }
+        self.0.field = Some(field.to_string());
+        self.0.value = Some(value);
+        self.0.expected = Some(expected.to_string());
+        self
+    }
+
+    /// The same, naming the field that a decoder's message names in backticks.
+    pub(super) fn naming_field_in(mut self, message: &str) -> Self {
+        let is_about_a_field = message.starts_with("unknown field `") || message.starts_with("missing field `");
+        if is_about_a_field && let Some(field) = message.split('`').nth(1) {
+            self.0.field = Some(field.to_string());
+        }
+        self
+    }
+
+    /// A fault of the program or the machine: the log has the whole of it, the client what concerns it.
+    fn internal(error: &dyn std::error::Error) -> Self {
+        tracing::error!(error = %error, "request failed");
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string())
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let body = serde_json::to_vec(&self.0).unwrap_or_default();
+        let mut response = (self.0.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
+        if let Some(seconds) = self.0.retry_after_s {
+            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        response
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        let status = match &error {
+            StoreError::AssetExists(_) => StatusCode::CONFLICT,
+            StoreError::AssetUnknown(_) => StatusCode::NOT_FOUND,
+            StoreError::Time(_) => StatusCode::UNPROCESSABLE_ENTITY,
+            error if error.is_full() => {
+                tracing::error!(%error, "no room");
+                StatusCode::INSUFFICIENT_STORAGE
+            }
+            error => return Self::internal(error),
+        };
+        Self::new(status, error.to_string())
+    }
+}
+
+impl From<IngestError> for Problem {
+    fn from(error: IngestError) -> Self {
+        match error {
+            IngestError::Store(error) => error.into(),
+            IngestError::Busy { retry_after_s, .. } => Self::busy(error.to_string(), retry_after_s),
+            // The description of the asset can be mended, or the cause may pass.
+            IngestError::Library { .. } => Self::busy(error.to_string(), 60),
+            IngestError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+            IngestError::Field { field, value, expected } => Self::content(field, value, expected),
+            IngestError::ReplayFile { ref file, .. } => {
+                let mut problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
+                problem.0.field = Some("file".to_string());
+                problem.0.value = Some(file.clone());
+                problem
+            }
+            IngestError::ReplayUnknown(_) => Self::not_found(error.to_string()),
+            IngestError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
+                Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
+            }
+            IngestError::File { .. } | IngestError::WorkerLost(_) => Self::internal(&error),
+        }
+    }
+}
+
+impl From<AssetError> for Problem {
+    fn from(error: AssetError) -> Self {
+        match &error {
+            AssetError::Field { field, value, expected } => Self::content(field, value, expected),
+            AssetError::Id(id) => Self::content("id", id, "1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit"),
+            AssetError::Pair(crate::gear::GearError::Field { field, value, expected }) => {
+                Self::content(&format!("gear.pair.{field}"), value, expected)
+            }
+            AssetError::Toml(source) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()).naming_field_in(source.message()),
+            AssetError::Pair(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! What stands in an address: names, pages, numbers of points.
+
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::{FromRequestParts, Path, Query};
+use axum::http::StatusCode;
+use axum::http::request::Parts;
+use jiff::Timestamp;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::problem::Problem;
+use crate::asset::{AssetId, SegmentId};
+use crate::store::SegmentKey;
+
+/// Entries of a list where the client does not say how many.
+const DEFAULT_LIMIT: u32 = 100;
+
+/// Most entries of one page of a list.
+const MOST_LIMIT: u32 = 1000;
+
+/// Most points of a reduced curve.
+const MOST_POINTS: usize = 200_000;
+
+/// Parameters after the question mark; unknown ones are refused.
+pub(super) struct Parameters<T>(pub(super) T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Parameters<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let parsed: Result<Query<T>, QueryRejection> = Query::from_request_parts(parts, state).await;
+        parsed.map(|Query(value)| Self(value)).map_err(|rejection| {
+            let message = rejection.body_text();
+            let cause = message.rsplit(": ").next().unwrap_or_default();
+            Problem::new(StatusCode::BAD_REQUEST, message.clone()).naming_field_in(cause)
+        })
+    }
+}
+
+/// An asset's name in the path.
+pub(super) struct AssetInPath(pub(super) AssetId);
+
+impl<S: Send + Sync> FromRequestParts<S> for AssetInPath {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let id = text_in_path(parts, state).await?;
+        AssetId::new(id)
+            .map(Self)
+            .map_err(|error| Problem::not_found(format!("there is no such asset: {error}")))
+    }
+}
+
+/// A segment's identifier in the path.
+pub(super) struct SegmentInPath(pub(super) SegmentId);
+
+impl<S: Send + Sync> FromRequestParts<S> for SegmentInPath {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        Ok(Self(SegmentId(text_in_path(parts, state).await?)))
+    }
+}
+
+/// Any other single name in the path.
+pub(super) struct NameInPath(pub(super) String);
+
+impl<S: Send + Sync> FromRequestParts<S> for NameInPath {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        Ok(Self(text_in_path(parts, state).await?))
+    }
+}
+
+async fn text_in_path<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<String, Problem> {
+    let parsed: Result<Path<String>, PathRejection> = Path::from_request_parts(parts, state).await;
+    let Path(text) = parsed.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
+    Ok(text)
+}
+
+/// One page of a list.
+#[derive(Debug, Serialize)]
+pub(super) struct Page<T> {
+    items: Vec<T>,
+    next_cursor: Option<String>,
+}
+
+impl<T> Page<T> {
+    /// A page of items of which there may be one more than `limit`, which then only says that there is a next page.
+    pub(super) fn new(mut items: Vec<T>, limit: u32, cursor: impl Fn(&T) -> String) -> Self {
+        let is_last = items.len() <= limit as usize;
+        items.truncate(limit as usize);
+        let next_cursor = if is_last { None } else { items.last().map(cursor) };
+        Self { items, next_cursor }
+    }
+
+    /// A page with every item rendered.
+    pub(super) fn map<U>(self, render: impl FnMut(T) -> U) -> Page<U> {
+        Page {
+            items: self.items.into_iter().map(render).collect(),
+            next_cursor: self.next_cursor,
+        }
+    }
+
+    /// The items and the cursor of the next page.
+    pub(super) fn into_parts(self) -> (Vec<T>, Option<String>) {
+        (self.items, self.next_cursor)
+    }
+
+    pub(super) fn from_parts(items: Vec<T>, next_cursor: Option<String>) -> Self {
+        Self { items, next_cursor }
+    }
+}
+
+/// The number of entries asked for.
+pub(super) fn limit(asked: Option<u32>) -> Result<u32, Problem> {
+    match asked.unwrap_or(DEFAULT_LIMIT) {
+        limit @ 1..=MOST_LIMIT => Ok(limit),
+        limit => Err(Problem::query("limit", limit, "a number from 1 to 1000")),
+    }
+}
+
+/// The number of points asked for.
+pub(super) fn max_points(asked: Option<usize>, default: usize) -> Result<usize, Problem> {
+    match asked.unwrap_or(default) {
+        points @ 10..=MOST_POINTS => Ok(points),
+        points => Err(Problem::query("max_points", points, "a number from 10 to 200000")),
+    }
+}
+
+/// The place in a list of segments that a cursor stands for.
+pub(super) fn segment_cursor(cursor: Option<&str>) -> Result<Option<SegmentKey>, Problem> {
+    let Some(cursor) = cursor else { return Ok(None) };
+    let key = cursor.split_once('.').and_then(|(nanoseconds, id)| {
+        let nanoseconds: i64 = nanoseconds.parse().ok()?;
+        Some(SegmentKey {
+            start_time: Timestamp::from_nanosecond(nanoseconds.into()).ok()?,
+            id: SegmentId(id.to_string()),
+        })
+    });
+    key.map(Some)
+        .ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))
+}
+
+/// The cursor of a place in a list of segments.
+pub(super) fn cursor_of(key: &SegmentKey) -> String {
+    format!("{}.{}", key.start_time.as_nanosecond(), key.id)
+}

@@ -1,0 +1,62 @@
+//! `/v1/replays`.
+
+use std::sync::Arc;
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::IntoResponse;
+use serde::Deserialize;
+
+use super::body;
+use super::problem::Problem;
+use super::query::{self, NameInPath, Page, Parameters};
+use super::router::App;
+use crate::ingest::{Replay, ReplayRequest};
+
+pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
+    let media_type = body::media_type(&headers);
+    if media_type.as_deref() != Some("application/json") {
+        return Err(body::unsupported(media_type.as_deref(), "application/json"));
+    }
+    let bytes = body::read_description(&headers, body, &app.limits).await?;
+    let request: ReplayRequest = body::from_json(&bytes)?;
+    let replay = app.ingest.start_replay(request).await?;
+    let location = format!("/v1/replays/{}", replay.id);
+    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ListParameters {
+    limit: Option<u32>,
+    cursor: Option<String>,
+}
+
+/// The latest first; a cursor is the identifier of the last one shown.
+pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<Replay>>, Problem> {
+    let limit = query::limit(asked.limit)?;
+    let all = app.ingest.replays();
+    let start = match &asked.cursor {
+        None => 0,
+        Some(cursor) => {
+            let position = all.iter().position(|replay| replay.id == *cursor);
+            1 + position.ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))?
+        }
+    };
+    let shown: Vec<Replay> = all[start..]
+        .iter()
+        .take(limit as usize + 1)
+        .map(|replay| Replay::clone(replay))
+        .collect();
+    Ok(Json(Page::new(shown, limit, |replay| replay.id.clone())))
+}
+
+pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<Replay>, Problem> {
+    Ok(Json(Arc::unwrap_or_clone(app.ingest.replay(&id)?)))
+}
+
+pub(super) async fn stop(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<Replay>, Problem> {
+    Ok(Json(Arc::unwrap_or_clone(app.ingest.stop_replay(&id).await?)))
+}

@@ -1,0 +1,185 @@
+//! The service as a whole: its parts put together, started and stopped.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use thiserror::Error;
+use tokio::net::TcpListener;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+use super::limits::HttpLimits;
+use super::metrics::Measurements;
+use super::router::{App, router};
+use crate::ingest::{Clock, Ingest, IngestError, IngestFolders, IngestLimits};
+use crate::library::GridSettings;
+use crate::store::{Store, StoreError};
+
+/// What the service is started with.
+#[derive(Debug, Clone)]
+pub struct ServiceConfig {
+    /// Address to listen on; port 0 takes a free one.
+    pub listen: SocketAddr,
+    /// Where everything is kept.
+    pub data_dir: PathBuf,
+    /// Recordings that may be replayed; `recordings` in the data folder where not given.
+    pub replay_dir: Option<PathBuf>,
+    /// Limits on requests.
+    pub http: HttpLimits,
+    /// Limits on work.
+    pub ingest: IngestLimits,
+    /// How libraries are simulated.
+    pub grid: GridSettings,
+}
+
+impl ServiceConfig {
+    /// The defaults for a data folder.
+    pub fn new(listen: SocketAddr, data_dir: impl Into<PathBuf>) -> Self {
+        Self {
+            listen,
+            data_dir: data_dir.into(),
+            replay_dir: None,
+            http: HttpLimits::default(),
+            ingest: IngestLimits::default(),
+            grid: GridSettings::default(),
+        }
+    }
+}
+
+/// Why the service does not run.
+#[derive(Debug, Error)]
+pub enum ServiceError {
+    /// The data folder cannot be used.
+    #[error("cannot use the data folder {path}: {source}", path = path.display())]
+    DataDir {
+        /// The folder.
+        path: PathBuf,
+        /// Why not.
+        source: StoreError,
+    },
+    /// A part could not be started.
+    #[error(transparent)]
+    Ingest(#[from] IngestError),
+    /// The address cannot be listened on.
+    #[error("cannot listen on {address}: {source}{hint}", hint = if source.kind() == std::io::ErrorKind::AddrInUse { "; is another flankwatch running? --listen takes another address" } else { "" })]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A setting does not go with another.
+    #[error("{field} is {value}, expected {expected}")]
+    Setting {
+        /// Which setting.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What would have been right.
+        expected: String,
+    },
+    /// The server ended by itself.
+    #[error("the server stopped: {0}")]
+    Stopped(String),
+}
+
+/// A running service.
+pub struct RunningService {
+    address: SocketAddr,
+    ingest: Ingest,
+    grace: std::time::Duration,
+    stop: oneshot::Sender<()>,
+    server: JoinHandle<std::io::Result<()>>,
+}
+
+/// Starts the service; it runs until [`RunningService::stop`].
+///
+/// Errors: the data folder is not writable, in use or of a later version; the address is taken.
+pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<RunningService, ServiceError> {
+    if config.http.record_bytes > config.ingest.bytes_at_once {
+        return Err(ServiceError::Setting {
+            field: "limits.record_bytes",
+            value: config.http.record_bytes.to_string(),
+            expected: format!("at most limits.bytes_at_once, {}", config.ingest.bytes_at_once),
+        });
+    }
+    let store = Store::open(&config.data_dir).await.map_err(|source| ServiceError::DataDir {
+        path: config.data_dir.clone(),
+        source,
+    })?;
+    let listener = TcpListener::bind(config.listen).await;
+    let listen_error = |source| ServiceError::Listen {
+        address: config.listen,
+        source,
+    };
+    let listener = listener.map_err(listen_error)?;
+    let address = listener.local_addr().map_err(listen_error)?;
+    let folders = IngestFolders {
+        libraries: config.data_dir.join("libraries"),
+        recordings: config.replay_dir.unwrap_or_else(|| config.data_dir.join("recordings")),
+        uploads: config.data_dir.join("uploads"),
+    };
+    let uploads = folders.uploads.clone();
+    let ingest = Ingest::new(store, folders, &config.ingest, config.grid, clock)?;
+    ingest.resume().await?;
+    let grace = config.http.grace;
+    let app = App {
+        ingest: ingest.clone(),
+        limits: Arc::new(config.http),
+        measurements: Arc::new(Measurements::default()),
+        uploads: uploads.into(),
+    };
+    let (stop, stopped) = oneshot::channel();
+    let server = axum::serve(listener, router(app)).with_graceful_shutdown(async {
+        // An error says that the handle is gone, which also ends the service.
+        let _ = stopped.await;
+    });
+    Ok(RunningService {
+        address,
+        ingest,
+        grace,
+        stop,
+        server: tokio::spawn(server.into_future()),
+    })
+}
+
+impl RunningService {
+    /// The address that it listens on.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The path of records through the service, for records from inside the process.
+    pub fn ingest(&self) -> &Ingest {
+        &self.ingest
+    }
+
+    /// Stops taking requests, ends within the time of grace what was begun, and closes the store.
+    pub async fn stop(self) -> Result<(), ServiceError> {
+        let _ = self.stop.send(());
+        let mut server = self.server;
+        let end = async {
+            self.ingest.stop_replays().await;
+            let ended = (&mut server).await;
+            // What goes on by itself after its client has gone.
+            while self.ingest.workers().queue().0 > 0 {
+                tokio::time::sleep(std::time::Duration::from_millis(5)).await;
+            }
+            ended
+        };
+        let ended = tokio::time::timeout(self.grace, end).await;
+        let ended = match ended {
+            Ok(Ok(Ok(()))) => Ok(()),
+            Ok(Ok(Err(error))) => Err(ServiceError::Stopped(error.to_string())),
+            Ok(Err(error)) => Err(ServiceError::Stopped(error.to_string())),
+            Err(_) => {
+                tracing::warn!("requests were still under way at the end of the time of grace");
+                server.abort();
+                Ok(())
+            }
+        };
+        self.ingest.store().close().await;
+        ended
+    }
+}

@@ -1,0 +1,233 @@
+//! One record, or one recording of several channels, from its bytes to its segments.
+
+use bytes::Bytes;
+use jiff::Timestamp;
+
+use super::fold::Stored;
+use super::{Ingest, IngestError, Ticket, with_analyzer};
+use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
+use crate::recording::{BlockEncoding, RecordDefaults, RecordingError, decode_block, decode_wav};
+use crate::signal::{OperatingPoint, Record};
+use crate::store::{NewSegment, Objects};
+
+/// How the bytes of one record are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecordFormat {
+    /// A WAV file.
+    Wav,
+    /// A `WaveformBlock` message in protobuf.
+    Protobuf,
+    /// A `WaveformBlock` message in JSON.
+    Json,
+}
+
+/// What the sender says of a record beside its bytes; the bytes' own word counts first.
+#[derive(Debug, Clone, Default)]
+pub struct Given {
+    /// The time of the first sample; the time of receipt where nobody says.
+    pub start_time: Option<Timestamp>,
+    /// The channel's name, for a recording of one channel.
+    pub channel: Option<String>,
+    /// Unit of the samples.
+    pub unit: Option<String>,
+    /// Operating point.
+    pub operating_point: OperatingPoint,
+    /// Wear depth in µm known from elsewhere.
+    pub reference_wear_um: Option<f64>,
+}
+
+impl RecordFormat {
+    /// The media type of such bytes.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Wav => "audio/wav",
+            Self::Protobuf => "application/x-protobuf",
+            Self::Json => "application/json",
+        }
+    }
+
+    /// The format of a media type, without its parameters.
+    pub fn from_media_type(media_type: &str) -> Option<Self> {
+        match media_type {
+            "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => Some(Self::Wav),
+            "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
+            "application/json" => Some(Self::Json),
+            _ => None,
+        }
+    }
+
+    pub(super) fn of_block(encoding: BlockEncoding) -> Self {
+        match encoding {
+            BlockEncoding::Protobuf => Self::Protobuf,
+            BlockEncoding::Json => Self::Json,
+        }
+    }
+
+    /// The records in the bytes, one for each channel.
+    pub(super) fn decode(self, bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+        match self {
+            Self::Wav => decode_wav(bytes, defaults),
+            Self::Protobuf => Ok(vec![decode_block(bytes, BlockEncoding::Protobuf, defaults)?]),
+            Self::Json => Ok(vec![decode_block(bytes, BlockEncoding::Json, defaults)?]),
+        }
+    }
+}
+
+/// A record with its name and its raw bytes' name, before anything is kept.
+pub(super) struct Named {
+    pub(super) id: SegmentId,
+    pub(super) record: Record,
+    pub(super) raw: RawReference,
+    pub(super) reference_wear_um: Option<f64>,
+}
+
+impl Named {
+    /// Names a record; refuses what cannot be stored or addressed.
+    pub(super) fn new(asset: &AssetId, record: Record, raw: RawReference, reference_wear_um: Option<f64>) -> Result<Self, IngestError> {
+        let channel = record.channel();
+        if channel.is_empty() || channel.len() > 200 || channel.chars().any(char::is_control) {
+            return Err(IngestError::Field {
+                field: "channel",
+                value: format!("{channel:?}"),
+                expected: "a name of 1 to 200 bytes without control characters",
+            });
+        }
+        if i64::try_from(record.start_time().as_nanosecond()).is_err() {
+            return Err(IngestError::Field {
+                field: "start_time",
+                value: record.start_time().to_string(),
+                expected: "a time from 1677-09-21 to 2262-04-11",
+            });
+        }
+        if let Some(wear) = reference_wear_um
+            && !(wear >= 0.0 && wear.is_finite())
+        {
+            return Err(IngestError::Field {
+                field: "reference_wear_um",
+                value: wear.to_string(),
+                expected: "a finite depth of at least 0",
+            });
+        }
+        Ok(Self {
+            id: SegmentId::derive(asset, channel, record.start_time(), &raw),
+            record,
+            raw,
+            reference_wear_um,
+        })
+    }
+
+    /// Everything that the record says by itself. To be called on a worker thread.
+    pub(super) fn analyse(self, spec: &AssetSpec, received_at: Timestamp) -> NewSegment {
+        let analysis = with_analyzer(|analyzer| analyzer.analyze(&self.record, &spec.mesh_context()));
+        NewSegment {
+            id: self.id,
+            asset_id: spec.id.clone(),
+            channel: self.record.channel().to_string(),
+            start_time: self.record.start_time(),
+            received_at,
+            sample_rate_hz: self.record.sample_rate_hz(),
+            samples: self.record.samples().len() as u64,
+            unit: self.record.unit().to_string(),
+            operating_point: self.record.operating_point(),
+            shaft_speed: analysis.shaft_speed,
+            reference_wear_um: self.reference_wear_um,
+            raw: self.raw,
+            indicators: analysis.indicators,
+            features: analysis.features,
+        }
+    }
+}
+
+impl Ingest {
+    /// Takes the bytes of one record (or of one recording of several channels), and answers once everything is on the disk.
+    ///
+    /// Returns one segment for each channel, in the order of the channels. A repeat is answered with what is stored.
+    pub async fn accept(
+        &self,
+        asset: &AssetId,
+        format: RecordFormat,
+        bytes: Bytes,
+        given: Given,
+        ticket: Ticket,
+    ) -> Result<Vec<Segment>, IngestError> {
+        // A client that hangs up must not leave half of the work: it goes on by itself.
+        let (ingest, asset) = (self.clone(), asset.clone());
+        let task = tokio::spawn(async move {
+            let _ticket = ticket;
+            let answer = ingest.accept_here(&asset, format, bytes, given).await;
+            if matches!(answer, Err(IngestError::Recording(_) | IngestError::Field { .. })) {
+                ingest.count(0, 0, 1);
+            }
+            answer
+        });
+        task.await.map_err(|_| IngestError::WorkerLost("take a record"))?
+    }
+
+    async fn accept_here(&self, asset: &AssetId, format: RecordFormat, bytes: Bytes, given: Given) -> Result<Vec<Segment>, IngestError> {
+        let spec = self.inner.store.asset(asset).await?.spec;
+        let received_at = self.inner.clock.now();
+        let named = {
+            let (spec, bytes) = (spec.clone(), bytes.clone());
+            let decode = move || decode_and_name(&spec, format, &bytes, &given, received_at);
+            self.inner.workers.run("decode a record", decode).await??
+        };
+        let ids: Vec<SegmentId> = named.iter().map(|named| named.id.clone()).collect();
+        let mut known = self.inner.store.segments_by_id(&ids).await?;
+        if known.len() == ids.len() {
+            known.sort_by_key(|segment| segment.raw.channel_index);
+            self.count(0, known.len(), 0);
+            return Ok(known);
+        }
+        // Before anything is kept: a record that has to come again leaves nothing behind.
+        self.inner.libraries.tracker(&spec).await?;
+        let _keeping = self.inner.keeping.read().await;
+        let name = named.first().map(|named| named.raw.sha256.clone()).unwrap_or_default();
+        let store = self.inner.store.clone();
+        let keep = tokio::task::spawn_blocking(move || store.objects().put_all([(name.as_str(), &bytes[..])]));
+        let analyse = self.inner.workers.run("analyse a record", move || {
+            let analysed = named.into_iter().map(|named| named.analyse(&spec, received_at));
+            analysed.collect::<Vec<NewSegment>>()
+        });
+        let (kept, analysed) = tokio::join!(keep, analyse);
+        kept.map_err(|_| IngestError::WorkerLost("keep a record"))??;
+        let stored = self.store_segments(asset, analysed?).await?;
+        let repeated = stored.iter().filter(|stored| stored.repeated).count();
+        self.count(stored.len() - repeated, repeated, 0);
+        Ok(stored.into_iter().map(|Stored { segment, .. }| segment).collect())
+    }
+
+    pub(super) fn count(&self, stored: usize, repeated: usize, refused: usize) {
+        use std::sync::atomic::Ordering::Relaxed;
+        let tally = &self.inner.tally;
+        tally.stored.fetch_add(stored as u64, Relaxed);
+        tally.repeated.fetch_add(repeated as u64, Relaxed);
+        tally.refused.fetch_add(refused as u64, Relaxed);
+    }
+}
+
+fn decode_and_name(
+    spec: &AssetSpec,
+    format: RecordFormat,
+    bytes: &[u8],
+    given: &Given,
+    received_at: Timestamp,
+) -> Result<Vec<Named>, IngestError> {
+    let defaults = RecordDefaults {
+        channel: given.channel.clone(),
+        start_time: given.start_time.unwrap_or(received_at),
+        unit: given.unit.clone().or_else(|| spec.sensor.unit.clone()),
+        operating_point: given.operating_point,
+    };
+    let records = format.decode(bytes, &defaults)?;
+    let sha256 = Objects::name(bytes);
+    let named = (0..).zip(records).map(|(channel_index, record)| {
+        let raw = RawReference {
+            sha256: sha256.clone(),
+            bytes: bytes.len() as u64,
+            media_type: format.media_type().to_string(),
+            channel_index,
+        };
+        Named::new(&spec.id, record, raw, given.reference_wear_um)
+    });
+    named.collect()
+}

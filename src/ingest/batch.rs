@@ -1,0 +1,294 @@
+//! Recordings of many records: read on a thread, processed and stored in batches.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use jiff::Timestamp;
+use rayon::prelude::*;
+use serde::Serialize;
+use tokio::sync::mpsc;
+
+use super::accept::{Named, RecordFormat};
+use super::{Ingest, IngestError};
+use crate::asset::{AssetId, AssetSpec, RawReference, SegmentId};
+use crate::recording::{McapReader, RecordDefaults, Recorded, RecordingError};
+use crate::signal::OperatingPoint;
+use crate::store::Objects;
+
+/// Raw bytes of one batch, beyond which the next one begins: bounds memory and the length of a transaction.
+const BATCH_BYTES: usize = 16 << 20;
+
+/// Records of one batch, beyond which the next one begins.
+const BATCH_RECORDS: usize = 128;
+
+/// Records read ahead of the one that is processed.
+const READ_AHEAD: usize = 8;
+
+/// Refused records that are listed by name; further ones are only counted.
+const MOST_REFUSED_LISTED: usize = 1000;
+
+/// A record of a recording that was not taken.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Refused {
+    /// Which record of the recording, counted from 0.
+    pub record: u64,
+    /// Its channel, where it could be read so far.
+    pub channel: Option<String>,
+    /// Why not.
+    pub reason: String,
+}
+
+/// What became of a recording.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct BatchSummary {
+    /// Records read.
+    pub records: u64,
+    /// Of these, stored now.
+    pub stored: u64,
+    /// Of these, stored before.
+    pub repeated: u64,
+    /// Those that were not taken.
+    pub refused: Vec<Refused>,
+    /// How many were not taken.
+    pub refused_count: u64,
+    /// The channels of those that were taken.
+    pub channels: BTreeSet<String>,
+    /// Start of the earliest record taken.
+    pub first_start_time: Option<Timestamp>,
+    /// Start of the latest record taken.
+    pub last_start_time: Option<Timestamp>,
+    /// Length of all records taken, in seconds.
+    #[serde(skip)]
+    pub record_seconds: f64,
+}
+
+impl BatchSummary {
+    pub(super) fn refuse(&mut self, record: u64, channel: Option<&str>, reason: &impl ToString) {
+        self.refused_count += 1;
+        if self.refused.len() < MOST_REFUSED_LISTED {
+            self.refused.push(Refused {
+                record,
+                channel: channel.map(str::to_string),
+                reason: reason.to_string(),
+            });
+        }
+    }
+}
+
+/// Records of one recording as they come from the thread that reads it.
+pub(super) struct RecordStream {
+    receiver: mpsc::Receiver<Result<Recorded, RecordingError>>,
+    read: u64,
+}
+
+impl RecordStream {
+    /// Reads with the iterator that `open` makes on a thread of its own.
+    pub(super) fn spawn<I, F>(open: F) -> Self
+    where
+        F: FnOnce() -> Result<I, RecordingError> + Send + 'static,
+        I: Iterator<Item = Result<Recorded, RecordingError>>,
+    {
+        let (sender, receiver) = mpsc::channel(READ_AHEAD);
+        tokio::task::spawn_blocking(move || match open() {
+            // The other side may have gone: then reading ends too.
+            Ok(records) => {
+                for record in records {
+                    if sender.blocking_send(record).is_err() {
+                        break;
+                    }
+                }
+            }
+            Err(error) => {
+                let _ = sender.blocking_send(Err(error));
+            }
+        });
+        Self { receiver, read: 0 }
+    }
+
+    /// The next record and its number; none at the end.
+    pub(super) async fn next(&mut self) -> Option<(u64, Result<Recorded, RecordingError>)> {
+        let record = self.receiver.recv().await?;
+        self.read += 1;
+        Some((self.read - 1, record))
+    }
+
+    /// The next record if it has been read already.
+    fn next_ready(&mut self) -> Option<(u64, Result<Recorded, RecordingError>)> {
+        let record = self.receiver.try_recv().ok()?;
+        self.read += 1;
+        Some((self.read - 1, record))
+    }
+
+    /// The next batch: waits for one record and takes with it those that follow at once; empty at the end.
+    pub(super) async fn next_batch(&mut self) -> Vec<(u64, Result<Recorded, RecordingError>)> {
+        let mut batch = Vec::new();
+        let mut bytes = 0;
+        let mut next = self.next().await;
+        while let Some((number, record)) = next {
+            bytes += record.as_ref().map_or(0, |recorded| recorded.raw.len());
+            batch.push((number, record));
+            if bytes >= BATCH_BYTES || batch.len() >= BATCH_RECORDS {
+                break;
+            }
+            next = match self.next_ready() {
+                Some(ready) => Some(ready),
+                // The reader is faster than the fold; a short wait makes batches, and so transactions, larger.
+                None if batch.len() < READ_AHEAD => self.next().await,
+                None => None,
+            };
+        }
+        batch
+    }
+}
+
+impl Ingest {
+    /// Takes every record of an MCAP file, and answers once everything is on the disk.
+    ///
+    /// A record that cannot be used is listed in the answer and the others are taken; an error is returned only where not one
+    /// could be read, or where the service itself failed.
+    pub async fn accept_mcap(&self, asset: &AssetId, path: &Path) -> Result<BatchSummary, IngestError> {
+        let _turn = self.recording_turn()?;
+        let spec = self.inner.store.asset(asset).await?.spec;
+        let defaults = RecordDefaults {
+            channel: spec.sensor.channel,
+            start_time: self.inner.clock.now(),
+            unit: spec.sensor.unit,
+            operating_point: OperatingPoint::default(),
+        };
+        let path = path.to_path_buf();
+        let mut records = RecordStream::spawn(move || {
+            let file = File::open(&path).map_err(RecordingError::from)?;
+            Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, file), defaults))
+        });
+        let mut summary = BatchSummary::default();
+        loop {
+            let mut batch = records.next_batch().await;
+            if batch.is_empty() {
+                break;
+            }
+            if matches!(batch[..], [(0, Err(_))])
+                && let Some((number, Err(error))) = batch.pop()
+            {
+                // Nothing but one error: not a recording at all, unless something follows after all.
+                batch = records.next_batch().await;
+                self.count(0, 0, 1);
+                if batch.is_empty() {
+                    return Err(error.into());
+                }
+                summary.records += 1;
+                summary.refuse(number, None, &error);
+            }
+            self.accept_batch(asset, batch, &mut summary).await?;
+        }
+        Ok(summary)
+    }
+
+    /// The right to read one more whole recording.
+    pub(super) fn recording_turn(&self) -> Result<tokio::sync::OwnedSemaphorePermit, IngestError> {
+        std::sync::Arc::clone(&self.inner.recordings)
+            .try_acquire_owned()
+            .map_err(|_| IngestError::Busy {
+                what: "too many recordings are being read",
+                retry_after_s: 5,
+            })
+    }
+
+    /// Takes a batch of records of one recording in one transaction and adds what became of them to `summary`.
+    pub(super) async fn accept_batch(
+        &self,
+        asset: &AssetId,
+        batch: Vec<(u64, Result<Recorded, RecordingError>)>,
+        summary: &mut BatchSummary,
+    ) -> Result<(), IngestError> {
+        let spec = self.inner.store.asset(asset).await?.spec;
+        let received_at = self.inner.clock.now();
+        let named = {
+            let spec = spec.clone();
+            let name = move || {
+                batch
+                    .into_par_iter()
+                    .map(|(n, record)| (n, name(&spec, record)))
+                    .collect::<Vec<_>>()
+            };
+            self.inner.workers.run("name records", name).await?
+        };
+        let refused_before = summary.refused_count;
+        let mut fresh: Vec<(Named, Vec<u8>)> = Vec::with_capacity(named.len());
+        for (number, named) in named {
+            summary.records += 1;
+            match named {
+                Ok(taken) => {
+                    summary.add(&taken.0);
+                    fresh.push(taken);
+                }
+                Err((channel, error)) => summary.refuse(number, channel.as_deref(), &error),
+            }
+        }
+        let taken = fresh.len();
+        let ids: Vec<SegmentId> = fresh.iter().map(|(named, _)| named.id.clone()).collect();
+        let known = self.inner.store.segments_by_id(&ids).await?;
+        fresh.retain(|(named, _)| !known.iter().any(|segment| segment.id == named.id));
+        let mut stored = 0;
+        if !fresh.is_empty() {
+            self.inner.libraries.tracker(&spec).await?;
+            let _keeping = self.inner.keeping.read().await;
+            let (named, raws): (Vec<Named>, Vec<(String, Vec<u8>)>) = fresh
+                .into_iter()
+                .map(|(named, raw)| {
+                    let name = named.raw.sha256.clone();
+                    (named, (name, raw))
+                })
+                .unzip();
+            let store = self.inner.store.clone();
+            let keep = tokio::task::spawn_blocking(move || {
+                let objects = raws.iter().map(|(name, raw)| (name.as_str(), raw.as_slice()));
+                store.objects().put_all(objects)
+            });
+            let analyse = self.inner.workers.run("analyse records", move || {
+                let analysed = named.into_par_iter().map(|named| named.analyse(&spec, received_at));
+                analysed.collect::<Vec<_>>()
+            });
+            let (kept, analysed) = tokio::join!(keep, analyse);
+            kept.map_err(|_| IngestError::WorkerLost("keep records"))??;
+            let answer = self.store_segments(asset, analysed?).await?;
+            stored = answer.iter().filter(|stored| !stored.repeated).count();
+        }
+        summary.stored += stored as u64;
+        summary.repeated += (taken - stored) as u64;
+        self.count(stored, taken - stored, (summary.refused_count - refused_before) as usize);
+        Ok(())
+    }
+}
+
+impl BatchSummary {
+    fn add(&mut self, named: &Named) {
+        let record = &named.record;
+        if !self.channels.contains(record.channel()) {
+            self.channels.insert(record.channel().to_string());
+        }
+        let start = record.start_time();
+        self.first_start_time = Some(self.first_start_time.map_or(start, |first| first.min(start)));
+        self.last_start_time = Some(self.last_start_time.map_or(start, |last| last.max(start)));
+        self.record_seconds += record.duration_s();
+    }
+}
+
+/// A named record with its raw bytes, or its channel and why it is refused.
+type NamedOrRefused = Result<(Named, Vec<u8>), (Option<String>, IngestError)>;
+
+fn name(spec: &AssetSpec, record: Result<Recorded, RecordingError>) -> NamedOrRefused {
+    let recorded = record.map_err(|error| (None, error.into()))?;
+    let channel = recorded.record.channel().to_string();
+    let raw = RawReference {
+        sha256: Objects::name(&recorded.raw),
+        bytes: recorded.raw.len() as u64,
+        media_type: RecordFormat::of_block(recorded.encoding).media_type().to_string(),
+        channel_index: 0,
+    };
+    match Named::new(&spec.id, recorded.record, raw, recorded.reference_wear_um) {
+        Ok(named) => Ok((named, recorded.raw)),
+        Err(error) => Err((Some(channel), error)),
+    }
+}

@@ -1,0 +1,71 @@
+//! Why a record was not taken.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::recording::RecordingError;
+use crate::store::StoreError;
+
+/// Why the service did not do what it was asked.
+#[derive(Debug, Error)]
+pub enum IngestError {
+    /// Too much work at once; the same request can succeed later.
+    #[error("{what}: try again in {retry_after_s} s")]
+    Busy {
+        /// What there is too much of.
+        what: &'static str,
+        /// When to try again, in seconds.
+        retry_after_s: u32,
+    },
+    /// The bytes are not a record.
+    #[error("{0}")]
+    Recording(#[from] RecordingError),
+    /// A field has a value that cannot be used.
+    #[error("{field} is {value}, expected {expected}")]
+    Field {
+        /// Which field.
+        field: &'static str,
+        /// Its value.
+        value: String,
+        /// What would have been right.
+        expected: &'static str,
+    },
+    /// The asset's library could not be built.
+    #[error("library {id} of asset {asset} could not be built: {reason}")]
+    Library {
+        /// The library.
+        id: String,
+        /// The asset whose records need it.
+        asset: String,
+        /// Why not.
+        reason: String,
+    },
+    /// The store refused or failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A recording in the replay folder cannot be had.
+    #[error("recording {file:?} {reason}")]
+    ReplayFile {
+        /// The name as given.
+        file: String,
+        /// Why not.
+        reason: &'static str,
+    },
+    /// The operating system refused a file operation.
+    #[error("cannot {action} {path}: {source}", path = path.display())]
+    File {
+        /// What was tried.
+        action: &'static str,
+        /// On which file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// There is no such replay.
+    #[error("there is no replay {0:?}")]
+    ReplayUnknown(String),
+    /// A worker stopped in the middle of its task: a fault of the program.
+    #[error("a worker stopped while it was to {0}")]
+    WorkerLost(&'static str),
+}

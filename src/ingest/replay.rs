@@ -1,0 +1,363 @@
+//! Replays: a recording from the replay folder fed through the service as if it happened now.
+
+use std::collections::BTreeMap;
+use std::str::FromStr;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use tokio::sync::watch;
+
+use super::batch::{BatchSummary, RecordStream};
+use super::{Announcement, Ingest, IngestError, replay_folder};
+use crate::asset::AssetId;
+use crate::recording::{RecordDefaults, RecordingFile};
+use crate::signal::OperatingPoint;
+
+/// Ended replays that are remembered.
+const MOST_REMEMBERED: usize = 1000;
+
+/// How fast a recording is replayed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum Pace {
+    /// As fast as it can be processed.
+    Max,
+    /// This many times as fast as it was recorded.
+    Times(f64),
+}
+
+impl FromStr for Pace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "max" => Ok(Self::Max),
+            "realtime" => Ok(Self::Times(1.0)),
+            _ => match text.strip_suffix('x').map(str::parse::<f64>) {
+                Some(Ok(times)) if times > 0.0 && times <= 1e6 => Ok(Self::Times(times)),
+                _ => Err(format!(
+                    "pace is {text:?}, expected \"max\", \"realtime\" or a number above 0 and at most 1000000 with an x, such as \"10x\""
+                )),
+            },
+        }
+    }
+}
+
+impl TryFrom<String> for Pace {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Pace> for String {
+    fn from(pace: Pace) -> Self {
+        match pace {
+            Pace::Max => "max".into(),
+            Pace::Times(1.0) => "realtime".into(),
+            Pace::Times(times) => format!("{times}x"),
+        }
+    }
+}
+
+/// What is to be replayed.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReplayRequest {
+    /// The asset whose records they become.
+    pub asset: AssetId,
+    /// The recording, relative to the replay folder.
+    pub file: String,
+    /// How fast.
+    #[serde(default = "Pace::max")]
+    pub pace: Pace,
+}
+
+impl Pace {
+    fn max() -> Self {
+        Self::Max
+    }
+}
+
+/// What a replay is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ReplayState {
+    /// Under way.
+    Running,
+    /// Came to the end of the recording.
+    Finished,
+    /// Was stopped.
+    Stopped,
+    /// Could not go on.
+    Failed,
+}
+
+/// A replay and how far it is.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Replay {
+    /// Identifier.
+    pub id: String,
+    /// The asset whose records they become.
+    pub asset: AssetId,
+    /// The recording, relative to the replay folder.
+    pub file: String,
+    /// How fast.
+    pub pace: Pace,
+    /// What it is doing.
+    pub state: ReplayState,
+    /// Why it failed; or why the first record that was refused was refused.
+    pub error: Option<String>,
+    /// Records in the recording, known at its end.
+    pub records_total: Option<u64>,
+    /// Records that are done, the refused ones too.
+    pub records_done: u64,
+    /// Records stored.
+    pub stored: u64,
+    /// Records that were stored before.
+    pub repeated: u64,
+    /// Records that could not be used.
+    pub refused: u64,
+    /// When it began.
+    pub started_at: Timestamp,
+    /// When it ended.
+    pub finished_at: Option<Timestamp>,
+    /// Start of the earliest record done.
+    pub first_start_time: Option<Timestamp>,
+    /// Start of the latest record done.
+    pub last_start_time: Option<Timestamp>,
+    /// Length of all records done, in seconds.
+    pub record_seconds_done: f64,
+    /// Length of all records done over the time it took.
+    pub times_real_time: Option<f64>,
+}
+
+/// All replays since the start of the service.
+#[derive(Debug, Default)]
+pub(super) struct Replays {
+    held: Mutex<Held>,
+}
+
+#[derive(Debug, Default)]
+struct Held {
+    given_out: u64,
+    by_number: BTreeMap<u64, (Arc<Replay>, watch::Sender<bool>)>,
+}
+
+impl Replays {
+    fn lock(&self) -> MutexGuard<'_, Held> {
+        // Entries are replaced whole, so a panic elsewhere cannot have left half of one.
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Ingest {
+    /// Starts a replay.
+    ///
+    /// Errors: no such asset, a file outside the replay folder, too many recordings being read.
+    pub async fn start_replay(&self, request: ReplayRequest) -> Result<Arc<Replay>, IngestError> {
+        let spec = self.inner.store.asset(&request.asset).await?.spec;
+        let path = replay_folder::find(&self.inner.folders.recordings, &request.file)?;
+        let turn = self.recording_turn()?;
+        let (stop, stopped) = watch::channel(false);
+        let started_at = self.inner.clock.now();
+        let (number, replay) = {
+            let mut held = self.inner.replays.lock();
+            held.given_out += 1;
+            let number = held.given_out;
+            let replay = Replay {
+                id: number.to_string(),
+                asset: request.asset,
+                file: request.file,
+                pace: request.pace,
+                state: ReplayState::Running,
+                error: None,
+                records_total: None,
+                records_done: 0,
+                stored: 0,
+                repeated: 0,
+                refused: 0,
+                started_at,
+                finished_at: None,
+                first_start_time: None,
+                last_start_time: None,
+                record_seconds_done: 0.0,
+                times_real_time: None,
+            };
+            held.by_number.insert(number, (Arc::new(replay.clone()), stop));
+            while held.by_number.len() > MOST_REMEMBERED {
+                let ended = held.by_number.iter().find(|(_, (replay, _))| replay.state != ReplayState::Running);
+                let Some(number) = ended.map(|(number, _)| *number) else { break };
+                held.by_number.remove(&number);
+            }
+            (number, replay)
+        };
+        let defaults = RecordDefaults {
+            channel: spec.sensor.channel,
+            start_time: started_at,
+            unit: spec.sensor.unit,
+            operating_point: OperatingPoint::default(),
+        };
+        let records = RecordStream::spawn(move || RecordingFile::open(&path, defaults, None));
+        let ingest = self.clone();
+        let first = Arc::new(replay.clone());
+        tokio::spawn(async move {
+            let _turn = turn;
+            ingest.run_replay(number, replay, records, stopped).await;
+        });
+        Ok(first)
+    }
+
+    /// All replays, the latest first.
+    pub fn replays(&self) -> Vec<Arc<Replay>> {
+        let held = self.inner.replays.lock();
+        held.by_number.values().rev().map(|(replay, _)| Arc::clone(replay)).collect()
+    }
+
+    /// A replay.
+    ///
+    /// Error: [`IngestError::ReplayUnknown`].
+    pub fn replay(&self, id: &str) -> Result<Arc<Replay>, IngestError> {
+        let unknown = || IngestError::ReplayUnknown(id.to_string());
+        let number: u64 = id.parse().map_err(|_| unknown())?;
+        let held = self.inner.replays.lock();
+        held.by_number
+            .get(&number)
+            .map(|(replay, _)| Arc::clone(replay))
+            .ok_or_else(unknown)
+    }
+
+    /// Stops a replay and waits until it has; one that has ended is left as it is.
+    pub async fn stop_replay(&self, id: &str) -> Result<Arc<Replay>, IngestError> {
+        self.replay(id)?;
+        let ended = {
+            let held = self.inner.replays.lock();
+            let entry = id.parse().ok().and_then(|number: u64| held.by_number.get(&number));
+            entry.map(|(_, stop)| {
+                stop.send_replace(true);
+                stop.clone()
+            })
+        };
+        if let Some(ended) = ended {
+            // The replay drops its end of the channel when it is over.
+            ended.closed().await;
+        }
+        self.replay(id)
+    }
+
+    /// Stops all replays, for the end of the service.
+    pub async fn stop_replays(&self) {
+        for replay in self.replays() {
+            if let Err(error) = self.stop_replay(&replay.id).await {
+                tracing::warn!(replay = replay.id, %error, "replay not stopped");
+            }
+        }
+    }
+
+    async fn run_replay(&self, number: u64, mut replay: Replay, mut records: RecordStream, mut stopped: watch::Receiver<bool>) {
+        let began = tokio::time::Instant::now();
+        let mut summary = BatchSummary::default();
+        let mut first_start = None;
+        let end = loop {
+            let batch = tokio::select! {
+                _ = stopped.wait_for(|stopped| *stopped) => break Ok(ReplayState::Stopped),
+                batch = async {
+                    match replay.pace {
+                        Pace::Max => records.next_batch().await,
+                        Pace::Times(times) => paced(&mut records, times, began, &mut first_start).await,
+                    }
+                } => batch,
+            };
+            if batch.is_empty() {
+                break match summary.refused.first() {
+                    Some(refused) if summary.refused_count == summary.records => Err(refused.reason.clone()),
+                    _ => Ok(ReplayState::Finished),
+                };
+            }
+            if let Err(error) = self.accept_batch(&replay.asset, batch, &mut summary).await {
+                break Err(error.to_string());
+            }
+            self.show_progress(number, &mut replay, &summary, began.elapsed());
+        };
+        match end {
+            Ok(state) => replay.state = state,
+            Err(error) => {
+                tracing::warn!(replay = replay.id, %error, "replay failed");
+                replay.state = ReplayState::Failed;
+                replay.error = Some(error);
+            }
+        }
+        if replay.state == ReplayState::Finished {
+            replay.records_total = Some(summary.records);
+        }
+        replay.finished_at = Some(self.inner.clock.now());
+        self.show_progress(number, &mut replay, &summary, began.elapsed());
+    }
+
+    fn show_progress(&self, number: u64, replay: &mut Replay, summary: &BatchSummary, elapsed: Duration) {
+        replay.records_done = summary.records;
+        replay.stored = summary.stored;
+        replay.repeated = summary.repeated;
+        replay.refused = summary.refused_count;
+        replay.first_start_time = summary.first_start_time;
+        replay.last_start_time = summary.last_start_time;
+        replay.record_seconds_done = summary.record_seconds;
+        replay.times_real_time = (summary.records > 0).then(|| summary.record_seconds / elapsed.as_secs_f64().max(1e-9));
+        if replay.error.is_none() {
+            replay.error = summary
+                .refused
+                .first()
+                .map(|refused| format!("record {}: {}", refused.record, refused.reason));
+        }
+        let shown = Arc::new(replay.clone());
+        if let Some((held, _)) = self.inner.replays.lock().by_number.get_mut(&number) {
+            *held = Arc::clone(&shown);
+        }
+        self.announce(Announcement::ReplayChanged(shown));
+    }
+}
+
+/// The next record once its time has come: as far after the first one as it was recorded, divided by `times`.
+async fn paced(
+    records: &mut RecordStream,
+    times: f64,
+    began: tokio::time::Instant,
+    first_start: &mut Option<Timestamp>,
+) -> Vec<(u64, Result<crate::recording::Recorded, crate::recording::RecordingError>)> {
+    let Some((number, record)) = records.next().await else {
+        return Vec::new();
+    };
+    if let Ok(recorded) = &record {
+        let start = recorded.record.start_time();
+        let first = *first_start.get_or_insert(start);
+        let seconds = (start.as_nanosecond() - first.as_nanosecond()) as f64 / 1e9 / times;
+        if let Ok(wait) = Duration::try_from_secs_f64(seconds) {
+            tokio::time::sleep_until(began + wait).await;
+        }
+    }
+    vec![(number, record)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pace_is_read_and_written_alike() {
+        for (text, pace) in [
+            ("max", Pace::Max),
+            ("realtime", Pace::Times(1.0)),
+            ("10x", Pace::Times(10.0)),
+            ("0.5x", Pace::Times(0.5)),
+        ] {
+            assert_eq!(text.parse(), Ok(pace));
+            assert_eq!(String::from(pace), text);
+        }
+        for text in ["", "x", "10", "-1x", "0x", "NaNx", "infx", "fast"] {
+            assert!(text.parse::<Pace>().is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! The threads that compute, apart from those that serve connections.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+
+use super::{IngestError, IngestLimits};
+use crate::signal::{AnalysisSettings, Analyzer};
+
+thread_local! {
+    /// Plans and scratch of this thread.
+    static ANALYZER: RefCell<Analyzer> = RefCell::new(Analyzer::new(AnalysisSettings::default()));
+}
+
+/// Gives the calling thread's analyzer to `f`.
+pub fn with_analyzer<T>(f: impl FnOnce(&mut Analyzer) -> T) -> T {
+    ANALYZER.with_borrow_mut(f)
+}
+
+/// A fixed number of threads for computation, and what may wait for them.
+#[derive(Debug)]
+pub struct Workers {
+    pool: rayon::ThreadPool,
+    requests: Arc<Semaphore>,
+    kibibytes: Arc<Semaphore>,
+    limits: IngestLimits,
+}
+
+/// The right to hold a request's bytes and have them processed; given back when dropped.
+#[derive(Debug)]
+pub struct Ticket {
+    _request: OwnedSemaphorePermit,
+    kibibytes: Arc<Semaphore>,
+    held: Option<OwnedSemaphorePermit>,
+    bytes: usize,
+}
+
+impl Workers {
+    pub(super) fn new(limits: &IngestLimits) -> Result<Self, IngestError> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(limits.workers)
+            .thread_name(|n| format!("worker-{n}"))
+            // A panic ends one task, whose asker is told, and not the process.
+            .panic_handler(|_| tracing::error!("a worker's task panicked"))
+            .build()
+            .map_err(|_| IngestError::WorkerLost("start"))?;
+        Ok(Self {
+            pool,
+            requests: Arc::new(Semaphore::new(limits.requests_at_once)),
+            kibibytes: Arc::new(Semaphore::new(limits.bytes_at_once / 1024)),
+            limits: limits.clone(),
+        })
+    }
+
+    /// The right to one more request, or [`IngestError::Busy`] at once.
+    pub fn admit(&self) -> Result<Ticket, IngestError> {
+        let request = Arc::clone(&self.requests).try_acquire_owned().map_err(|_| IngestError::Busy {
+            what: "the queue of records is full",
+            retry_after_s: 1,
+        })?;
+        Ok(Ticket {
+            _request: request,
+            kibibytes: Arc::clone(&self.kibibytes),
+            held: None,
+            bytes: 0,
+        })
+    }
+
+    /// Requests held now, and how many may be.
+    pub fn queue(&self) -> (usize, usize) {
+        let most = self.limits.requests_at_once;
+        (most - self.requests.available_permits().min(most), most)
+    }
+
+    /// Runs `f` on a worker thread; `task` names it if it is lost.
+    pub async fn run<T: Send + 'static>(&self, task: &'static str, f: impl FnOnce() -> T + Send + 'static) -> Result<T, IngestError> {
+        let (sender, receiver) = oneshot::channel();
+        self.pool.spawn(move || {
+            // The asker may have gone; then nobody wants the answer.
+            let _ = sender.send(f());
+        });
+        receiver.await.map_err(|_| IngestError::WorkerLost(task))
+    }
+}
+
+impl Ticket {
+    /// Takes `bytes` more into memory under this ticket, or [`IngestError::Busy`] where all requests together hold too many.
+    pub fn grow(&mut self, bytes: usize) -> Result<(), IngestError> {
+        self.bytes += bytes;
+        let held = self.held.as_ref().map_or(0, OwnedSemaphorePermit::num_permits);
+        let needed = self.bytes.div_ceil(1024);
+        if needed > held {
+            let more = u32::try_from(needed - held).unwrap_or(u32::MAX);
+            let more = Arc::clone(&self.kibibytes)
+                .try_acquire_many_owned(more)
+                .map_err(|_| IngestError::Busy {
+                    what: "too many bytes are being received",
+                    retry_after_s: 2,
+                })?;
+            match &mut self.held {
+                Some(held) => held.merge(more),
+                None => self.held = Some(more),
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn workers() -> Workers {
+        Workers::new(&IngestLimits {
+            workers: 1,
+            requests_at_once: 2,
+            bytes_at_once: 10 * 1024,
+            ..IngestLimits::default()
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn a_full_queue_refuses_and_a_dropped_ticket_makes_room() {
+        let workers = workers();
+        let first = workers.admit().unwrap();
+        let _second = workers.admit().unwrap();
+        assert_eq!(workers.queue(), (2, 2));
+        assert!(matches!(workers.admit(), Err(IngestError::Busy { .. })));
+        drop(first);
+        assert!(workers.admit().is_ok());
+    }
+
+    #[test]
+    fn bytes_of_all_tickets_count_together() {
+        let workers = workers();
+        let mut first = workers.admit().unwrap();
+        let mut second = workers.admit().unwrap();
+        for _ in 0..6 {
+            first.grow(1024).unwrap();
+        }
+        second.grow(4 * 1024).unwrap();
+        assert!(second.grow(1).is_err());
+        drop(first);
+        assert!(second.grow(1).is_ok());
+    }
+
+    #[tokio::test]
+    async fn a_panicking_task_is_reported_and_the_next_one_runs() {
+        let workers = workers();
+        let lost = workers.run("fail", || panic!("on purpose")).await;
+        assert!(matches!(lost, Err::<(), _>(IngestError::WorkerLost("fail"))));
+        assert_eq!(workers.run("add", || 1 + 1).await.unwrap(), 2);
+    }
+}

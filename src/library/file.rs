@@ -1,0 +1,109 @@
+//! The library's file: a line that says what follows and its hash, then the manifest and the states as JSON.
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::{Library, LibraryError, LibraryState, Manifest};
+
+/// Version of the file format.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// First word of the first line.
+const MAGIC: &str = "flankwatch-library";
+
+#[derive(Serialize)]
+struct BodyRef<'a> {
+    manifest: &'a Manifest,
+    states: &'a [LibraryState],
+}
+
+#[derive(Deserialize)]
+struct Body {
+    manifest: Manifest,
+    states: Vec<LibraryState>,
+}
+
+/// The library as bytes.
+pub fn encode(library: &Library) -> Vec<u8> {
+    let body = serde_json::to_vec(&BodyRef {
+        manifest: library.manifest(),
+        states: library.states(),
+    })
+    .expect("numbers, strings and lists always serialise");
+    let mut bytes = format!("{MAGIC} {FORMAT_VERSION} {}\n", hex(&body)).into_bytes();
+    bytes.extend_from_slice(&body);
+    bytes
+}
+
+/// The library in the bytes, if they are whole and as they were written.
+pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
+    let damaged = |what: &str| LibraryError::Damaged(what.to_owned());
+    let end = bytes
+        .iter()
+        .take(200)
+        .position(|&b| b == b'\n')
+        .ok_or_else(|| damaged("no header line"))?;
+    let header = std::str::from_utf8(&bytes[..end]).map_err(|_| damaged("the header line is not text"))?;
+    let mut words = header.split(' ');
+    if words.next() != Some(MAGIC) {
+        return Err(damaged("the first line does not name a flankwatch library"));
+    }
+    let found: u32 = words
+        .next()
+        .and_then(|word| word.parse().ok())
+        .ok_or_else(|| damaged("no format version"))?;
+    if found != FORMAT_VERSION {
+        return Err(LibraryError::Version { found });
+    }
+    let body = &bytes[end + 1..];
+    let (expected, actual) = (words.next().unwrap_or_default(), hex(body));
+    if expected != actual {
+        return Err(LibraryError::Damaged(format!(
+            "its content has the hash {actual}, expected {expected:?}"
+        )));
+    }
+    let body: Body = serde_json::from_slice(body).map_err(|error| LibraryError::Damaged(error.to_string()))?;
+    if body.states.len() != body.manifest.grid.states {
+        return Err(LibraryError::Damaged(format!(
+            "{} states, expected {}",
+            body.states.len(),
+            body.manifest.grid.states
+        )));
+    }
+    Ok(Library::from_parts(body.manifest, body.states))
+}
+
+/// SHA-256 in hexadecimal.
+pub(super) fn hex(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing::made_up_library;
+    use super::*;
+
+    #[test]
+    fn a_library_reads_back_as_it_was_written() {
+        let library = made_up_library();
+        assert_eq!(decode(&encode(&library)).unwrap(), library);
+    }
+
+    #[test]
+    fn a_newer_format_is_named() {
+        let error = decode(b"flankwatch-library 99 abc\n{}").unwrap_err();
+        assert!(matches!(error, LibraryError::Version { found: 99 }), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn a_changed_byte_or_a_missing_end_is_found(position in 0.0..1.0f64, flip in 1u8.., cut in any::<bool>()) {
+            let mut bytes = encode(&made_up_library());
+            let at = (position * bytes.len() as f64) as usize;
+            if cut { bytes.truncate(at) } else { bytes[at] ^= flip }
+            prop_assert!(decode(&bytes).is_err());
+        }
+    }
+}

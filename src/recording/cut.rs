@@ -1,0 +1,202 @@
+//! Cutting a long multi-channel recording into records, in bounded memory.
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::{RecordDefaults, RecordingError};
+use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
+
+/// Longest recording that stays one record a channel where no cut is asked for, in seconds.
+const WHOLE_SECONDS: f64 = 600.0;
+
+/// Length of the records of a longer recording where no cut is asked for, in seconds.
+const DEFAULT_SECONDS: f64 = 10.0;
+
+/// Most samples held at a time over all channels: 256 MiB of `f32`.
+const MAX_HELD_SAMPLES: usize = 4 * MAX_RECORD_SAMPLES;
+
+/// How long the records of a cut recording are. The last one holds what is left and may be shorter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cut {
+    /// Seconds, rounded to whole samples.
+    Seconds(f64),
+    /// Samples of each channel.
+    Samples(usize),
+}
+
+/// Samples per channel and record of a recording, and whether it is cut without having been asked to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct CutPlan {
+    pub(crate) frames: usize,
+    pub(crate) default_seconds: Option<f64>,
+}
+
+impl CutPlan {
+    /// The plan for `total_frames` samples a channel (at most: an upper bound will do).
+    pub(crate) fn new(cut: Option<Cut>, total_frames: u64, sample_rate_hz: f64, channels: usize) -> Result<Self, RecordingError> {
+        if !(sample_rate_hz > 0.0 && sample_rate_hz.is_finite()) {
+            return Err(RecordError::SampleRate(sample_rate_hz).into());
+        }
+        let most = MAX_RECORD_SAMPLES.min(MAX_HELD_SAMPLES / channels.max(1));
+        let frames = match cut {
+            Some(Cut::Samples(frames)) => frames as f64,
+            Some(Cut::Seconds(seconds)) => (seconds * sample_rate_hz).round(),
+            None if total_frames <= most as u64 && total_frames as f64 <= WHOLE_SECONDS * sample_rate_hz => {
+                return Ok(Self {
+                    frames: most,
+                    default_seconds: None,
+                });
+            }
+            None => {
+                let frames = (DEFAULT_SECONDS * sample_rate_hz).round().clamp(1.0, most as f64) as usize;
+                return Ok(Self {
+                    frames,
+                    default_seconds: Some(frames as f64 / sample_rate_hz),
+                });
+            }
+        };
+        if !(frames >= 1.0 && frames <= most as f64) {
+            return Err(RecordingError::field(
+                "the cut",
+                format!("{frames} samples ({channels} channels at {sample_rate_hz} Hz)"),
+                "1 to 16777216 samples a record, and at most 67108864 over all channels",
+            ));
+        }
+        Ok(Self {
+            frames: frames as usize,
+            default_seconds: None,
+        })
+    }
+}
+
+/// Collects frames (one sample of every channel) and hands them out as records.
+#[derive(Debug)]
+pub(crate) struct Cutter {
+    channels: Vec<String>,
+    unit: String,
+    sample_rate_hz: f64,
+    start_time: Timestamp,
+    operating_point: OperatingPoint,
+    frames: usize,
+    first_frame: u64,
+    columns: Vec<Vec<f32>>,
+}
+
+impl Cutter {
+    /// Starts with no frame; records are `plan.frames` long.
+    pub(crate) fn new(channels: Vec<String>, sample_rate_hz: f64, defaults: &RecordDefaults, plan: CutPlan) -> Self {
+        Self {
+            columns: vec![Vec::new(); channels.len()],
+            channels,
+            unit: defaults.unit_or_unknown().to_owned(),
+            sample_rate_hz,
+            start_time: defaults.start_time,
+            operating_point: defaults.operating_point,
+            frames: plan.frames,
+            first_frame: 0,
+        }
+    }
+
+    /// Adds one frame; true when the records are complete and must be taken.
+    pub(crate) fn push(&mut self, frame: &[f32]) -> bool {
+        for (column, &sample) in self.columns.iter_mut().zip(frame) {
+            column.push(sample);
+        }
+        self.columns.first().is_some_and(|column| column.len() >= self.frames)
+    }
+
+    /// Takes the collected frames as one record a channel; nothing where there are none, unless there were none at all.
+    pub(crate) fn take(&mut self) -> Vec<Result<Record, RecordingError>> {
+        let frames = self.columns.first().map_or(0, Vec::len);
+        if frames == 0 && self.first_frame > 0 {
+            return Vec::new();
+        }
+        let first_sample = self.first_frame;
+        self.first_frame += frames as u64;
+        let start_time = match time_after(self.start_time, first_sample as f64 / self.sample_rate_hz) {
+            Ok(time) => time,
+            Err(error) => return vec![Err(error)],
+        };
+        let columns: Vec<Vec<f32>> = self.columns.iter_mut().map(std::mem::take).collect();
+        let records = self.channels.iter().zip(columns).map(|(channel, samples)| {
+            Record::new(channel, start_time, self.sample_rate_hz, &self.unit, samples)
+                .and_then(|record| record.with_operating_point(self.operating_point))
+                .map_err(|source| match (first_sample, source) {
+                    (0, source) => RecordingError::Record(source),
+                    (first_sample, source @ RecordError::NotFinite { .. }) => RecordingError::Cut { first_sample, source },
+                    (_, source) => RecordingError::Record(source),
+                })
+        });
+        records.collect()
+    }
+}
+
+/// A time that many seconds later.
+fn time_after(time: Timestamp, seconds: f64) -> Result<Timestamp, RecordingError> {
+    SignedDuration::try_from_secs_f64(seconds)
+        .ok()
+        .and_then(|duration| time.checked_add(duration).ok())
+        .ok_or_else(|| RecordingError::field("start_time", time, "a time whose recording ends before the year 10000"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_follow_each_other_without_gap_or_overlap() {
+        let plan = CutPlan::new(Some(Cut::Samples(4)), 10, 8.0, 2).unwrap();
+        let mut cutter = Cutter::new(vec!["a".into(), "b".into()], 8.0, &RecordDefaults::default(), plan);
+        let mut records = Vec::new();
+        for k in 0..10 {
+            if cutter.push(&[k as f32, -(k as f32)]) {
+                records.extend(cutter.take());
+            }
+        }
+        records.extend(cutter.take());
+        let records: Vec<Record> = records.into_iter().map(Result::unwrap).collect();
+        let lengths: Vec<usize> = records.iter().map(|r| r.samples().len()).collect();
+        assert_eq!(lengths, [4, 4, 4, 4, 2, 2]);
+        let milliseconds: Vec<i64> = records.iter().map(|r| r.start_time().as_millisecond()).collect();
+        assert_eq!(milliseconds, [0, 0, 500, 500, 1000, 1000]);
+        assert_eq!(records[4].samples(), [8.0, 9.0]);
+        assert_eq!(records[5].channel(), "b");
+    }
+
+    #[test]
+    fn long_recordings_are_cut_by_default_and_short_ones_are_not() {
+        let whole = CutPlan::new(None, 600 * 20_000, 20_000.0, 1).unwrap();
+        assert_eq!(whole.default_seconds, None);
+        assert!(whole.frames >= 600 * 20_000);
+        let cut = CutPlan::new(None, 600 * 20_000 + 1, 20_000.0, 1).unwrap();
+        assert_eq!((cut.frames, cut.default_seconds), (200_000, Some(10.0)));
+        // 16 channels of 10 minutes would be 0.7 GiB.
+        assert_eq!(CutPlan::new(None, 12_000_000, 20_000.0, 16).unwrap().frames, 200_000);
+    }
+
+    #[test]
+    fn cuts_that_cannot_be_held_are_refused() {
+        for cut in [
+            Cut::Samples(0),
+            Cut::Samples(MAX_RECORD_SAMPLES + 1),
+            Cut::Seconds(0.0),
+            Cut::Seconds(-1.0),
+            Cut::Seconds(f64::NAN),
+            Cut::Seconds(1e9),
+        ] {
+            assert!(CutPlan::new(Some(cut), 10, 1000.0, 1).is_err(), "{cut:?}");
+        }
+        assert!(CutPlan::new(Some(Cut::Samples(MAX_RECORD_SAMPLES)), 10, 1000.0, 5).is_err());
+    }
+
+    #[test]
+    fn an_error_in_a_later_record_says_where_it_stands() {
+        let plan = CutPlan::new(Some(Cut::Samples(2)), 4, 8.0, 1).unwrap();
+        let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
+        cutter.push(&[0.0]);
+        cutter.push(&[0.0]);
+        assert!(cutter.take()[0].is_ok());
+        cutter.push(&[f32::NAN]);
+        let error = cutter.take().remove(0).unwrap_err().to_string();
+        assert!(error.starts_with("record from sample 2 of the recording"), "{error}");
+    }
+}

@@ -1,0 +1,217 @@
+//! A `WaveformBlock` in JSON: the fields of the protobuf message, with `start_time` in RFC 3339 as the readable form of `start_time_ns`.
+
+use std::fmt;
+
+use jiff::Timestamp;
+use serde::de::{Error as _, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+
+use super::RecordingError;
+use super::block::DecodedBlock;
+use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record};
+
+/// The block as it stands in JSON; other fields are refused by name.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JsonBlock {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    start_time: Option<Timestamp>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    start_time_ns: Option<i64>,
+    sample_rate_hz: f64,
+    #[serde(default)]
+    first_sample_index: u64,
+    #[serde(default)]
+    unit: String,
+    #[serde(deserialize_with = "samples")]
+    samples: Vec<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    quality: Option<JsonQuality>,
+    #[serde(default)]
+    channel: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    operating_point: Option<JsonOperatingPoint>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JsonQuality {
+    #[serde(default)]
+    clipped: bool,
+    #[serde(default)]
+    gap: bool,
+}
+
+/// An operating point message in JSON.
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct JsonOperatingPoint {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    start_time: Option<Timestamp>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    start_time_ns: Option<i64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    shaft_speed_hz: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    torque_nm: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    temperature_c: Option<f64>,
+}
+
+impl JsonOperatingPoint {
+    /// Reads one message.
+    pub(crate) fn decode(bytes: &[u8]) -> Result<Self, RecordingError> {
+        Ok(serde_json::from_slice(bytes)?)
+    }
+
+    /// The part that the analysis uses.
+    pub(crate) fn operating_point(&self) -> OperatingPoint {
+        OperatingPoint {
+            shaft_speed_hz: self.shaft_speed_hz,
+            torque_nm: self.torque_nm,
+        }
+    }
+}
+
+impl JsonBlock {
+    /// Reads one block.
+    pub(crate) fn decode(bytes: &[u8]) -> Result<Self, RecordingError> {
+        Ok(serde_json::from_slice(bytes)?)
+    }
+
+    /// Writes the block.
+    pub(crate) fn encode(&self) -> Vec<u8> {
+        // Strings, numbers and lists of this struct always serialise into memory.
+        serde_json::to_vec(self).expect("a block of plain fields is JSON")
+    }
+
+    pub(crate) fn from_record(record: &Record) -> Self {
+        let point = record.operating_point();
+        Self {
+            start_time: Some(record.start_time()),
+            start_time_ns: None,
+            sample_rate_hz: record.sample_rate_hz(),
+            first_sample_index: 0,
+            unit: record.unit().to_owned(),
+            samples: record.samples().to_vec(),
+            quality: None,
+            channel: record.channel().to_owned(),
+            operating_point: (point != OperatingPoint::default()).then_some(JsonOperatingPoint {
+                shaft_speed_hz: point.shaft_speed_hz,
+                torque_nm: point.torque_nm,
+                ..Default::default()
+            }),
+        }
+    }
+
+    pub(crate) fn into_block(self) -> Result<DecodedBlock, RecordingError> {
+        let start_time = match (self.start_time, self.start_time_ns) {
+            (Some(_), Some(nanoseconds)) => {
+                return Err(RecordingError::field(
+                    "start_time_ns",
+                    nanoseconds,
+                    "either start_time or start_time_ns, not both",
+                ));
+            }
+            (Some(time), None) => Some(time),
+            (None, Some(nanoseconds)) => Some(
+                Timestamp::from_nanosecond(nanoseconds.into())
+                    .map_err(|_| RecordingError::field("start_time_ns", nanoseconds, "nanoseconds since 1970-01-01 UTC"))?,
+            ),
+            (None, None) => None,
+        };
+        Ok(DecodedBlock {
+            start_time,
+            sample_rate_hz: self.sample_rate_hz,
+            unit: self.unit,
+            channel: self.channel,
+            samples: self.samples,
+            operating_point: self
+                .operating_point
+                .as_ref()
+                .map(JsonOperatingPoint::operating_point)
+                .unwrap_or_default(),
+        })
+    }
+}
+
+/// Reads the samples, stopping at one more than a record may have.
+fn samples<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f32>, D::Error> {
+    struct Samples;
+
+    impl<'de> Visitor<'de> for Samples {
+        type Value = Vec<f32>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("samples, a list of finite numbers")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+            let mut samples: Vec<f32> = Vec::new();
+            while let Some(sample) = list.next_element()? {
+                if samples.len() == MAX_RECORD_SAMPLES {
+                    return Err(A::Error::custom(format_args!(
+                        "more than {MAX_RECORD_SAMPLES} samples, cut the recording into shorter records"
+                    )));
+                }
+                samples.push(sample);
+            }
+            Ok(samples)
+        }
+    }
+
+    deserializer.deserialize_seq(Samples)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{BlockEncoding, RecordDefaults, decode_block};
+
+    fn decode(json: &str) -> Result<crate::signal::Record, String> {
+        decode_block(json.as_bytes(), BlockEncoding::Json, &RecordDefaults::default()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn both_forms_of_the_time_mean_the_same() {
+        let text = decode(r#"{"start_time": "2026-01-02T03:04:05.000000006Z", "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#).unwrap();
+        let number = decode(r#"{"start_time_ns": 1767323045000000006, "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#).unwrap();
+        assert_eq!(text, number);
+        assert_eq!(text.samples(), [1.0, -2.5]);
+    }
+
+    #[test]
+    fn an_error_names_what_is_wrong() {
+        for (json, expected) in [
+            ("", "EOF"),
+            ("[]", "invalid length"),
+            (r#"{"sample_rate_hz": 1, "samples": [1], "volume": 3}"#, "unknown field `volume`"),
+            (r#"{"samples": [1]}"#, "missing field `sample_rate_hz`"),
+            (r#"{"sample_rate_hz": 1}"#, "missing field `samples`"),
+            (r#"{"sample_rate_hz": 1, "samples": []}"#, "no samples"),
+            (r#"{"sample_rate_hz": 1, "samples": [NaN]}"#, "expected value at line 1"),
+            (r#"{"sample_rate_hz": 1, "samples": [null]}"#, "invalid type: null"),
+            (r#"{"sample_rate_hz": 1, "samples": [1, 1e39]}"#, "out of range"),
+            (r#"{"sample_rate_hz": 1, "samples": [1e999]}"#, "out of range"),
+            (r#"{"sample_rate_hz": -1, "samples": [1]}"#, "sample_rate_hz is -1"),
+            (
+                r#"{"sample_rate_hz": 1, "samples": [1], "start_time": "yesterday"}"#,
+                "failed to parse",
+            ),
+            (
+                r#"{"sample_rate_hz": 1, "samples": [1], "start_time": "2026-01-01T00:00:00Z", "start_time_ns": 1}"#,
+                "not both",
+            ),
+            (
+                r#"{"sample_rate_hz": 1, "samples": [1], "operating_point": {"shaft_speed_hz": 0}}"#,
+                "shaft_speed_hz is 0",
+            ),
+            (
+                r#"{"sample_rate_hz": 1, "samples": [1], "operating_point": {"rpm": 1}}"#,
+                "unknown field `rpm`",
+            ),
+        ] {
+            let error = decode(json).unwrap_err();
+            assert!(error.contains(expected), "{json}: {error}");
+        }
+    }
+}

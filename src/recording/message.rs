@@ -1,0 +1,17 @@
+//! The messages of `proto/flankwatch/v1/vibration.proto` and their descriptor set.
+
+/// Full name of the waveform message's schema.
+pub(crate) const WAVEFORM_SCHEMA: &str = "flankwatch.v1.WaveformBlock";
+
+/// Full name of the operating point message's schema.
+pub(crate) const OPERATING_POINT_SCHEMA: &str = "flankwatch.v1.OperatingPoint";
+
+/// The encoded `google.protobuf.FileDescriptorSet`: the schema that MCAP files carry.
+pub(crate) const DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/vibration.fds"));
+
+#[allow(missing_docs, unreachable_pub)]
+mod generated {
+    include!(concat!(env!("OUT_DIR"), "/flankwatch.v1.rs"));
+}
+
+pub use generated::{AlarmState, Indicators, OperatingPoint, Quality, Spectrum, Tachometer, WaveformBlock, WearEstimate};

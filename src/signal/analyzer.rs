@@ -1,0 +1,383 @@
+//! One record's analysis: a single transform of the whole record serves everything.
+
+use super::envelope::{BandError, BandSource, band_bins};
+use super::features::Features;
+use super::indicators::{Absence, Indicators};
+use super::line::read_line;
+use super::mesh_lines::{MeshLine, MeshPositions};
+use super::record::Record;
+use super::record_spectrum::RecordSpectrum;
+use super::spectrum::Spectrum;
+use super::speed::{MeshContext, ShaftSpeed, locate};
+use super::transform::spectrum_length;
+
+/// The default envelope band's reach around a mesh harmonic in mesh frequencies.
+const DEFAULT_BAND_MESHES: f64 = 1.5;
+
+/// Work space for records above this length is given back after use: one long record must not hold its memory for ever.
+const KEPT_SAMPLES: usize = 1 << 22;
+
+/// What is to be worked out of a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AnalysisSettings {
+    /// Mesh harmonics H to be read, 10 by default.
+    pub harmonics: usize,
+}
+
+impl Default for AnalysisSettings {
+    fn default() -> Self {
+        Self { harmonics: 10 }
+    }
+}
+
+/// What one record says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Analysis {
+    /// Condition indicators.
+    pub indicators: Indicators,
+    /// Features for the wear estimate.
+    pub features: Features,
+    /// The shaft speed; `None` where it is neither given nor found.
+    pub shaft_speed: Option<ShaftSpeed>,
+    /// The mesh harmonics that could be read, in rising order.
+    pub mesh_lines: Vec<MeshLine>,
+}
+
+/// Turns records into spectra, indicators and features. Keeps its transform plans and work space from record to record, so one
+/// belongs to each worker thread.
+pub struct Analyzer {
+    settings: AnalysisSettings,
+    work: RecordSpectrum,
+}
+
+impl Analyzer {
+    /// An analyzer with nothing planned yet.
+    pub fn new(settings: AnalysisSettings) -> Self {
+        Self {
+            settings,
+            work: RecordSpectrum::default(),
+        }
+    }
+
+    /// Indicators and features of a record. Its shaft speed is that of its operating point, else the asset's where that is
+    /// exact, else the one found from the mesh comb. What cannot be computed is absent with its reason.
+    pub fn analyze(&mut self, record: &Record, mesh: &MeshContext) -> Analysis {
+        let work = &mut self.work;
+        let moments = work.transform(record);
+        let resolution_hz = work.resolution_hz(record);
+        let given_hz = record.operating_point().shaft_speed_hz;
+        let located = locate(&work.amplitude, resolution_hz, given_hz, mesh, moments.constant, &mut work.sorting);
+
+        let mut indicators = Indicators::default();
+        moments.indicate(&mut indicators);
+        let mut features = Features::default();
+        let deviation = moments.deviation();
+        if let (Ok(deviation), Ok(kurtosis)) = (deviation, moments.kurtosis()) {
+            features.values.insert("ln_rms".to_owned(), deviation.ln());
+            features.values.insert("ln_kurtosis".to_owned(), kurtosis.ln());
+        }
+
+        let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh.teeth));
+        let mut mesh_lines = Vec::new();
+        for order in 1..=self.settings.harmonics {
+            let line = lines.and_then(|lines| lines.read(work, order as f64).ok_or(Absence::AboveNyquist));
+            let amplitude = line.map(|(line, _)| line.amplitude);
+            indicators.insert(format!("mesh_{order}"), amplitude);
+            if order == 1 {
+                indicators.insert("omx", amplitude);
+            }
+            let Ok((line, noise)) = line else { continue };
+            mesh_lines.push(MeshLine {
+                order: order as u32,
+                frequency_hz: line.position * resolution_hz,
+                amplitude: line.amplitude,
+            });
+            if let Ok(deviation) = deviation {
+                features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
+            }
+        }
+        if let (Ok(lines), Ok(deviation)) = (lines, deviation) {
+            lines.sidebands(work, deviation, &mut features);
+            lines.envelopes(work, deviation, &mut features);
+        }
+        self.give_back(record);
+        Analysis {
+            indicators,
+            features,
+            shaft_speed: located.speed,
+            mesh_lines,
+        }
+    }
+
+    /// The Hann amplitude spectrum of a record with its mean removed.
+    pub fn amplitude_spectrum(&mut self, record: &Record) -> Spectrum {
+        self.work.transform(record);
+        let spectrum = Spectrum::hann(record.unit(), self.work.resolution_hz(record), self.work.amplitude.clone());
+        self.give_back(record);
+        spectrum
+    }
+
+    /// The Hann amplitude spectrum of the envelope of a band `[low, high]` in hertz: the modulus, mean removed, of the analytic
+    /// signal of the band's bins. It reaches up to the band's width.
+    pub fn envelope_spectrum(&mut self, record: &Record, band_hz: [f64; 2]) -> Result<Spectrum, BandError> {
+        let band = band_bins(band_hz, spectrum_length(record.samples().len()), record.sample_rate_hz())?;
+        let work = &mut self.work;
+        work.transform(record);
+        work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
+        let spectrum = Spectrum::hann(record.unit(), work.resolution_hz(record), work.envelope.amplitude.clone());
+        self.give_back(record);
+        Ok(spectrum)
+    }
+
+    /// The envelope's band in hertz where none is asked for: one and a half mesh frequencies to either side of the strongest mesh
+    /// harmonic (not below half the mesh frequency), so that lines at the shaft rates and at the mesh frequency show; the whole
+    /// spectrum where there is no shaft speed or no harmonic to be read.
+    pub fn envelope_band(&mut self, record: &Record, speed: Option<&ShaftSpeed>) -> ([f64; 2], BandSource) {
+        let nyquist_hz = 0.5 * record.sample_rate_hz();
+        let whole = ([0.0, nyquist_hz], BandSource::Whole);
+        let Some(speed) = speed else { return whole };
+        let mesh_hz = speed.mesh_frequency_hz;
+        self.work.transform(record);
+        let mesh_bins = mesh_hz / self.work.resolution_hz(record);
+        let strongest = (1..=self.settings.harmonics)
+            .filter_map(|order| read_line(&self.work.amplitude, order as f64 * mesh_bins).map(|line| (order as f64, line.amplitude)))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        self.give_back(record);
+        let Some((order, _)) = strongest else { return whole };
+        let low = (order - DEFAULT_BAND_MESHES).max(0.5) * mesh_hz;
+        let high = ((order + DEFAULT_BAND_MESHES) * mesh_hz).min(nyquist_hz);
+        ([low, high], BandSource::StrongestMeshHarmonic)
+    }
+
+    /// Drops work space that only a very long record needs.
+    fn give_back(&mut self, record: &Record) {
+        if record.samples().len() > KEPT_SAMPLES {
+            self.work = RecordSpectrum::default();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{PI, SQRT_2};
+
+    use jiff::Timestamp;
+    use proptest::prelude::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::super::{OperatingPoint, SpeedSource};
+    use super::*;
+
+    const RATE_HZ: f64 = 20_000.0;
+    const SHAFT_HZ: f64 = 16.71;
+
+    const MESH: MeshContext = MeshContext {
+        teeth: 24,
+        nominal_shaft_speed_hz: 16.64,
+        tolerance: 0.05,
+        nominal_is_exact: false,
+    };
+
+    /// Harmonics of amplitude 1/h, once-per-turn amplitude modulation of depth 0.2, and white noise of this deviation.
+    fn gear(samples: usize, noise: f64, offset: f64) -> Record {
+        let mut random = ChaCha8Rng::seed_from_u64(11);
+        let signal = (0..samples).map(|i| {
+            let turn = 2.0 * PI * SHAFT_HZ * i as f64 / RATE_HZ;
+            let lines: f64 = (1..=10)
+                .map(|h| (1.0 + 0.2 * turn.cos()) / f64::from(h) * (24.0 * f64::from(h) * turn + f64::from(h * h)).sin())
+                .sum();
+            let normal: f64 = StandardNormal.sample(&mut random);
+            (offset + lines + noise * normal) as f32
+        });
+        record(signal.collect())
+    }
+
+    fn record(samples: Vec<f32>) -> Record {
+        Record::new("1", Timestamp::UNIX_EPOCH, RATE_HZ, "m/s2", samples).unwrap()
+    }
+
+    fn at_speed(record: Record, shaft_speed_hz: f64) -> Record {
+        let point = OperatingPoint {
+            shaft_speed_hz: Some(shaft_speed_hz),
+            torque_nm: None,
+        };
+        record.with_operating_point(point).unwrap()
+    }
+
+    fn analyze(record: &Record, mesh: MeshContext) -> Analysis {
+        Analyzer::new(AnalysisSettings::default()).analyze(record, &mesh)
+    }
+
+    /// The amplitudes put in: A_h = 1/h; each sideband 0.1/h, two of them; the envelope's shaft line 0.2/h. With and without noise.
+    #[test]
+    fn lines_put_in_come_out() {
+        for noise in [0.0, 0.05] {
+            let got = analyze(&gear(40_000, noise, 0.0), MESH);
+            let speed = got.shaft_speed.unwrap();
+            assert_eq!(speed.source, SpeedSource::MeshComb);
+            assert!((speed.shaft_speed_hz - SHAFT_HZ).abs() < 1e-3, "{speed:?}");
+            let within = 2e-3 + 0.1 * noise;
+            for order in 1..=10 {
+                let want = 1.0 / f64::from(order);
+                let line = got.indicators.values[&format!("mesh_{order}")];
+                assert!((line / want - 1.0).abs() < within, "{order}: {line}");
+            }
+            assert_eq!(got.indicators.values["omx"], got.indicators.values["mesh_1"]);
+            assert_eq!(got.mesh_lines.len(), 10);
+            assert!((got.mesh_lines[9].frequency_hz - 240.0 * SHAFT_HZ).abs() < 0.1);
+            for order in 1..=4 {
+                let sideband = got.features.values[&format!("ln_sideband_{order}")].exp();
+                assert!(
+                    (sideband * f64::from(order) / (0.1 * SQRT_2) - 1.0).abs() < 10.0 * within,
+                    "{order}: {sideband}"
+                );
+                let envelope = got.features.values[&format!("ln_env_{order}")].exp();
+                assert!(
+                    (envelope * f64::from(order) / 0.2 - 1.0).abs() < 10.0 * within,
+                    "{order}: {envelope}"
+                );
+            }
+        }
+    }
+
+    /// White noise of deviation s: root-mean-square amplitude s·√(4·1.5/N) in a Hann bin, twice that in four sidebands.
+    #[test]
+    fn backgrounds_are_those_of_the_noise_put_in() {
+        let got = analyze(&gear(40_000, 0.05, 0.0), MESH);
+        let bin = 0.05 * (6.0_f64 / 40_000.0).sqrt();
+        for order in 1..=4 {
+            for (name, want) in [("ln_mesh", bin), ("ln_sideband", 2.0 * bin)] {
+                let background = got.features.background[&format!("{name}_{order}")];
+                assert!((background - want.ln()).abs() < 0.3, "{name} {order}: {background} {}", want.ln());
+            }
+        }
+        assert!(got.features.background.keys().all(|name| got.features.values.contains_key(name)));
+    }
+
+    /// A gain shifts every feature but the kurtosis by its logarithm; an offset changes none.
+    #[test]
+    fn gain_is_an_offset_and_offset_nothing() {
+        let plain = analyze(&gear(20_000, 0.05, 0.0), MESH).features;
+        let record_with_gain = gear(20_000, 0.05, 0.0).samples().iter().map(|x| 8.0 * x).collect();
+        let gained = analyze(&record(record_with_gain), MESH).features;
+        let moved = analyze(&gear(20_000, 0.05, 3.0), MESH).features;
+        assert_eq!(plain.values.len(), 10 + 4 + 4 + 2);
+        for (name, value) in &plain.values {
+            let gain = if name == "ln_kurtosis" { 0.0 } else { 8.0_f64.ln() };
+            assert!((gained.values[name] - value - gain).abs() < 1e-9, "{name}");
+            assert!((moved.values[name] - value).abs() < 1e-3, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_given_speed_is_kept_and_its_lines_found_beside_it() {
+        let got = analyze(&at_speed(gear(200_000, 0.05, 0.0), 16.7), MESH);
+        let speed = got.shaft_speed.unwrap();
+        assert_eq!((speed.shaft_speed_hz, speed.source), (16.7, SpeedSource::Record));
+        assert!((got.mesh_lines[0].frequency_hz - 24.0 * SHAFT_HZ).abs() < 0.01);
+        let exact = MeshContext {
+            nominal_is_exact: true,
+            nominal_shaft_speed_hz: SHAFT_HZ,
+            ..MESH
+        };
+        assert_eq!(
+            analyze(&gear(20_000, 0.05, 0.0), exact).shaft_speed.unwrap().source,
+            SpeedSource::Asset
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_computed_says_why() {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let noise = record((0..20_000).map(|_| StandardNormal.sample(&mut random)).collect());
+        let got = analyze(&noise, MESH);
+        assert_eq!((got.shaft_speed, got.mesh_lines.len()), (None, 0));
+        assert_eq!(got.indicators.absent["omx"], Absence::NoSpeed);
+        assert_eq!(got.features.values.keys().collect::<Vec<_>>(), ["ln_kurtosis", "ln_rms"]);
+
+        for (samples, reason) in [
+            (vec![0.0; 20_000], Absence::Constant),
+            (vec![-9.81; 199_999], Absence::Constant),
+            (vec![1.0], Absence::Constant),
+            (vec![1.0, 2.0], Absence::TooShort),
+            (noise.samples()[..150].to_vec(), Absence::TooShort),
+        ] {
+            for given in [false, true] {
+                let record = record(samples.clone());
+                let record = if given { at_speed(record, SHAFT_HZ) } else { record };
+                let got = analyze(&record, MESH);
+                assert_eq!(got.indicators.absent["omx"], reason, "{} samples", samples.len());
+                assert_eq!(got.shaft_speed.is_some(), given);
+            }
+        }
+
+        let got = analyze(&at_speed(gear(20_000, 0.05, 0.0), 100.0), MESH);
+        assert_eq!(got.indicators.absent["mesh_5"], Absence::AboveNyquist);
+        assert!(got.indicators.get("mesh_4").is_some());
+        for shaft_speed_hz in [1e5, f64::MAX, 1e-300] {
+            assert_eq!(analyze(&at_speed(gear(2000, 0.05, 0.0), shaft_speed_hz), MESH).mesh_lines, []);
+        }
+        for nominal_shaft_speed_hz in [0.0, -5.0, f64::NAN, f64::INFINITY] {
+            for nominal_is_exact in [false, true] {
+                let mesh = MeshContext {
+                    nominal_shaft_speed_hz,
+                    nominal_is_exact,
+                    ..MESH
+                };
+                assert_eq!(analyze(&noise, mesh).indicators.absent["omx"], Absence::NoSpeed);
+            }
+        }
+    }
+
+    #[test]
+    fn every_short_length_is_analysed() {
+        let mut analyzer = Analyzer::new(AnalysisSettings::default());
+        let long = gear(1200, 0.05, 1.0);
+        for length in 1..=1200 {
+            let record = at_speed(record(long.samples()[..length].to_vec()), SHAFT_HZ);
+            let got = analyzer.analyze(&record, &MESH);
+            let numbers = got.indicators.values.values().chain(got.features.values.values());
+            assert!(numbers.chain(got.features.background.values()).all(|x| x.is_finite()), "{length}");
+            assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
+            let spectrum = analyzer.amplitude_spectrum(&record);
+            assert_eq!(spectrum.amplitude.len(), length / 2 + 1);
+            let (band_hz, _) = analyzer.envelope_band(&record, got.shaft_speed.as_ref());
+            let envelope = analyzer.envelope_spectrum(&record, band_hz);
+            let too_short = length < 60 && matches!(envelope, Err(BandError::TooNarrow { .. }));
+            assert!(envelope.is_ok() || too_short, "{length}: {envelope:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_finite_samples_give_finite_numbers(
+            samples in prop::collection::vec(prop::num::f32::NORMAL | prop::num::f32::SUBNORMAL | prop::num::f32::ZERO, 1..600),
+            shaft_speed_hz in prop::option::of(1e-3..1e4),
+            teeth in 0_u32..300,
+            tolerance in 0.0..1.5,
+        ) {
+            let point = OperatingPoint { shaft_speed_hz, torque_nm: None };
+            let record = record(samples).with_operating_point(point).unwrap();
+            let got = analyze(&record, MeshContext { teeth, tolerance, ..MESH });
+            prop_assert!(got.indicators.values.values().all(|x| x.is_finite()), "{:?}", got.indicators);
+            prop_assert!(got.features.values.values().all(|x| x.is_finite()), "{:?}", got.features);
+            prop_assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
+        }
+    }
+
+    #[test]
+    fn the_default_band_is_around_the_strongest_harmonic() {
+        let mut analyzer = Analyzer::new(AnalysisSettings::default());
+        let record = gear(20_000, 0.05, 0.0);
+        let speed = analyzer.analyze(&record, &MESH).shaft_speed.unwrap();
+        let mesh_hz = speed.mesh_frequency_hz;
+        let (band_hz, source) = analyzer.envelope_band(&record, Some(&speed));
+        assert_eq!(
+            (band_hz, source),
+            ([0.5 * mesh_hz, 2.5 * mesh_hz], BandSource::StrongestMeshHarmonic)
+        );
+        assert_eq!(analyzer.envelope_band(&record, None), ([0.0, 10_000.0], BandSource::Whole));
+    }
+}

@@ -1,0 +1,36 @@
+//! One record's transform and the room to work in.
+
+use realfft::num_complex::Complex;
+
+use super::envelope::Envelope;
+use super::moments::Moments;
+use super::record::Record;
+use super::spectrum::hann_amplitude;
+use super::transform::{Transforms, spectrum_length};
+
+/// Everything of a record's transform, and room to work in.
+#[derive(Default)]
+pub(super) struct RecordSpectrum {
+    pub(super) transforms: Transforms,
+    centred: Vec<f64>,
+    pub(super) bins: Vec<Complex<f64>>,
+    pub(super) amplitude: Vec<f64>,
+    pub(super) envelope: Envelope,
+    pub(super) sorting: Vec<f64>,
+    pub(super) length: usize,
+}
+
+impl RecordSpectrum {
+    /// Transforms a record, its mean removed: `bins` without a window, `amplitude` with the Hann window.
+    pub(super) fn transform(&mut self, record: &Record) -> Moments {
+        let moments = Moments::of(record.samples(), &mut self.centred);
+        self.length = spectrum_length(self.centred.len());
+        self.transforms.forward(&mut self.centred[..self.length], &mut self.bins);
+        hann_amplitude(&self.bins, self.length, &mut self.amplitude);
+        moments
+    }
+
+    pub(super) fn resolution_hz(&self, record: &Record) -> f64 {
+        record.sample_rate_hz() / self.length as f64
+    }
+}

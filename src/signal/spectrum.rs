@@ -1,0 +1,128 @@
+//! The one-sided amplitude spectrum under a Hann window.
+
+use realfft::num_complex::Complex;
+use serde::Serialize;
+
+/// Equivalent noise bandwidth of the Hann window in bins.
+const HANN_BANDWIDTH_BINS: f64 = 1.5;
+
+/// A one-sided amplitude (peak) spectrum: a sine of amplitude A on a bin reads A there.
+///
+/// Made from a record with its mean removed, under a periodic Hann window divided by its mean (0.5). Bins at zero and at half the
+/// sampling rate have no mirror image and are not doubled.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Spectrum {
+    /// What the values are: `"amplitude_peak"`.
+    pub quantity: &'static str,
+    /// Unit of the amplitudes: that of the record.
+    pub unit: String,
+    /// Name of the window: `"hann"`.
+    pub window: &'static str,
+    /// Equivalent noise bandwidth in hertz.
+    pub bandwidth_hz: f64,
+    /// Distance of the bins in hertz.
+    pub resolution_hz: f64,
+    /// Amplitude of bin k, at k × `resolution_hz`.
+    pub amplitude: Vec<f64>,
+}
+
+impl Spectrum {
+    /// A Hann spectrum with these amplitudes.
+    pub(super) fn hann(unit: &str, resolution_hz: f64, amplitude: Vec<f64>) -> Self {
+        Self {
+            quantity: "amplitude_peak",
+            unit: unit.to_owned(),
+            window: "hann",
+            bandwidth_hz: HANN_BANDWIDTH_BINS * resolution_hz,
+            resolution_hz,
+            amplitude,
+        }
+    }
+
+    /// The frequency of a bin in hertz.
+    pub fn frequency_hz(&self, bin: usize) -> f64 {
+        bin as f64 * self.resolution_hz
+    }
+}
+
+/// Amplitudes under the Hann window from the `bins` of the unwindowed transform of `length` samples.
+///
+/// Multiplying by the periodic Hann window 0.5 − 0.5·cos(2πn/N) is the convolution ½X(k) − ¼(X(k−1) + X(k+1)) of the bins, so
+/// that one transform serves the windowed spectrum and the envelope, which must not be windowed.
+pub(super) fn hann_amplitude(bins: &[Complex<f64>], length: usize, amplitude: &mut Vec<f64>) {
+    amplitude.clear();
+    let Some(last) = bins.len().checked_sub(1) else { return };
+    let one_sided = 4.0 / length as f64;
+    let windowed = |k: usize, before: Complex<f64>, after: Complex<f64>| (bins[k] * 0.5 - (before + after) * 0.25).norm_sqr().sqrt();
+    // Beyond the ends lie the conjugates of the bins mirrored there.
+    let beyond_zero = bins[last.min(1)].conj();
+    amplitude.push(0.5 * one_sided * windowed(0, beyond_zero, bins[last.min(1)]));
+    if last == 0 {
+        return;
+    }
+    amplitude.extend(
+        bins.windows(3)
+            .map(|w| one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm_sqr().sqrt()),
+    );
+    amplitude.push(if length.is_multiple_of(2) {
+        0.5 * one_sided * windowed(last, bins[last - 1], bins[last - 1].conj())
+    } else {
+        one_sided * windowed(last, bins[last - 1], bins[last].conj())
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::super::transform::Transforms;
+    use super::*;
+
+    fn spectrum(samples: &[f64]) -> Vec<f64> {
+        let (mut bins, mut amplitude) = (Vec::new(), Vec::new());
+        Transforms::default().forward(&mut samples.to_vec(), &mut bins);
+        hann_amplitude(&bins, samples.len(), &mut amplitude);
+        amplitude
+    }
+
+    /// The definition, term by term: 2/Σw · |Σ w·x·exp(−2πikn/N)|, once at zero and at half the sampling rate.
+    fn by_definition(x: &[f64]) -> Vec<f64> {
+        let n = x.len();
+        let window: Vec<f64> = (0..n).map(|i| 0.5 - 0.5 * (2.0 * PI * i as f64 / n as f64).cos()).collect();
+        (0..=n / 2)
+            .map(|k| {
+                let sum: Complex<f64> = (0..n)
+                    .map(|i| Complex::from_polar(window[i] * x[i], -2.0 * PI * ((k * i) % n) as f64 / n as f64))
+                    .sum();
+                let sides = if k == 0 || 2 * k == n { 1.0 } else { 2.0 };
+                sides * sum.norm() / window.iter().sum::<f64>()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn equals_the_definition_at_short_even_odd_and_prime_lengths() {
+        for n in [2, 3, 4, 5, 8, 13, 30, 31] {
+            let x: Vec<f64> = (0..n).map(|i| ((i * i * 7 + 3 * i) % 11) as f64 - 4.0).collect();
+            for (k, (got, want)) in spectrum(&x).iter().zip(by_definition(&x)).enumerate() {
+                assert!((got - want).abs() < 1e-12, "n {n} bin {k}: {got} {want}");
+            }
+        }
+        assert_eq!(spectrum(&[1.0]), [0.0]);
+    }
+
+    #[test]
+    fn a_sine_on_a_bin_reads_its_amplitude() {
+        let x: Vec<f64> = (0..1000).map(|i| 3.0 * (2.0 * PI * 40.0 * i as f64 / 1000.0 + 0.3).sin()).collect();
+        let amplitude = spectrum(&x);
+        assert!((amplitude[40] - 3.0).abs() < 1e-12);
+        // The Hann window shows half of it in the neighbours and nothing two bins away.
+        assert!((amplitude[41] - 1.5).abs() < 1e-12 && amplitude[42] < 1e-12);
+    }
+
+    #[test]
+    fn a_cosine_at_half_the_sampling_rate_reads_its_amplitude() {
+        let x: Vec<f64> = (0..64).map(|i| if i % 2 == 0 { 2.0 } else { -2.0 }).collect();
+        assert!((spectrum(&x)[32] - 2.0).abs() < 1e-14);
+    }
+}

@@ -1,0 +1,201 @@
+//! Assets and their channels.
+
+use jiff::Timestamp;
+use sqlx::Row;
+use sqlx::any::AnyRow;
+
+use super::rows::{from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns};
+use super::{Store, StoreError};
+use crate::asset::{AssetId, AssetSpec, SegmentId};
+
+/// An asset as it is stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Asset {
+    /// The user's description.
+    pub spec: AssetSpec,
+    /// When it was made.
+    pub created_at: Timestamp,
+    /// When its description last changed.
+    pub updated_at: Timestamp,
+}
+
+impl Asset {
+    /// The channel that a question is about: the one asked for, else the one that the description says speaks for the asset,
+    /// else the one seen first.
+    pub fn speaking_channel<'a>(&self, channels: &'a [ChannelSummary], asked: Option<&str>) -> Option<&'a ChannelSummary> {
+        let named = |name: &str| channels.iter().find(|channel| channel.channel == name);
+        match asked {
+            Some(asked) => named(asked),
+            None => self.spec.sensor.channel.as_deref().and_then(named).or(channels.first()),
+        }
+    }
+}
+
+/// What is known of one channel of an asset without reading its segments.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChannelSummary {
+    /// The asset.
+    pub asset_id: AssetId,
+    /// The channel's name.
+    pub channel: String,
+    /// Number of segments.
+    pub segments: u64,
+    /// Start of the earliest segment.
+    pub first_start_time: Option<Timestamp>,
+    /// Start of the latest segment.
+    pub last_start_time: Option<Timestamp>,
+    /// The latest segment.
+    pub last_segment: Option<SegmentId>,
+    pub(super) channel_no: i64,
+    pub(super) revision: i64,
+    pub(super) rewritten_revision: i64,
+}
+
+impl Store {
+    /// Stores a new asset.
+    ///
+    /// Error: [`StoreError::AssetExists`].
+    pub async fn insert_asset(&self, spec: &AssetSpec, now: Timestamp) -> Result<Asset, StoreError> {
+        let id = spec.id.as_str();
+        let inserted =
+            sqlx::query("INSERT INTO assets (id, spec, created_at_ns, updated_at_ns) VALUES ($1, $2, $3, $3) ON CONFLICT (id) DO NOTHING")
+                .bind(id)
+                .bind(to_json(spec, "spec", id)?)
+                .bind(to_ns(now)?)
+                .execute(self.write())
+                .await?;
+        if inserted.rows_affected() == 0 {
+            return Err(StoreError::AssetExists(spec.id.clone()));
+        }
+        Ok(Asset {
+            spec: spec.clone(),
+            created_at: now,
+            updated_at: now,
+        })
+    }
+
+    /// Replaces an asset's description.
+    ///
+    /// Error: [`StoreError::AssetUnknown`].
+    pub async fn update_asset(&self, spec: &AssetSpec, now: Timestamp) -> Result<Asset, StoreError> {
+        let id = spec.id.as_str();
+        let updated = sqlx::query("UPDATE assets SET spec = $2, updated_at_ns = $3 WHERE id = $1")
+            .bind(id)
+            .bind(to_json(spec, "spec", id)?)
+            .bind(to_ns(now)?)
+            .execute(self.write())
+            .await?;
+        if updated.rows_affected() == 0 {
+            return Err(StoreError::AssetUnknown(spec.id.clone()));
+        }
+        self.asset(&spec.id).await
+    }
+
+    /// An asset.
+    ///
+    /// Error: [`StoreError::AssetUnknown`].
+    pub async fn asset(&self, id: &AssetId) -> Result<Asset, StoreError> {
+        let row = sqlx::query("SELECT id, spec, created_at_ns, updated_at_ns FROM assets WHERE id = $1")
+            .bind(id.as_str())
+            .fetch_optional(self.read())
+            .await?;
+        row.as_ref()
+            .map(asset_of)
+            .transpose()?
+            .ok_or_else(|| StoreError::AssetUnknown(id.clone()))
+    }
+
+    /// Up to `limit` assets in the order of their names, from the first one after `after`.
+    pub async fn assets(&self, after: Option<&str>, limit: u32) -> Result<Vec<Asset>, StoreError> {
+        let rows = sqlx::query("SELECT id, spec, created_at_ns, updated_at_ns FROM assets WHERE id > $1 ORDER BY id LIMIT $2")
+            .bind(after.unwrap_or(""))
+            .bind(i64::from(limit))
+            .fetch_all(self.read())
+            .await?;
+        rows.iter().map(asset_of).collect()
+    }
+
+    /// Removes an asset with all its rows. Returns the names of the raw objects that nothing refers to any more.
+    ///
+    /// Error: [`StoreError::AssetUnknown`].
+    pub async fn delete_asset(&self, id: &AssetId) -> Result<Vec<String>, StoreError> {
+        let channels = self.channels(id).await?;
+        let mut transaction = self.write().begin().await?;
+        let mine = "SELECT raw_sha256 FROM segments WHERE channel_no IN (SELECT channel_no FROM channels WHERE asset_id = $1)";
+        let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut *transaction).await?;
+        let mut objects: Vec<String> = objects.iter().map(|row| get(row, "raw_sha256")).collect::<Result<_, _>>()?;
+        objects.sort_unstable();
+        objects.dedup();
+        let deleted = sqlx::query("DELETE FROM assets WHERE id = $1")
+            .bind(id.as_str())
+            .execute(&mut *transaction)
+            .await?;
+        if deleted.rows_affected() == 0 {
+            return Err(StoreError::AssetUnknown(id.clone()));
+        }
+        let mut orphans = Vec::new();
+        for chunk in objects.chunks(500) {
+            let text = format!(
+                "SELECT DISTINCT raw_sha256 FROM segments WHERE raw_sha256 IN ({})",
+                placeholders(1, chunk.len())
+            );
+            let mut query = sqlx::query(sqlx::AssertSqlSafe(text));
+            for name in chunk {
+                query = query.bind(name.as_str());
+            }
+            let kept = query.fetch_all(&mut *transaction).await?;
+            let kept: Vec<String> = kept.iter().map(|row| get(row, "raw_sha256")).collect::<Result<_, _>>()?;
+            orphans.extend(chunk.iter().filter(|name| !kept.contains(name)).cloned());
+        }
+        transaction.commit().await?;
+        for channel in channels {
+            self.inner.trends.remove(channel.channel_no);
+        }
+        Ok(orphans)
+    }
+
+    /// The channels of an asset, the one seen first first.
+    pub async fn channels(&self, asset: &AssetId) -> Result<Vec<ChannelSummary>, StoreError> {
+        let rows = sqlx::query("SELECT * FROM channels WHERE asset_id = $1 ORDER BY channel_no")
+            .bind(asset.as_str())
+            .fetch_all(self.read())
+            .await?;
+        rows.iter().map(channel_of).collect()
+    }
+
+    /// Number of segments of all assets.
+    pub async fn segment_count(&self) -> Result<u64, StoreError> {
+        let row = sqlx::query("SELECT CAST(COALESCE(SUM(segments), 0) AS BIGINT) FROM channels")
+            .fetch_one(self.read())
+            .await?;
+        Ok(u64::try_from(row.try_get::<i64, _>(0)?).unwrap_or(0))
+    }
+}
+
+fn asset_of(row: &AnyRow) -> Result<Asset, StoreError> {
+    let id: String = get(row, "id")?;
+    Ok(Asset {
+        spec: get_json(row, "spec", &id)?,
+        created_at: get_time(row, "created_at_ns")?,
+        updated_at: get_time(row, "updated_at_ns")?,
+    })
+}
+
+pub(super) fn channel_of(row: &AnyRow) -> Result<ChannelSummary, StoreError> {
+    let asset: String = get(row, "asset_id")?;
+    Ok(ChannelSummary {
+        asset_id: AssetId::new(asset).map_err(|error| StoreError::Unexpected {
+            what: "asset_id",
+            value: error.to_string(),
+            expected: "an asset's name",
+        })?,
+        channel: get(row, "name")?,
+        segments: get_count(row, "segments")?,
+        first_start_time: get::<Option<i64>>(row, "first_start_ns")?.map(from_ns),
+        last_start_time: get::<Option<i64>>(row, "last_start_ns")?.map(from_ns),
+        last_segment: get::<Option<String>>(row, "last_segment_id")?.map(SegmentId),
+        channel_no: get(row, "channel_no")?,
+        revision: get(row, "revision")?,
+        rewritten_revision: get(row, "rewritten_revision")?,
+    })
+}

@@ -1,0 +1,177 @@
+//! Opening the database: where it is, how safely it writes, who may use it.
+
+use std::fs::{self, File, TryLockError};
+use std::path::Path;
+
+use sqlx::AnyPool;
+use sqlx::any::AnyPoolOptions;
+
+use super::StoreError;
+use super::objects::file_error;
+use super::schema::{self, Dialect};
+
+/// Connections to the database of one data folder.
+#[derive(Debug)]
+pub(super) struct Database {
+    /// One connection: writers queue here in order instead of meeting a locked database.
+    pub(super) write: AnyPool,
+    /// Readers see the last committed state and never wait for a writer.
+    pub(super) read: AnyPool,
+    /// Held while the process lives, so that no second one works on the folder.
+    lock: File,
+}
+
+impl Database {
+    /// Closes both pools and gives the folder free. The lock is given back by name: a child process that is just being started may
+    /// hold a copy of its descriptor.
+    pub(super) async fn close(&self) {
+        self.read.close().await;
+        self.write.close().await;
+        if let Err(error) = self.lock.unlock() {
+            tracing::warn!(%error, "the data folder's lock was not given back");
+        }
+    }
+
+    /// Opens `flankwatch.db` in the folder, made where missing, and brings its tables up to date.
+    pub(super) async fn open(folder: &Path) -> Result<Self, StoreError> {
+        fs::create_dir_all(folder).map_err(|source| file_error("create the data folder", folder, source))?;
+        let lock_path = folder.join("lock");
+        let lock = File::create(&lock_path).map_err(|source| file_error("write to the data folder with", &lock_path, source))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => return Err(StoreError::InUse(folder.to_path_buf())),
+            Err(TryLockError::Error(source)) => return Err(file_error("lock", &lock_path, source)),
+        }
+        let path = fs::canonicalize(folder)
+            .map_err(|source| file_error("find the data folder", folder, source))?
+            .join("flankwatch.db");
+        sqlx::any::install_default_drivers();
+        let url = sqlite_url(&path);
+        let write = pool(&url, 1).await?;
+        let mut connection = write.acquire().await?;
+        schema::migrate(&mut connection, Dialect::Sqlite).await?;
+        drop(connection);
+        let read = pool(&url, 4).await?;
+        Ok(Self { write, read, lock })
+    }
+}
+
+async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
+    AnyPoolOptions::new()
+        .max_connections(connections)
+        .after_connect(|connection, _| {
+            Box::pin(async move {
+                for pragma in [
+                    "PRAGMA busy_timeout = 10000",
+                    "PRAGMA journal_mode = WAL",
+                    // A commit returns when the log is on the disk.
+                    "PRAGMA synchronous = FULL",
+                    "PRAGMA foreign_keys = ON",
+                    "PRAGMA cache_size = -16384",
+                ] {
+                    sqlx::query(pragma).execute(&mut *connection).await?;
+                }
+                Ok(())
+            })
+        })
+        .connect(url)
+        .await
+}
+
+/// The path as a URL, with every byte escaped that means something in one.
+fn sqlite_url(path: &Path) -> String {
+    let mut url = String::from("sqlite://");
+    for byte in path.to_string_lossy().bytes() {
+        if byte.is_ascii_alphanumeric() || b"/-._~".contains(&byte) {
+            url.push(char::from(byte));
+        } else {
+            url.push_str(&format!("%{byte:02X}"));
+        }
+    }
+    url.push_str("?mode=rwc");
+    url
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sqlx::Row;
+
+    async fn error_of(folder: &Path) -> StoreError {
+        Database::open(folder).await.unwrap_err()
+    }
+
+    #[tokio::test]
+    async fn a_folder_with_odd_characters_holds_a_safe_database() {
+        let folder = tempfile::tempdir().unwrap();
+        let odd = folder.path().join("a b?c#d%41é");
+        let database = Database::open(&odd).await.unwrap();
+        assert!(odd.join("flankwatch.db").is_file());
+        for pool in [&database.write, &database.read] {
+            for (pragma, expected) in [("PRAGMA synchronous", 2), ("PRAGMA foreign_keys", 1)] {
+                let value: i64 = sqlx::query(pragma).fetch_one(pool).await.unwrap().try_get(0).unwrap();
+                assert_eq!(value, expected, "{pragma}");
+            }
+            let mode: String = sqlx::query("PRAGMA journal_mode")
+                .fetch_one(pool)
+                .await
+                .unwrap()
+                .try_get(0)
+                .unwrap();
+            assert_eq!(mode, "wal");
+        }
+    }
+
+    #[tokio::test]
+    async fn a_second_process_and_a_newer_database_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let database = Database::open(folder.path()).await.unwrap();
+        assert!(matches!(error_of(folder.path()).await, StoreError::InUse(_)));
+        sqlx::query("INSERT INTO migrations (version) VALUES (999)")
+            .execute(&database.write)
+            .await
+            .unwrap();
+        drop(database);
+        let error = error_of(folder.path()).await;
+        assert!(matches!(error, StoreError::Newer { found: 999, .. }), "{error}");
+    }
+
+    #[tokio::test]
+    async fn values_of_every_type_come_back_as_they_went() {
+        let folder = tempfile::tempdir().unwrap();
+        let database = Database::open(folder.path()).await.unwrap();
+        sqlx::query("CREATE TABLE t (i BIGINT, d DOUBLE PRECISION, s TEXT, b BLOB)")
+            .execute(&database.write)
+            .await
+            .unwrap();
+        // Not -0.0: SQLite keeps it as 0.
+        let doubles = [0.1 + 0.2, f64::MIN_POSITIVE, 5e-324, -1.5, f64::MAX, 3.0];
+        for double in doubles {
+            sqlx::query("INSERT INTO t VALUES ($1, $2, $3, $4)")
+                .bind(i64::MIN)
+                .bind(double)
+                .bind("ä\0b")
+                .bind(double.to_le_bytes().to_vec())
+                .execute(&database.write)
+                .await
+                .unwrap();
+        }
+        sqlx::query("INSERT INTO t VALUES ($1, $2, $3, $4)")
+            .bind(None::<i64>)
+            .bind(None::<f64>)
+            .bind(None::<String>)
+            .bind(None::<Vec<u8>>)
+            .execute(&database.write)
+            .await
+            .unwrap();
+        let rows = sqlx::query("SELECT i, d, s, b FROM t").fetch_all(&database.read).await.unwrap();
+        for (row, double) in rows.iter().zip(doubles) {
+            assert_eq!(row.try_get::<i64, _>("i").unwrap(), i64::MIN);
+            assert_eq!(row.try_get::<f64, _>("d").unwrap().to_bits(), double.to_bits());
+            assert_eq!(row.try_get::<String, _>("s").unwrap(), "ä\0b");
+            assert_eq!(row.try_get::<Vec<u8>, _>("b").unwrap(), double.to_le_bytes());
+        }
+        assert_eq!(rows[doubles.len()].try_get::<Option<f64>, _>("d").unwrap(), None);
+        assert_eq!(rows[doubles.len()].try_get::<Option<Vec<u8>>, _>("b").unwrap(), None);
+    }
+}

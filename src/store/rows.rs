@@ -1,0 +1,131 @@
+//! Between rows and domain types.
+
+use jiff::Timestamp;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use sqlx::any::AnyRow;
+use sqlx::{Decode, Row, Type};
+
+use super::StoreError;
+
+/// The value of a column.
+pub(super) fn get<'r, T>(row: &'r AnyRow, column: &'static str) -> Result<T, StoreError>
+where
+    T: Decode<'r, sqlx::Any> + Type<sqlx::Any>,
+{
+    Ok(row.try_get(column)?)
+}
+
+/// The value of a column that counts something.
+pub(super) fn get_count(row: &AnyRow, column: &'static str) -> Result<u64, StoreError> {
+    let value: i64 = get(row, column)?;
+    u64::try_from(value).map_err(|_| StoreError::Unexpected {
+        what: column,
+        value: value.to_string(),
+        expected: "a number of at least 0",
+    })
+}
+
+/// The time in a column of nanoseconds.
+pub(super) fn get_time(row: &AnyRow, column: &'static str) -> Result<Timestamp, StoreError> {
+    Ok(from_ns(get(row, column)?))
+}
+
+/// What the JSON text of a column says; `of` names the row in the error.
+pub(super) fn get_json<T: DeserializeOwned>(row: &AnyRow, column: &'static str, of: &str) -> Result<T, StoreError> {
+    let text: String = get(row, column)?;
+    from_json(&text, column, of)
+}
+
+/// What a JSON text says.
+pub(super) fn from_json<T: DeserializeOwned>(text: &str, what: &'static str, of: &str) -> Result<T, StoreError> {
+    serde_json::from_str(text).map_err(|source| StoreError::Damaged {
+        what,
+        of: of.to_string(),
+        source,
+    })
+}
+
+/// JSON text of a value; `of` names the row in the error.
+pub(super) fn to_json<T: Serialize>(value: &T, what: &'static str, of: &str) -> Result<String, StoreError> {
+    serde_json::to_string(value).map_err(|source| StoreError::Damaged {
+        what,
+        of: of.to_string(),
+        source,
+    })
+}
+
+/// Nanoseconds UTC of a time.
+pub(super) fn to_ns(time: Timestamp) -> Result<i64, StoreError> {
+    i64::try_from(time.as_nanosecond()).map_err(|_| StoreError::Time(time))
+}
+
+/// The time of nanoseconds UTC; every `i64` is one.
+pub(super) fn from_ns(nanoseconds: i64) -> Timestamp {
+    Timestamp::from_nanosecond(i128::from(nanoseconds)).unwrap_or_default()
+}
+
+/// Refuses a number that no database should hold.
+pub(super) fn finite(field: &str, value: f64) -> Result<f64, StoreError> {
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(StoreError::NotFinite {
+            field: field.to_string(),
+            value,
+        })
+    }
+}
+
+/// The same for a number that may be missing.
+pub(super) fn finite_or_none(field: &str, value: Option<f64>) -> Result<Option<f64>, StoreError> {
+    value.map(|value| finite(field, value)).transpose()
+}
+
+/// Doubles as little-endian bytes.
+pub(super) fn doubles_to_bytes(values: &[f64]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}
+
+/// Doubles from little-endian bytes.
+pub(super) fn doubles_from_bytes(bytes: &[u8]) -> Vec<f64> {
+    bytes.as_chunks().0.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect()
+}
+
+/// `$first, $first+1, …` for `count` values of an IN list.
+pub(super) fn placeholders(first: usize, count: usize) -> String {
+    let list: Vec<String> = (first..first + count).map(|n| format!("${n}")).collect();
+    list.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_go_there_and_back() {
+        for ns in [i64::MIN, -1, 0, 1, i64::MAX] {
+            assert_eq!(to_ns(from_ns(ns)).unwrap(), ns);
+        }
+        assert!(matches!(to_ns(Timestamp::MAX), Err(StoreError::Time(_))));
+    }
+
+    #[test]
+    fn doubles_go_there_and_back() {
+        let values = [0.1, -0.0, f64::MIN_POSITIVE];
+        assert_eq!(
+            doubles_from_bytes(&doubles_to_bytes(&values)).map_bits(),
+            values.to_vec().map_bits()
+        );
+    }
+
+    trait MapBits {
+        fn map_bits(self) -> Vec<u64>;
+    }
+
+    impl MapBits for Vec<f64> {
+        fn map_bits(self) -> Vec<u64> {
+            self.into_iter().map(f64::to_bits).collect()
+        }
+    }
+}

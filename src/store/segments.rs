@@ -1,0 +1,224 @@
+//! Reading segments.
+
+use jiff::Timestamp;
+use sqlx::AssertSqlSafe;
+use sqlx::any::AnyRow;
+
+use super::rows::{doubles_from_bytes, from_json, get, get_count, get_json, get_time, placeholders, to_ns};
+use super::{ChannelSummary, Store, StoreError};
+use crate::asset::{AssetId, RawReference, Segment, SegmentId};
+use crate::estimate::{Posterior, WearEstimate};
+use crate::signal::{Features, Indicators, OperatingPoint, ShaftSpeed};
+
+/// Place of a segment in its channel: by time, and by identifier where times are equal.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SegmentKey {
+    /// The time of the first sample.
+    pub start_time: Timestamp,
+    /// The segment.
+    pub id: SegmentId,
+}
+
+/// A segment before the wear estimate: everything that its own record says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewSegment {
+    /// Identifier.
+    pub id: SegmentId,
+    /// The asset it belongs to.
+    pub asset_id: AssetId,
+    /// The measuring channel.
+    pub channel: String,
+    /// The time of the first sample.
+    pub start_time: Timestamp,
+    /// When the service took it.
+    pub received_at: Timestamp,
+    /// Sampling rate in hertz.
+    pub sample_rate_hz: f64,
+    /// Number of samples.
+    pub samples: u64,
+    /// Unit of the samples.
+    pub unit: String,
+    /// Operating point as given with the record.
+    pub operating_point: OperatingPoint,
+    /// Shaft speed that was used.
+    pub shaft_speed: Option<ShaftSpeed>,
+    /// Wear depth in µm known from elsewhere.
+    pub reference_wear_um: Option<f64>,
+    /// Where the raw bytes are.
+    pub raw: RawReference,
+    /// Condition indicators.
+    pub indicators: Indicators,
+    /// Features for the wear estimate.
+    pub features: Features,
+}
+
+impl NewSegment {
+    /// Place of the segment in its channel.
+    pub fn key(&self) -> SegmentKey {
+        SegmentKey {
+            start_time: self.start_time,
+            id: self.id.clone(),
+        }
+    }
+
+    /// The whole segment.
+    pub fn with_wear(self, wear: WearEstimate) -> Segment {
+        Segment {
+            id: self.id,
+            asset_id: self.asset_id,
+            channel: self.channel,
+            start_time: self.start_time,
+            received_at: self.received_at,
+            sample_rate_hz: self.sample_rate_hz,
+            samples: self.samples,
+            unit: self.unit,
+            operating_point: self.operating_point,
+            shaft_speed: self.shaft_speed,
+            reference_wear_um: self.reference_wear_um,
+            raw: self.raw,
+            indicators: self.indicators,
+            features: self.features,
+            wear,
+        }
+    }
+}
+
+/// In which order segments are listed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Order {
+    /// The earliest first.
+    #[default]
+    Asc,
+    /// The latest first.
+    Desc,
+}
+
+/// Which segments are listed.
+#[derive(Debug, Clone, Default)]
+pub struct SegmentFilter {
+    /// Only this channel.
+    pub channel: Option<String>,
+    /// Only those that start at this time or later.
+    pub from: Option<Timestamp>,
+    /// Only those that start before this time.
+    pub to: Option<Timestamp>,
+    /// Only those that come after this one in the order.
+    pub after: Option<SegmentKey>,
+    /// In which order.
+    pub order: Order,
+}
+
+const SEGMENT: &str = "SELECT s.*, c.asset_id, c.name AS channel, w.estimate, p.wear_um, p.probability
+    FROM segments s
+    JOIN channels c ON c.channel_no = s.channel_no
+    JOIN wear_estimates w ON w.segment_id = s.id
+    LEFT JOIN wear_posteriors p ON p.segment_id = s.id";
+
+impl Store {
+    /// A segment, whole; none where there is none of that identifier.
+    pub async fn segment(&self, id: &SegmentId) -> Result<Option<Segment>, StoreError> {
+        Ok(self.segments_by_id(std::slice::from_ref(id)).await?.pop())
+    }
+
+    /// Those of the segments that are stored, whole, in no order.
+    pub async fn segments_by_id(&self, ids: &[SegmentId]) -> Result<Vec<Segment>, StoreError> {
+        let mut found = Vec::new();
+        for chunk in ids.chunks(200) {
+            let text = format!("{SEGMENT} WHERE s.id IN ({})", placeholders(1, chunk.len()));
+            let mut query = sqlx::query(AssertSqlSafe(text));
+            for id in chunk {
+                query = query.bind(id.0.as_str());
+            }
+            for row in query.fetch_all(self.read()).await? {
+                found.push(segment_of(&row)?);
+            }
+        }
+        Ok(found)
+    }
+
+    /// Up to `limit` segments of an asset in the order of time, with posteriors.
+    pub async fn segments(&self, asset: &AssetId, filter: &SegmentFilter, limit: u32) -> Result<Vec<Segment>, StoreError> {
+        let mut found = Vec::new();
+        for channel in self.channels(asset).await? {
+            if filter.channel.as_ref().is_none_or(|name| *name == channel.channel) {
+                found.extend(self.segments_of_channel(&channel, filter, limit).await?);
+            }
+        }
+        let key = |segment: &Segment| SegmentKey {
+            start_time: segment.start_time,
+            id: segment.id.clone(),
+        };
+        match filter.order {
+            Order::Asc => found.sort_by_key(key),
+            Order::Desc => found.sort_by_key(|segment| std::cmp::Reverse(key(segment))),
+        }
+        found.truncate(limit as usize);
+        Ok(found)
+    }
+
+    async fn segments_of_channel(&self, channel: &ChannelSummary, filter: &SegmentFilter, limit: u32) -> Result<Vec<Segment>, StoreError> {
+        let (after, direction, start) = match filter.order {
+            Order::Asc => (">", "ASC", i64::MIN),
+            Order::Desc => ("<", "DESC", i64::MAX),
+        };
+        let text = format!(
+            "{SEGMENT} WHERE s.channel_no = $1 AND s.start_time_ns >= $2 AND s.start_time_ns < $3 AND (s.start_time_ns, s.id) {after} ($4, $5)
+             ORDER BY s.start_time_ns {direction}, s.id {direction} LIMIT $6"
+        );
+        let (after_ns, after_id) = match &filter.after {
+            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
+            None => (start, ""),
+        };
+        let rows = sqlx::query(AssertSqlSafe(text))
+            .bind(channel.channel_no)
+            .bind(filter.from.map_or(Ok(i64::MIN), to_ns)?)
+            .bind(filter.to.map_or(Ok(i64::MAX), to_ns)?)
+            .bind(after_ns)
+            .bind(after_id)
+            .bind(i64::from(limit))
+            .fetch_all(self.read())
+            .await?;
+        rows.iter().map(segment_of).collect()
+    }
+}
+
+fn segment_of(row: &AnyRow) -> Result<Segment, StoreError> {
+    let id: String = get(row, "id")?;
+    let mut wear: WearEstimate = get_json(row, "estimate", &id)?;
+    if let (Some(wear_um), Some(probability)) = (get::<Option<Vec<u8>>>(row, "wear_um")?, get::<Option<Vec<u8>>>(row, "probability")?) {
+        wear.posterior = Some(Posterior {
+            wear_um: doubles_from_bytes(&wear_um),
+            probability: doubles_from_bytes(&probability),
+        });
+    }
+    let asset_id: String = get(row, "asset_id")?;
+    let shaft_speed: Option<String> = get(row, "shaft_speed")?;
+    let channel_index = get_count(row, "raw_channel_index")?;
+    let new = NewSegment {
+        asset_id: AssetId::new(asset_id).map_err(|error| StoreError::Unexpected {
+            what: "asset_id",
+            value: error.to_string(),
+            expected: "an asset's name",
+        })?,
+        channel: get(row, "channel")?,
+        start_time: get_time(row, "start_time_ns")?,
+        received_at: get_time(row, "received_at_ns")?,
+        sample_rate_hz: get(row, "sample_rate_hz")?,
+        samples: get_count(row, "samples")?,
+        unit: get(row, "unit")?,
+        operating_point: get_json(row, "operating_point", &id)?,
+        shaft_speed: shaft_speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?,
+        reference_wear_um: get(row, "reference_wear_um")?,
+        raw: RawReference {
+            sha256: get(row, "raw_sha256")?,
+            bytes: get_count(row, "raw_bytes")?,
+            media_type: get(row, "raw_media_type")?,
+            channel_index: u32::try_from(channel_index).unwrap_or(u32::MAX),
+        },
+        indicators: get_json(row, "indicators", &id)?,
+        features: get_json(row, "features", &id)?,
+        id: SegmentId(id),
+    };
+    Ok(new.with_wear(wear))
+}

@@ -1,0 +1,213 @@
+//! Histories of whole channels, kept in memory as columns once they have been asked for.
+//!
+//! Reading 10⁵ rows takes a good part of a second, so a history that was read stays, and only what was added since is read again;
+//! the channel's revision numbers say whether that is enough.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use jiff::Timestamp;
+use sqlx::any::AnyRow;
+
+use super::rows::{from_json, from_ns, get, get_json, to_ns};
+use super::{ChannelSummary, Store, StoreError};
+use crate::asset::SegmentId;
+use crate::estimate::WearStatus;
+use crate::signal::Indicators;
+
+/// Records held in memory over all channels before the least recently asked-for histories are dropped.
+const MOST_RECORDS: usize = 1_000_000;
+
+/// Rows read in one piece.
+const ROWS_AT_ONCE: i64 = 4096;
+
+/// One channel's history in the order of time: parallel columns, one entry a segment.
+#[derive(Debug, Clone, Default)]
+pub struct Trend {
+    /// Time of each segment's first sample.
+    pub start_time: Vec<Timestamp>,
+    /// The segments.
+    pub segment_id: Vec<SegmentId>,
+    /// Unit of the latest segment's samples.
+    pub unit: String,
+    /// Value of each indicator by name; NaN where a segment has none.
+    pub indicators: BTreeMap<String, Vec<f64>>,
+    /// The wear estimates.
+    pub wear: Vec<WearPoint>,
+    channel_no: i64,
+    revision: i64,
+}
+
+/// The wear estimate of one segment without its posterior.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WearPoint {
+    /// What kind of answer it is.
+    pub status: WearStatus,
+    /// The same in words.
+    pub reason: Box<str>,
+    /// Median in µm.
+    pub median_um: Option<f64>,
+    /// Mean in µm.
+    pub mean_um: Option<f64>,
+    /// 5 % quantile in µm.
+    pub p05_um: Option<f64>,
+    /// 95 % quantile in µm.
+    pub p95_um: Option<f64>,
+    /// Natural logarithm of the evidence.
+    pub log_evidence: Option<f64>,
+    /// Wear depth known from elsewhere in µm.
+    pub reference_wear_um: Option<f64>,
+}
+
+impl Trend {
+    /// Number of segments.
+    pub fn len(&self) -> usize {
+        self.segment_id.len()
+    }
+
+    /// Whether there is no segment.
+    pub fn is_empty(&self) -> bool {
+        self.segment_id.is_empty()
+    }
+
+    /// Positions of the segments that start at `from` or later and before `to`.
+    pub fn range(&self, from: Option<Timestamp>, to: Option<Timestamp>) -> std::ops::Range<usize> {
+        let low = from.map_or(0, |from| self.start_time.partition_point(|time| *time < from));
+        let high = to.map_or(self.len(), |to| self.start_time.partition_point(|time| *time < to));
+        low..high.max(low)
+    }
+
+    fn push(&mut self, row: &AnyRow) -> Result<(), StoreError> {
+        let id: String = get(row, "id")?;
+        let indicators: Indicators = get_json(row, "indicators", &id)?;
+        let status: String = get(row, "status")?;
+        let position = self.len();
+        for (name, value) in indicators.values {
+            let column = self.indicators.entry(name).or_default();
+            column.resize(position, f64::NAN);
+            column.push(value);
+        }
+        self.wear.push(WearPoint {
+            status: from_json(&format!("\"{status}\""), "status", &id)?,
+            reason: get::<String>(row, "reason")?.into_boxed_str(),
+            median_um: get(row, "median_um")?,
+            mean_um: get(row, "mean_um")?,
+            p05_um: get(row, "p05_um")?,
+            p95_um: get(row, "p95_um")?,
+            log_evidence: get(row, "log_evidence")?,
+            reference_wear_um: get(row, "reference_wear_um")?,
+        });
+        self.unit = get(row, "unit")?;
+        self.start_time.push(from_ns(get(row, "start_time_ns")?));
+        self.segment_id.push(SegmentId(id));
+        Ok(())
+    }
+}
+
+/// The histories in memory.
+#[derive(Debug, Default)]
+pub(super) struct TrendShelf {
+    held: Mutex<Held>,
+    reading: tokio::sync::Mutex<()>,
+}
+
+#[derive(Debug, Default)]
+struct Held {
+    /// By channel number: the history and when it was last asked for, in askings.
+    trends: HashMap<i64, (Arc<Trend>, u64)>,
+    askings: u64,
+}
+
+impl TrendShelf {
+    fn lock(&self) -> MutexGuard<'_, Held> {
+        // What is held is replaced whole, so a panic elsewhere cannot have left half of it.
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn get(&self, channel_no: i64) -> Option<Arc<Trend>> {
+        let mut held = self.lock();
+        held.askings += 1;
+        let now = held.askings;
+        let (trend, asked) = held.trends.get_mut(&channel_no)?;
+        *asked = now;
+        Some(Arc::clone(trend))
+    }
+
+    /// Takes a history off the shelf.
+    pub(super) fn remove(&self, channel_no: i64) -> Option<Arc<Trend>> {
+        self.lock().trends.remove(&channel_no).map(|(trend, _)| trend)
+    }
+
+    fn put(&self, trend: Arc<Trend>) {
+        let mut held = self.lock();
+        let now = held.askings;
+        held.trends.insert(trend.channel_no, (trend, now));
+        let mut records: usize = held.trends.values().map(|(trend, _)| trend.len()).sum();
+        while records > MOST_RECORDS && held.trends.len() > 1 {
+            let Some((&oldest, _)) = held.trends.iter().min_by_key(|(_, (_, asked))| *asked) else {
+                break;
+            };
+            if let Some((trend, _)) = held.trends.remove(&oldest) {
+                records -= trend.len();
+            }
+        }
+    }
+}
+
+impl Store {
+    /// The history of a channel as of its summary or later.
+    pub async fn trend(&self, channel: &ChannelSummary) -> Result<Arc<Trend>, StoreError> {
+        let current = |trend: &Arc<Trend>| trend.revision >= channel.revision;
+        if let Some(trend) = self.inner.trends.get(channel.channel_no).filter(current) {
+            return Ok(trend);
+        }
+        // One reader at a time brings a history up to date; those behind it find it done.
+        let _turn = self.inner.trends.reading.lock().await;
+        let mut trend = match self.inner.trends.remove(channel.channel_no) {
+            Some(trend) if current(&trend) => {
+                self.inner.trends.put(Arc::clone(&trend));
+                return Ok(trend);
+            }
+            Some(trend) if trend.revision >= channel.rewritten_revision => trend,
+            _ => Arc::new(Trend {
+                channel_no: channel.channel_no,
+                ..Trend::default()
+            }),
+        };
+        // Taken off the shelf before, so that this copies only what a slow reader still looks at.
+        self.append(Arc::make_mut(&mut trend), channel).await?;
+        self.inner.trends.put(Arc::clone(&trend));
+        Ok(trend)
+    }
+
+    async fn append(&self, trend: &mut Trend, channel: &ChannelSummary) -> Result<(), StoreError> {
+        loop {
+            let last_ns = trend.start_time.last().map_or(Ok(i64::MIN), |time| to_ns(*time))?;
+            let last_id = trend.segment_id.last().map_or("", |id| id.0.as_str());
+            let rows = sqlx::query(
+                "SELECT s.id, s.start_time_ns, s.unit, s.indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
+                    w.p05_um, w.p95_um, w.log_evidence
+                 FROM segments s JOIN wear_estimates w ON w.segment_id = s.id
+                 WHERE s.channel_no = $1 AND (s.start_time_ns, s.id) > ($2, $3) ORDER BY s.start_time_ns, s.id LIMIT $4",
+            )
+            .bind(channel.channel_no)
+            .bind(last_ns)
+            .bind(last_id)
+            .bind(ROWS_AT_ONCE)
+            .fetch_all(self.read())
+            .await?;
+            for row in &rows {
+                trend.push(row)?;
+            }
+            if (rows.len() as i64) < ROWS_AT_ONCE {
+                break;
+            }
+        }
+        let records = trend.len();
+        for column in trend.indicators.values_mut() {
+            column.resize(records, f64::NAN);
+        }
+        trend.revision = channel.revision;
+        Ok(())
+    }
+}

@@ -1,0 +1,162 @@
+//! Making, listing, changing and removing assets.
+
+use serde_json::json;
+
+use crate::running::{Service, plain_asset, record, samples, wav};
+
+#[test]
+fn an_asset_is_made_shown_changed_and_removed() {
+    let service = Service::start();
+    let made = service.post_json("/v1/assets", &plain_asset("pump-1")).expect(201);
+    assert_eq!(made.header("location"), "/v1/assets/pump-1");
+    let made = made.json();
+    assert_eq!(made["gear"]["teeth"], json!([31, 62]));
+    assert_eq!(made["created_at"], "2026-01-01T00:00:00Z");
+    assert_eq!(made["summary"]["segments"], 0);
+    assert_eq!(made["summary"]["library_state"], "none");
+    assert_eq!(made["summary"]["library_id"], json!(null));
+    assert_eq!(service.get("/v1/assets/pump-1").expect(200).json(), made);
+    service
+        .post_json("/v1/assets", &plain_asset("pump-1"))
+        .expect_problem(409, &["pump-1", "exists"]);
+
+    service.clock.advance(60);
+    let mut changed = plain_asset("pump-1");
+    changed["name"] = json!("Feed pump");
+    changed["limits"] = json!({ "warning_um": 100.0 });
+    let changed = service.put_json("/v1/assets/pump-1", &changed).expect(200).json();
+    assert_eq!(changed["name"], "Feed pump");
+    assert_eq!(changed["created_at"], made["created_at"]);
+    assert_eq!(changed["updated_at"], "2026-01-01T00:01:00Z");
+    service
+        .put_json("/v1/assets/pump-2", &plain_asset("pump-2"))
+        .expect_problem(404, &["pump-2"]);
+    service
+        .put_json("/v1/assets/pump-2", &plain_asset("pump-1"))
+        .expect_problem(422, &["pump-1", "pump-2"]);
+
+    assert!(service.delete("/v1/assets/pump-1").expect(204).bytes.is_empty());
+    service.get("/v1/assets/pump-1").expect_problem(404, &["pump-1"]);
+    service.delete("/v1/assets/pump-1").expect_problem(404, &["pump-1"]);
+}
+
+#[test]
+fn a_description_in_toml_is_taken() {
+    let service = Service::start();
+    let toml = "id = \"fan\"\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10.0\n";
+    let fan = service.post("/v1/assets", "application/toml", toml.as_bytes()).expect(201).json();
+    assert_eq!(fan["baseline"]["records"], 20);
+    let wrong = toml.replace("shaft_speed_hz", "shaft_sped_hz");
+    let problem = service.post("/v1/assets", "application/toml", wrong.as_bytes());
+    assert_eq!(problem.expect_problem(422, &["shaft_sped_hz"])["field"], "shaft_sped_hz");
+}
+
+#[test]
+fn a_description_that_cannot_be_used_is_refused_with_its_field() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["gear"]["teeth"] = json!([2, 62]);
+    let problem = service
+        .post_json("/v1/assets", &asset)
+        .expect_problem(422, &["gear.teeth", "[2, 62]"]);
+    assert_eq!(problem["field"], "gear.teeth");
+    assert_eq!(problem["value"], "[2, 62]");
+    assert!(problem["expected"].as_str().unwrap().contains("4 to 1000"));
+    let mut asset = plain_asset("pump");
+    asset["colour"] = json!("red");
+    assert_eq!(
+        service.post_json("/v1/assets", &asset).expect_problem(422, &["colour"])["field"],
+        "colour"
+    );
+    service
+        .post_json("/v1/assets", &plain_asset("../etc"))
+        .expect_problem(422, &["../etc"]);
+    let mut asset = plain_asset("pump");
+    asset.as_object_mut().unwrap().remove("gear");
+    assert_eq!(
+        service.post_json("/v1/assets", &asset).expect_problem(422, &["gear"])["field"],
+        "gear"
+    );
+}
+
+#[test]
+fn a_list_comes_in_pages_without_loss() {
+    let service = Service::start();
+    for n in [3, 1, 5, 2, 4] {
+        service.plain_asset(&format!("pump-{n}"));
+    }
+    let mut ids = Vec::new();
+    let mut cursor = String::new();
+    loop {
+        let page = service.get(&format!("/v1/assets?limit=2{cursor}")).expect(200).json();
+        let items = page["items"].as_array().unwrap().clone();
+        assert!((1..=2).contains(&items.len()));
+        ids.extend(items.iter().map(|asset| asset["id"].as_str().unwrap().to_string()));
+        match page["next_cursor"].as_str() {
+            Some(next) => cursor = format!("&cursor={next}"),
+            None => break,
+        }
+    }
+    assert_eq!(ids, ["pump-1", "pump-2", "pump-3", "pump-4", "pump-5"]);
+}
+
+#[test]
+fn a_removed_asset_takes_its_records_and_only_its_own_raw_bytes_along() {
+    let service = Service::start();
+    service.plain_asset("one");
+    service.plain_asset("two");
+    let (shared, own) = (wav(&[samples(1)]), wav(&[samples(2)]));
+    let upload = |asset: &str, bytes: &[u8]| {
+        let path = format!("/v1/assets/{asset}/segments?start_time=2026-01-01T00:00:00Z");
+        service.post(&path, "audio/wav", bytes).expect(201).json()
+    };
+    let (first, kept) = (upload("one", &shared), upload("two", &shared));
+    let lost = upload("one", &own);
+    assert_eq!(first["raw"], kept["raw"]);
+    assert_ne!(first["id"], kept["id"]);
+    let object = |segment: &serde_json::Value| {
+        let name = segment["raw"]["sha256"].as_str().unwrap();
+        service.folder().join("raw").join(&name[..2]).join(name)
+    };
+    assert!(object(&lost).is_file() && object(&kept).is_file());
+    service.delete("/v1/assets/one").expect(204);
+    assert!(!object(&lost).exists() && object(&kept).is_file());
+    service
+        .get(&format!("/v1/segments/{}", lost["id"].as_str().unwrap()))
+        .expect_problem(404, &[]);
+    service
+        .get(&format!("/v1/segments/{}/waveform", kept["id"].as_str().unwrap()))
+        .expect(200);
+    // The name is free again, and nothing of before comes back.
+    service.plain_asset("one");
+    let wear = service.get("/v1/assets/one/wear").expect(200).json();
+    assert_eq!(
+        (&wear["segment_id"], &wear["status"]),
+        (&json!(null), &json!("collecting_baseline"))
+    );
+    service.upload("one", &record("1", 7));
+    assert_eq!(
+        service.get("/v1/assets/one/indicators?names=rms").expect(200).json()["items"]
+            .as_array()
+            .unwrap()
+            .len(),
+        1
+    );
+}
+
+#[test]
+fn a_summary_tells_of_all_channels() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    for n in [2, 1] {
+        service.upload("pump", &record("b", n));
+    }
+    service.upload("pump", &record("a", 3));
+    let summary = service.get("/v1/assets/pump").expect(200).json()["summary"].clone();
+    assert_eq!(summary["segments"], 3);
+    assert_eq!(summary["channels"], json!(["b", "a"]));
+    assert_eq!(summary["wear_channel"], "b");
+    assert_eq!(summary["first_start_time"], "2026-01-01T00:01:00Z");
+    assert_eq!(summary["last_start_time"], "2026-01-01T00:03:00Z");
+    assert_eq!(summary["wear"]["posterior"], json!(null));
+}

@@ -1,0 +1,176 @@
+//! Everything that can be wrong with a request.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+use flankwatch::recording::{BlockEncoding, encode_block};
+use serde_json::json;
+
+use crate::running::{Service, record, samples, wav};
+
+#[test]
+fn a_wrong_path_method_type_or_parameter_is_a_problem() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    service.get("/v1/nothing").expect_problem(404, &["/v1/nothing"]);
+    let wrong_method = service.send("PATCH", "/v1/assets", &[], b"");
+    assert_eq!(wrong_method.header("allow"), "GET,HEAD,POST");
+    wrong_method.expect_problem(405, &["PATCH"]);
+    let segments = "/v1/assets/pump/segments";
+    service
+        .post(segments, "image/png", b"x")
+        .expect_problem(415, &["image/png", "audio/wav"]);
+    service.send("POST", segments, &[], b"x").expect_problem(415, &["content-type is"]);
+    service.post("/v1/assets", "text/plain", b"x").expect_problem(415, &["text/plain"]);
+    let gzip = [("content-type", "audio/wav"), ("content-encoding", "gzip")];
+    service
+        .send("POST", segments, &gzip, b"x")
+        .expect_problem(415, &["content-encoding"]);
+    assert_eq!(service.get("/v1/assets?limt=3").expect_problem(400, &["limt"])["field"], "limt");
+    for query in ["limit=0", "limit=1001", "limit=x", "cursor=x", "from=yesterday", "order=random"] {
+        service.get(&format!("{segments}?{query}")).expect_problem(400, &[]);
+    }
+    service
+        .get("/v1/assets/pump/wear/history?max_points=1")
+        .expect_problem(400, &["max_points"]);
+    service.get("/v1/assets/pump/wear?channel=9").expect_problem(404, &["9"]);
+    service.get("/v1/assets/none/segments").expect_problem(404, &["none"]);
+    service.get("/v1/assets/NONE").expect_problem(404, &["NONE"]);
+    service.get("/v1/segments/0123").expect_problem(404, &["0123"]);
+    service.get("/v1/libraries/none").expect_problem(404, &["none"]);
+    service.get("/v1/libraries/..%2Fsecret").expect_problem(404, &[]);
+    service.get("/v1/replays/77").expect_problem(404, &["77"]);
+    service
+        .post("/v1/assets/none/segments", "audio/wav", &wav(&[samples(1)]))
+        .expect_problem(404, &["none"]);
+}
+
+#[test]
+fn bytes_that_are_no_record_are_refused_and_nothing_is_stored() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let segments = "/v1/assets/pump/segments";
+    let whole = wav(&[samples(1)]);
+    for bytes in [&b""[..], b"RIFF", b"hello, world", &whole[..30]] {
+        service.post(segments, "audio/wav", bytes).expect_problem(422, &[]);
+    }
+    service.post(segments, "application/json", b"{").expect_problem(422, &[]);
+    service.post(segments, "application/json", b"[]").expect_problem(422, &[]);
+    service.post(segments, "application/mcap", b"hello, world").expect_problem(422, &[]);
+    let mut broken = samples(1);
+    broken[7] = f32::NAN;
+    service.post(segments, "audio/wav", &wav(&[broken])).expect_problem(422, &["NaN"]);
+    for query in ["shaft_speed_hz=-1", "channel=", "reference_wear_um=-3", "torque_nm=NaN"] {
+        service
+            .post(&format!("{segments}?{query}"), "audio/wav", &whole)
+            .expect_problem(422, &[]);
+    }
+    assert_eq!(
+        service.get(segments).expect(200).json(),
+        json!({ "items": [], "next_cursor": null })
+    );
+    let objects = std::fs::read_dir(service.folder().join("raw")).unwrap().count();
+    assert_eq!(objects, 1, "only the folder for unfinished ones");
+}
+
+#[test]
+fn json_that_is_none_is_told_from_json_that_does_not_fit() {
+    let service = Service::start();
+    service
+        .post("/v1/assets", "application/json", b"{\"id\": ")
+        .expect_problem(400, &["line 1"]);
+    service.post("/v1/assets", "application/json", b"[1, 2]").expect_problem(422, &[]);
+    service
+        .post(
+            "/v1/replays",
+            "application/json",
+            b"{\"asset\": \"a\", \"file\": \"f\", \"pace\": \"slow\"}",
+        )
+        .expect_problem(422, &["slow"]);
+}
+
+#[test]
+fn a_body_too_large_is_refused_whether_it_says_so_or_not() {
+    let service = Service::start_with(|config| {
+        config.http.record_bytes = 10_000;
+        config.http.recording_bytes = 10_000;
+        config.http.description_bytes = 1000;
+    });
+    service.plain_asset("pump");
+    let large = wav(&[samples(1), samples(2)]);
+    assert!(large.len() > 10_000);
+    service
+        .post("/v1/assets/pump/segments", "audio/wav", &large)
+        .expect_problem(413, &["10000"]);
+    service
+        .post("/v1/assets/pump/segments", "application/mcap", &large)
+        .expect_problem(413, &["10000"]);
+    service
+        .post("/v1/assets", "application/json", &[b' '; 1001])
+        .expect_problem(413, &["1000"]);
+    // In pieces of unknown total length.
+    for media_type in ["audio/wav", "application/mcap"] {
+        let answer = in_pieces(&service, media_type, &large);
+        assert!(
+            answer.starts_with("HTTP/1.1 413 ") && answer.contains("application/problem+json"),
+            "{answer}"
+        );
+    }
+    let small = wav(&[samples(1)[..1000].to_vec()]);
+    service.post("/v1/assets/pump/segments", "audio/wav", &small).expect(201);
+}
+
+/// Sends a body in chunks and reads the answer.
+fn in_pieces(service: &Service, media_type: &str, body: &[u8]) -> String {
+    let address = service.url("").trim_start_matches("http://").to_string();
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    let head = format!(
+        "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: x\r\ncontent-type: {media_type}\r\ntransfer-encoding: chunked\r\nconnection: close\r\n\r\n"
+    );
+    stream.write_all(head.as_bytes()).unwrap();
+    for piece in body.chunks(4000) {
+        let mut chunk = format!("{:x}\r\n", piece.len()).into_bytes();
+        chunk.extend_from_slice(piece);
+        chunk.extend_from_slice(b"\r\n");
+        // The service may have answered and hung up.
+        if stream.write_all(&chunk).is_err() {
+            break;
+        }
+    }
+    let _ = stream.write_all(b"0\r\n\r\n");
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer);
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+#[test]
+fn a_full_queue_says_when_to_come_again() {
+    let service = Service::start_with(|config| config.ingest.requests_at_once = 1);
+    service.plain_asset("pump");
+    let block = encode_block(&record("1", 1), BlockEncoding::Json);
+    let address = service.url("").trim_start_matches("http://").to_string();
+    // One upload takes the only place and does not end.
+    let mut slow = TcpStream::connect(address).unwrap();
+    let head = format!(
+        "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ncontent-length: {}\r\n\r\n",
+        block.len()
+    );
+    slow.write_all(head.as_bytes()).unwrap();
+    slow.write_all(&block[..10]).unwrap();
+    let began = std::time::Instant::now();
+    while service.get("/readyz").status != 503 {
+        assert!(began.elapsed() < Duration::from_secs(20), "the slow upload never took its place");
+    }
+    let refused = service.post("/v1/assets/pump/segments", "application/json", &block);
+    assert!(refused.header("retry-after").parse::<u32>().unwrap() >= 1);
+    refused.expect_problem(503, &["full"]);
+    service.get("/v1/assets/pump").expect(200);
+    drop(slow);
+    let began = std::time::Instant::now();
+    while service.post("/v1/assets/pump/segments", "application/json", &block).status != 201 {
+        assert!(began.elapsed() < Duration::from_secs(20));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}

@@ -1,0 +1,157 @@
+//! Recordings of many records: uploads and replays.
+
+use serde_json::{Value, json};
+
+use crate::running::{Service, mcap, record};
+
+fn wait_for_end(service: &Service, replay: &Value) -> Value {
+    let path = format!("/v1/replays/{}", replay["id"].as_str().unwrap());
+    service.wait_for(&path, |replay| replay["state"] != "running")
+}
+
+#[test]
+fn an_mcap_is_taken_record_by_record_and_a_repeat_stores_nothing() {
+    let service = Service::start();
+    service.plain_asset("one");
+    service.plain_asset("two");
+    let records: Vec<_> = (0..12).flat_map(|n| [record("x", n), record("y", n)]).collect();
+    let bytes = mcap(&records);
+    let path = "/v1/assets/one/segments";
+    let answer = service.post(path, "application/mcap", &bytes).expect(201).json();
+    assert_eq!(
+        (&answer["records"], &answer["stored"], &answer["repeated"]),
+        (&json!(24), &json!(24), &json!(0))
+    );
+    assert_eq!(answer["refused"], json!([]));
+    assert_eq!(answer["channels"], json!(["x", "y"]));
+    assert_eq!(answer["first_start_time"], "2026-01-01T00:00:00Z");
+    assert_eq!(answer["last_start_time"], "2026-01-01T00:11:00Z");
+    assert_eq!(answer["wear"]["status"], "no_library");
+    let again = service.post(path, "application/mcap", &bytes).expect(201).json();
+    assert_eq!((&again["stored"], &again["repeated"]), (&json!(0), &json!(24)));
+    assert_eq!(service.get("/v1/assets/one").expect(200).json()["summary"]["segments"], 24);
+    // One by one over another way in: the same indicators.
+    for record in &records {
+        service.upload("two", record);
+    }
+    for channel in ["x", "y"] {
+        let trend = |asset: &str| {
+            let path = format!("/v1/assets/{asset}/indicators?channel={channel}");
+            let mut trend = service.get(&path).expect(200).json();
+            for item in trend["items"].as_array_mut().unwrap() {
+                item.as_object_mut().unwrap().remove("segment_id");
+            }
+            trend
+        };
+        assert_eq!(trend("one"), trend("two"));
+    }
+    assert_eq!(std::fs::read_dir(service.folder().join("uploads")).unwrap().count(), 0);
+}
+
+#[test]
+fn a_segment_of_an_mcap_gives_its_samples_back() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let sent = record("x", 3);
+    service
+        .post("/v1/assets/pump/segments", "application/mcap", &mcap(std::slice::from_ref(&sent)))
+        .expect(201);
+    let list = service.get("/v1/assets/pump/segments").expect(200).json();
+    let id = list["items"][0]["id"].as_str().unwrap();
+    let waveform = service.get(&format!("/v1/segments/{id}/waveform")).expect(200).json();
+    let value: Vec<f32> = waveform["value"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap() as f32)
+        .collect();
+    assert_eq!(value, sent.samples());
+}
+
+#[test]
+fn a_replay_feeds_a_recording_and_tells_how_far_it_is() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let records: Vec<_> = (0..40).map(|n| record("1", n)).collect();
+    std::fs::write(service.folder().join("recordings/run.mcap"), mcap(&records)).unwrap();
+    let started = service
+        .post_json("/v1/replays", &json!({ "asset": "pump", "file": "run.mcap", "pace": "max" }))
+        .expect(202);
+    let replay = started.json();
+    assert_eq!(
+        started.header("location"),
+        format!("/v1/replays/{}", replay["id"].as_str().unwrap())
+    );
+    assert_eq!(
+        (&replay["asset"], &replay["file"], &replay["pace"]),
+        (&json!("pump"), &json!("run.mcap"), &json!("max"))
+    );
+    let ended = wait_for_end(&service, &replay);
+    assert_eq!(ended["state"], "finished", "{ended}");
+    assert_eq!(
+        (&ended["records_done"], &ended["records_total"], &ended["stored"]),
+        (&json!(40), &json!(40), &json!(40))
+    );
+    assert_eq!(ended["record_seconds_done"], 20.0);
+    assert!(ended["times_real_time"].as_f64().unwrap() > 0.0);
+    assert_eq!(ended["error"], json!(null));
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 40);
+    let again = service
+        .post_json("/v1/replays", &json!({ "asset": "pump", "file": "run.mcap" }))
+        .expect(202)
+        .json();
+    assert_eq!(wait_for_end(&service, &again)["repeated"], 40);
+    let list = service.get("/v1/replays?limit=1").expect(200).json();
+    assert_eq!(list["items"][0]["id"], again["id"]);
+    let next = service
+        .get(&format!("/v1/replays?cursor={}", list["next_cursor"].as_str().unwrap()))
+        .expect(200)
+        .json();
+    assert_eq!(next["items"][0]["id"], replay["id"]);
+}
+
+#[test]
+fn a_paced_replay_waits_and_can_be_stopped() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let records: Vec<_> = (0..40).map(|n| record("1", n)).collect();
+    std::fs::write(service.folder().join("recordings/run.mcap"), mcap(&records)).unwrap();
+    let body = json!({ "asset": "pump", "file": "run.mcap", "pace": "realtime" });
+    let replay = service.post_json("/v1/replays", &body).expect(202).json();
+    let path = format!("/v1/replays/{}", replay["id"].as_str().unwrap());
+    service.wait_for(&path, |replay| replay["records_done"] == 1);
+    let stopped = service.delete(&path).expect(200).json();
+    assert_eq!((&stopped["state"], &stopped["records_done"]), (&json!("stopped"), &json!(1)));
+    assert_ne!(stopped["finished_at"], json!(null));
+    assert_eq!(service.delete(&path).expect(200).json(), stopped);
+}
+
+#[test]
+fn only_recordings_inside_the_folder_are_replayed() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    std::fs::write(service.folder().join("secret.mcap"), b"x").unwrap();
+    let absolute = service.folder().join("secret.mcap");
+    for file in [
+        "../secret.mcap",
+        "",
+        ".",
+        "none.mcap",
+        absolute.to_str().unwrap(),
+        "a/../../secret.mcap",
+    ] {
+        let problem = service.post_json("/v1/replays", &json!({ "asset": "pump", "file": file }));
+        assert_eq!(problem.expect_problem(422, &[])["field"], "file");
+    }
+    service
+        .post_json("/v1/replays", &json!({ "asset": "none", "file": "x" }))
+        .expect_problem(404, &["none"]);
+    std::fs::write(service.folder().join("recordings/broken.mcap"), b"not a recording").unwrap();
+    let replay = service
+        .post_json("/v1/replays", &json!({ "asset": "pump", "file": "broken.mcap" }))
+        .expect(202)
+        .json();
+    let ended = wait_for_end(&service, &replay);
+    assert_eq!(ended["state"], "failed");
+    assert!(!ended["error"].as_str().unwrap().is_empty());
+}

@@ -1,0 +1,168 @@
+//! Indicators and wear over time.
+
+use serde_json::{Value, json};
+
+use crate::running::{Service, record};
+
+/// A history as one that depends on the order would show it: every number of every record.
+fn history(service: &Service, asset: &str) -> Value {
+    let mut history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
+    for item in history["items"].as_array_mut().unwrap() {
+        item.as_object_mut().unwrap().remove("segment_id");
+    }
+    history
+}
+
+/// An asset whose wear is compared with a library of a small pair.
+fn asset_with_pair(id: &str) -> Value {
+    json!({
+        "id": id,
+        "gear": {
+            "teeth": [31, 62],
+            "shaft_speed_hz": 10.0,
+            "pair": {
+                "name": "test pair",
+                "geometry": { "teeth": [31, 62], "module_mm": 3.0, "face_width_mm": 20.0, "bore_radius_mm": [15.0, 30.0] },
+                "operation": { "torque_nm": 60.0, "shaft_speed_hz": 10.0 },
+            },
+        },
+        "baseline": { "records": 8 },
+    })
+}
+
+#[test]
+fn late_records_give_the_history_that_records_in_order_give() {
+    let service = Service::start();
+    for id in ["in-order", "shuffled", "backwards"] {
+        service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
+    }
+    service.wait_for("/v1/assets/in-order", |asset| asset["summary"]["library_state"] == "ready");
+    for n in 0..14 {
+        service.upload("in-order", &record("1", n));
+    }
+    for n in [3, 0, 1, 2, 9, 13, 8, 7, 12, 4, 6, 5, 11, 10] {
+        service.upload("shuffled", &record("1", n));
+    }
+    for n in (0..14).rev() {
+        service.upload("backwards", &record("1", n));
+    }
+    let expected = history(&service, "in-order");
+    assert_eq!(expected["items"].as_array().unwrap().len(), 14);
+    assert_eq!(history(&service, "shuffled"), expected);
+    assert_eq!(history(&service, "backwards"), expected);
+    let latest = |asset: &str| {
+        let mut wear = service.get(&format!("/v1/assets/{asset}/wear")).expect(200).json();
+        for key in ["asset_id", "segment_id"] {
+            wear.as_object_mut().unwrap().remove(key);
+        }
+        wear
+    };
+    assert_eq!(latest("shuffled"), latest("in-order"));
+    assert_eq!(latest("backwards"), latest("in-order"));
+}
+
+#[test]
+fn a_changed_baseline_folds_the_history_again() {
+    let service = Service::start();
+    for id in ["changed", "from-the-start"] {
+        service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
+    }
+    for n in 0..14 {
+        service.upload("changed", &record("1", n));
+    }
+    let mut description = asset_with_pair("from-the-start");
+    description["baseline"]["records"] = json!(11);
+    service.put_json("/v1/assets/from-the-start", &description).expect(200);
+    for n in 0..14 {
+        service.upload("from-the-start", &record("1", n));
+    }
+    let expected = history(&service, "from-the-start");
+    assert_ne!(history(&service, "changed"), expected);
+    description["id"] = json!("changed");
+    service.put_json("/v1/assets/changed", &description).expect(200);
+    service.wait_for("/v1/assets/changed/wear", |wear| wear["baseline"]["need"] == 11);
+    assert_eq!(history(&service, "changed"), expected);
+}
+
+#[test]
+fn the_library_of_an_asset_can_be_looked_at() {
+    let service = Service::start();
+    let asset = service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201).json();
+    let id = asset["summary"]["library_id"].as_str().unwrap().to_string();
+    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
+    let list = service.get("/v1/libraries").expect(200).json();
+    assert_eq!(list["items"][0]["id"], id);
+    assert_eq!(list["items"][0]["pair_name"], "test pair");
+    let library = service.get(&format!("/v1/libraries/{id}")).expect(200).json();
+    assert_eq!(library["pair"]["geometry"]["teeth"], json!([31, 62]));
+    let states = library["states"].as_u64().unwrap();
+    let state = service.get(&format!("/v1/libraries/{id}/states/{}", states - 1)).expect(200).json();
+    assert_eq!(state["library_id"], id);
+    let points = state["phi1_rad"].as_array().unwrap().len();
+    for key in ["stiffness_n_per_m", "uste_rad", "pairs_in_contact"] {
+        assert_eq!(state[key].as_array().unwrap().len(), points, "{key}");
+    }
+    service
+        .get(&format!("/v1/libraries/{id}/states/{states}"))
+        .expect_problem(404, &["no state"]);
+}
+
+#[test]
+fn an_asset_without_records_says_so() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let wear = service.get("/v1/assets/pump/wear").expect(200).json();
+    assert_eq!(wear["status"], "collecting_baseline");
+    assert_eq!(wear["baseline"], json!({ "have": 0, "need": 8 }));
+    assert_eq!(wear["segment_id"], json!(null));
+    let empty = json!({ "channel": null, "items": [], "reduced": false });
+    assert_eq!(service.get("/v1/assets/pump/wear/history").expect(200).json(), empty);
+    assert_eq!(service.get("/v1/assets/pump/indicators").expect(200).json()["items"], json!([]));
+}
+
+#[test]
+fn a_trend_is_in_time_order_and_no_longer_than_asked() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let mut rms = Vec::new();
+    for n in [7, 3, 12, 1, 5, 9, 2, 11, 4, 10, 8, 6, 15, 13, 14, 16] {
+        let segment = service.upload("pump", &record("1", n));
+        rms.push((n, segment["indicators"]["rms"].clone()));
+        // Asked for in between, so that it grows in memory too.
+        service.get("/v1/assets/pump/indicators?names=rms").expect(200);
+    }
+    rms.sort_by_key(|(n, _)| *n);
+    let trend = service
+        .get("/v1/assets/pump/indicators?names=rms,kurtosis,nonsense")
+        .expect(200)
+        .json();
+    assert_eq!(trend["channel"], "1");
+    assert_eq!(trend["units"]["rms"], "m/s2");
+    assert_eq!(trend["units"]["kurtosis"], "1");
+    assert_eq!(trend["reduced"], false);
+    let items = trend["items"].as_array().unwrap();
+    let found: Vec<&Value> = items.iter().map(|item| &item["rms"]).collect();
+    let expected: Vec<&Value> = rms.iter().map(|(_, value)| value).collect();
+    assert_eq!(found, expected);
+    assert!(
+        items
+            .iter()
+            .all(|item| item["nonsense"].is_null() && item.as_object().unwrap().len() == 5)
+    );
+    let reduced = service.get("/v1/assets/pump/indicators?names=rms&max_points=10").expect(200).json();
+    let kept = reduced["items"].as_array().unwrap();
+    assert_eq!(reduced["reduced"], true);
+    assert!(
+        kept.len() <= 10
+            && kept
+                .iter()
+                .all(|item| items.iter().any(|of| of["start_time"] == item["start_time"]))
+    );
+    let of = |items: &[Value]| {
+        let values = items.iter().map(|item| item["rms"].as_f64().unwrap());
+        (values.clone().fold(f64::MAX, f64::min), values.fold(0.0, f64::max))
+    };
+    assert_eq!(of(kept), of(items));
+    let part = "/v1/assets/pump/indicators?names=rms&from=2026-01-01T00:03:00Z&to=2026-01-01T00:06:00Z";
+    assert_eq!(service.get(part).expect(200).json()["items"].as_array().unwrap().len(), 3);
+}
