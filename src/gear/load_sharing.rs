@@ -220,3 +220,65 @@ impl Balance {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Candidate, ElasticBodies};
+    use crate::gear::FlankWear;
+    use crate::gear::testing::shen2022;
+    use crate::gear::tooth_touch::ToothPair;
+
+    /// `fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv`: one pair alone along its whole path, tip edges at both ends.
+    #[test]
+    fn a_single_pair_is_that_of_the_finite_element_reference() {
+        let (pair, wear) = (shen2022(), FlankWear::none());
+        let bodies = ElasticBodies::new(&pair, &wear).unwrap();
+        let teeth = ToothPair::new(&pair, &wear, &bodies.outlines);
+        let torque_n = 1300e3 / 50.0;
+        let mut greatest = (0.0, 0.0);
+        for line in include_str!("../../fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv")
+            .lines()
+            .skip(1)
+        {
+            let numbers: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+            let (phi1, wanted) = (numbers[0], numbers[1]);
+            let alone = Candidate {
+                tooth: 0,
+                touch: teeth.touch(phi1).unwrap(),
+                behind_rad: 0.0,
+            };
+            let sharing = bodies.share(&[alone], torque_n);
+            assert_eq!(sharing.carrying, 1);
+            let base_m = pair.gears[0].base_radius_mm * 1e-3;
+            let error = (1300.0 / (base_m * base_m * sharing.rotation_rad) / wanted - 1.0_f64).abs();
+            if error > greatest.0 {
+                greatest = (error, phi1);
+            }
+        }
+        println!("one pair alone: {:.2} % at {:.4} rad", 100.0 * greatest.0, greatest.1);
+        assert!(greatest.0 < 0.02);
+    }
+
+    /// The shares of `K_perfect.csv` at φ₁ = −0.2122 rad, the middle of double contact, and −0.0240 rad, where a tip's edge carries: 0.4819
+    /// and 0.2751 of the torque on the entering pair.
+    #[test]
+    fn shares_are_those_of_the_finite_element_reference() {
+        let (pair, wear) = (shen2022(), FlankWear::none());
+        let bodies = ElasticBodies::new(&pair, &wear).unwrap();
+        let teeth = ToothPair::new(&pair, &wear, &bodies.outlines);
+        let pitches = pair.gears.each_ref().map(|gear| gear.pitch_angle_rad());
+        for (phi1, wanted) in [(-0.212_174_209, 0.4819), (-0.024_005_899 - pitches[0], 0.2751)] {
+            let touches = [0.0, 1.0].map(|ahead| (ahead, teeth.touch(phi1 + ahead * pitches[0]).unwrap()));
+            let [entering, following] = touches.map(|(ahead, touch)| touch.phi2_rad - ahead * pitches[1]);
+            let lead = entering.max(following);
+            let candidates = touches.map(|(ahead, touch)| Candidate {
+                tooth: ahead as i32,
+                touch,
+                behind_rad: lead - touch.phi2_rad + ahead * pitches[1],
+            });
+            let sharing = bodies.share(&candidates, 1300e3 / 50.0);
+            assert!((sharing.shares[0] - wanted).abs() < 0.01, "{phi1}: {}", sharing.shares[0]);
+            assert!((sharing.shares[0] + sharing.shares[1] - 1.0).abs() < 1e-9);
+        }
+    }
+}
