@@ -157,6 +157,23 @@ mod tests {
         }
     }
 
+    /// First row of `fixtures/reference/mesh-stiffness-fe/K_perfect.csv` and of its 130 N·m table.
+    #[test]
+    fn loaded_contact_depends_on_the_torque() {
+        for (torque, reference) in [("1300", 6.973_874e8), ("130", 6.630_292e8)] {
+            let arguments = ["--contact", "loaded", "--torque-nm", torque, "--points", "64"];
+            let text = printed(&arguments, Format::Csv).unwrap();
+            let stiffness: f64 = text
+                .lines()
+                .nth(1)
+                .and_then(|line| line.split(',').nth(2))
+                .unwrap()
+                .parse()
+                .unwrap();
+            assert!((stiffness / reference - 1.0).abs() < 0.02, "{torque} {stiffness}");
+        }
+    }
+
     #[test]
     fn refusals_name_the_field_or_the_file() {
         assert!(
