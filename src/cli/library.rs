@@ -131,13 +131,13 @@ fn not_reusable(path: &std::path::Path, id: &str) -> Option<String> {
 
 fn list(args: &ShelfArgs) -> Result<(), CliError> {
     let mut text = format!(
-        "{:<18} {:<20} {:>6} {:>10} {:>10}\n",
+        "{:<18} {:<28} {:>6} {:>10} {:>10}\n",
         "library", "pair", "states", "to_um", "contact"
     );
     for manifest in args.shelf().list()? {
         let contact = manifest.contact();
         text += &format!(
-            "{:<18} {:<20} {:>6} {:>10} {:>10}\n",
+            "{:<18} {:<28} {:>6} {:>10} {:>10}\n",
             manifest.id,
             manifest.pair.name,
             manifest.grid.states,
