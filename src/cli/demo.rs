@@ -13,6 +13,7 @@ use jiff::{SignedDuration, Timestamp};
 use super::serve::asked_to_stop;
 use super::{CliError, output, pair_file};
 use crate::asset::{AssetId, AssetSpec, BaselineSpec, GearSpec, SensorSpec, WearLimits};
+use crate::gear::ContactRule;
 use crate::http::{RunningService, ServiceConfig, ServiceError, start};
 use crate::ingest::{Clock, Given, Ingest, IngestError, RecordFormat, SystemClock};
 use crate::recording::{BlockEncoding, encode_block};
@@ -109,7 +110,8 @@ async fn start_anywhere(listen: Option<SocketAddr>, data_dir: PathBuf, clock: Ar
 
 /// Makes the sample asset and feeds it with a simulated run that ends about now.
 async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), CliError> {
-    let pair = pair_file::read(None)?;
+    let mut pair = pair_file::read(None)?;
+    pair.dynamics.contact = ContactRule::Loaded;
     let id = AssetId::new(ASSET).map_err(|error| CliError::Argument(error.to_string()))?;
     let asset = AssetSpec {
         id: id.clone(),
