@@ -4,6 +4,7 @@
 //! relative to the asset's own healthy baseline, so that an unknown linear transmission path cancels.
 
 mod baseline;
+mod depth_grid;
 mod likelihood;
 mod shape_spread;
 mod tracker;

@@ -5,21 +5,16 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
+use super::depth_grid::DepthGrid;
 use super::likelihood::Likelihood;
 use super::shape_spread::spread;
 use super::transition::advance;
-use super::wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};
+use super::wear::{BaselineProgress, BestState, WearEstimate, WearStatus};
 use crate::library::Library;
 use crate::signal::{Features, PREPROCESSING};
 
 /// Identifier of the estimator.
 pub const METHOD: &str = "grid-filter-1";
-
-/// Distance of wear depths on the tracking grid, as a part of the distance of library states.
-const GRID_REFINEMENT: usize = 4;
-
-/// Mean of the exponential prior on wear when the baseline is complete, in µm: the baseline is taken to be healthy, not perfect.
-const PRIOR_WEAR_UM: f64 = 3.0;
 
 /// Weight of one record's log-likelihood. What is wrong with a library is wrong in the same way in one record after the other;
 /// counting every record in full would make the interval shrink although nothing new is learnt.
@@ -54,18 +49,14 @@ enum Stage {
 pub struct Tracker {
     settings: EstimatorSettings,
     library: Option<Arc<Library>>,
-    grid_um: Vec<f64>,
+    grid: DepthGrid,
 }
 
 impl Tracker {
     /// A tracker for a library; without one, only the baseline is collected.
     pub fn new(settings: EstimatorSettings, library: Option<Arc<Library>>) -> Self {
-        let grid_um = library.as_deref().map(refined_grid).unwrap_or_default();
-        Self {
-            settings,
-            library,
-            grid_um,
-        }
+        let grid = library.as_deref().map(DepthGrid::of).unwrap_or_default();
+        Self { settings, library, grid }
     }
 
     /// The state before the first record.
@@ -90,7 +81,7 @@ impl Tracker {
                 let have = records.len() as u32;
                 if have >= need {
                     let baseline = Baseline::of(records);
-                    let probability = prior(&self.grid_um);
+                    let probability = self.grid.prior();
                     state.0 = Stage::Tracking { baseline, probability };
                 }
                 self.no_number(
@@ -112,7 +103,7 @@ impl Tracker {
 
     fn compare(&self, library: &Library, baseline: &Baseline, probability: &mut Vec<f64>, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let likelihood = Likelihood::new(baseline, library, &self.grid_um);
+        let likelihood = Likelihood::new(baseline, library, self.grid.depths_um());
         if likelihood.features() < LEAST_FEATURES {
             let reason = format!(
                 "{} features stand above the noise in the baseline, expected at least {LEAST_FEATURES}: wear cannot be told from this channel",
@@ -123,7 +114,7 @@ impl Tracker {
         let Some(log_likelihood) = likelihood.of(features) else {
             return self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's features");
         };
-        let predicted = advance(probability, self.grid_um[1] - self.grid_um[0]);
+        let predicted = advance(probability, self.grid.step_um());
         let best = argmax(&log_likelihood);
         let peak = log_likelihood[best];
         let evidence: f64 = predicted.iter().zip(&log_likelihood).map(|(p, l)| p * (l - peak).exp()).sum();
@@ -143,9 +134,9 @@ impl Tracker {
     }
 
     fn answer(&self, library: &Library, probability: &[f64], best: usize, log_evidence: f64) -> WearEstimate {
-        let quantile = |level| quantile(&self.grid_um, probability, level);
+        let quantile = |level| self.grid.quantile_um(probability, level);
         let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
-        let mean: f64 = self.grid_um.iter().zip(probability).map(|(um, p)| um * p).sum();
+        let mean = self.grid.mean_um(probability);
         let told = p95 - p05 <= WIDEST_INTERVAL * library.max_wear_um();
         let (status, reason) = if told {
             (
@@ -158,7 +149,7 @@ impl Tracker {
                 format!("wear anywhere between {p05:.0} and {p95:.0} µm explains the records"),
             )
         };
-        let index = (best + GRID_REFINEMENT / 2) / GRID_REFINEMENT;
+        let index = DepthGrid::nearest_state(best);
         let need = self.settings.baseline_records;
         WearEstimate {
             status,
@@ -175,7 +166,7 @@ impl Tracker {
             }),
             library_id: Some(library.id().to_owned()),
             method: method(),
-            posterior: Some(by_library_state(library, probability)),
+            posterior: Some(DepthGrid::by_library_state(library, probability)),
         }
     }
 
@@ -204,51 +195,11 @@ fn method() -> String {
     format!("{METHOD}/{PREPROCESSING}")
 }
 
-fn refined_grid(library: &Library) -> Vec<f64> {
-    let intervals = (library.states().len() - 1) * GRID_REFINEMENT;
-    (0..=intervals)
-        .map(|i| library.max_wear_um() * i as f64 / intervals as f64)
-        .collect()
-}
-
-fn prior(grid_um: &[f64]) -> Vec<f64> {
-    let weights: Vec<f64> = grid_um.iter().map(|um| (-um / PRIOR_WEAR_UM).exp()).collect();
-    let total: f64 = weights.iter().sum();
-    weights.iter().map(|weight| weight / total).collect()
-}
-
 fn argmax(values: &[f64]) -> usize {
     values
         .iter()
         .enumerate()
         .fold(0, |best, (i, value)| if *value > values[best] { i } else { best })
-}
-
-/// The depth below which a part `level` of the probability lies; each grid point's probability is spread over its cell.
-fn quantile(grid_um: &[f64], probability: &[f64], level: f64) -> f64 {
-    let step = grid_um[1] - grid_um[0];
-    let mut below = 0.0;
-    for (um, p) in grid_um.iter().zip(probability) {
-        if below + p >= level && *p > 0.0 {
-            let part = (level - below) / p;
-            return (um + (part - 0.5) * step).clamp(0.0, grid_um[grid_um.len() - 1]);
-        }
-        below += p;
-    }
-    grid_um[grid_um.len() - 1]
-}
-
-/// The probability gathered at the nearest library state.
-fn by_library_state(library: &Library, probability: &[f64]) -> Posterior {
-    let wear_um: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
-    let mut gathered = vec![0.0; wear_um.len()];
-    for (i, p) in probability.iter().enumerate() {
-        gathered[(i + GRID_REFINEMENT / 2) / GRID_REFINEMENT] += p;
-    }
-    Posterior {
-        wear_um,
-        probability: gathered,
-    }
 }
 
 #[cfg(test)]
@@ -394,15 +345,5 @@ mod tests {
         }
         let wear = tracker.update(&mut state, &drowned(&mut rng));
         assert_eq!((wear.status, wear.median_um), (WearStatus::NotIdentifiable, None));
-    }
-
-    #[test]
-    fn quantiles_of_a_flat_posterior_are_the_closed_form() {
-        let grid: Vec<f64> = (0..=100).map(f64::from).collect();
-        let flat = vec![1.0 / 101.0; 101];
-        // Cells reach from −0.5 to 100.5, so the quantile of level q is 101·q − 0.5.
-        for level in [0.05, 0.5, 0.95] {
-            assert!((quantile(&grid, &flat, level) - (101.0 * level - 0.5)).abs() < 1e-9);
-        }
     }
 }
