@@ -100,7 +100,7 @@ fn write(cycle: &MeshCycle, format: Format, mut out: impl Write) -> io::Result<(
         Format::Csv => {
             let mut csv = csv::Writer::from_writer(&mut out);
             for row in rows(cycle) {
-                csv.serialize(row).map_err(io::Error::other)?;
+                csv.serialize(row).map_err(io::Error::from)?;
             }
             csv.flush()?;
         }
