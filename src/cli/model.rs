@@ -100,7 +100,7 @@ fn write(cycle: &MeshCycle, format: Format, mut out: impl Write) -> io::Result<(
         Format::Csv => {
             let mut csv = csv::Writer::from_writer(&mut out);
             for row in rows(cycle) {
-                csv.serialize(row).map_err(io::Error::from)?;
+                csv.serialize(row).map_err(unwrapped)?;
             }
             csv.flush()?;
         }
@@ -110,6 +110,14 @@ fn write(cycle: &MeshCycle, format: Format, mut out: impl Write) -> io::Result<(
         }
     }
     out.flush()
+}
+
+/// The system's own error, so that a reader that has gone away is recognised.
+fn unwrapped(error: csv::Error) -> io::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error,
+        other => io::Error::other(format!("{other:?}")),
+    }
 }
 
 #[cfg(test)]
