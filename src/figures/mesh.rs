@@ -178,10 +178,10 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
         "The rule changes only the range in which a pair's stiffness counts, not the stiffness.",
         "carried range below the touching one in every worn state; in single contact the mesh is as stiff as the pair to 0.1 %",
         format!(
-            "{} rad of {} rad; stiffness within {:.1e}",
+            "{} rad of {} rad; stiffness differs by {:.4} %",
             listed(&carried[1..], |value| format!("{value:.5}")),
             listed(&alone[1..], |value| format!("{value:.5}")),
-            unchanged
+            100.0 * unchanged
         ),
         carried[1..].iter().zip(&alone[1..]).all(|(carried, alone)| carried < alone) && unchanged < 1e-3,
     ));

@@ -220,3 +220,87 @@ fn vibration_figures(
     let drawn = <[Vibration; 2]>::try_from(drawn).expect("the unworn and one worn state are drawn");
     Ok(VibrationFigures::new(pair, indicators, drawn))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{FigureSettings, FiguresError, compute};
+    use crate::gear::PairSpec;
+
+    fn shen2022() -> PairSpec {
+        PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap()
+    }
+
+    /// Three states of the 50, of 1 s.
+    fn short() -> FigureSettings {
+        FigureSettings {
+            states: 3,
+            step_um: 100.0,
+            worn_num: 2,
+            seconds: 1.0,
+            ..FigureSettings::default()
+        }
+    }
+
+    #[test]
+    fn statements_about_the_mesh_hold_as_documented() {
+        let figures = compute(&shen2022(), &short(), &|_| ()).unwrap();
+        // docs/model.md: all of Figs. 7 to 18 hold but the two of Fig. 17 that elastic teeth refute.
+        let refuted: Vec<_> = figures.checks.iter().filter(|check| check.figure < 19 && !check.holds).collect();
+        assert_eq!(refuted.len(), 2, "{refuted:?}");
+        assert!(refuted.iter().all(|check| check.figure == 17), "{refuted:?}");
+        for number in [7, 8, 11, 12, 13, 14, 15, 17, 18, 19, 20, 21, 22] {
+            assert!(figures.checks.iter().any(|check| check.figure == number), "Fig. {number}");
+        }
+        assert_eq!(figures.vibration.indicators.len(), 3);
+        assert_eq!(figures.vibration.states[1].wear_um, 200.0);
+    }
+
+    #[test]
+    fn other_pairs_have_no_finite_element_table() {
+        let mut spec = shen2022();
+        spec.geometry.teeth = [30, 41];
+        spec.geometry.centre_distance_mm = None;
+        let figures = compute(&spec, &short(), &|_| ()).unwrap();
+        assert!(figures.finite_elements.is_empty());
+        assert!(figures.checks.iter().all(|check| check.figure != 17));
+    }
+
+    #[test]
+    fn settings_that_cannot_be_used_are_refused() {
+        let cases = [
+            (
+                "wear_um",
+                FigureSettings {
+                    wear_um: [50.0, 40.0, f64::NAN],
+                    ..short()
+                },
+            ),
+            ("states", FigureSettings { states: 1, ..short() }),
+            ("worn_num", FigureSettings { worn_num: 3, ..short() }),
+            (
+                "seconds",
+                FigureSettings {
+                    seconds: f64::NAN,
+                    ..short()
+                },
+            ),
+        ];
+        for (field, settings) in cases {
+            let refusal = compute(&shen2022(), &settings, &|_| ()).unwrap_err();
+            assert!(
+                matches!(&refusal, FiguresError::Setting { field: named, .. } if *named == field),
+                "{refusal}"
+            );
+        }
+        let deep = FigureSettings {
+            wear_um: [50.0, 100.0, 9000.0],
+            ..short()
+        };
+        assert!(
+            compute(&shen2022(), &deep, &|_| ())
+                .unwrap_err()
+                .to_string()
+                .starts_with("wear depth in mm")
+        );
+    }
+}

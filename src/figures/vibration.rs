@@ -18,7 +18,7 @@ const HARMONICS_KEPT: f64 = 10.5;
 /// Places of the mean mesh period.
 pub(super) const MEAN_PLACES: usize = 125;
 /// Strongest lines whose kind is looked at.
-const STRONGEST: usize = 40;
+const STRONGEST: usize = 20;
 /// Shaft sidebands to either side of a mesh harmonic that count as its own.
 const SIDEBANDS: i32 = 2;
 /// Least rank correlation of an indicator that rises.
@@ -71,8 +71,12 @@ pub struct Vibration {
     pub envelope: Lines,
     /// The strongest lines of the spectrum, strongest first.
     pub strongest: Lines,
-    /// Envelope amplitudes at the mesh frequency and at one shaft rate below and above it, in m/s².
-    pub envelope_mesh: [f64; 3],
+    /// Median, over the shaft sidebands of the first ten mesh harmonics, of their amplitude against that half a shaft rate further out.
+    pub sideband_to_background: f64,
+    /// Root sum square of the envelope's amplitudes at the first ten mesh harmonics in m/s².
+    pub envelope_harmonics: f64,
+    /// The same at one shaft rate below and above them.
+    pub envelope_sidebands: f64,
 }
 
 /// Figs. 19 to 22.
@@ -141,8 +145,10 @@ pub(super) fn state(
         mean_peak_m_per_s2: mean_peak(&signal, period),
         spectrum: drawn_lines(&spectrum, HARMONICS_KEPT * mesh_hz),
         envelope: drawn_lines(&envelope, HARMONICS_KEPT * mesh_hz),
-        strongest: strongest(&spectrum),
-        envelope_mesh: [0.0, -1.0, 1.0].map(|n| line_at(&envelope, mesh_hz + n * run.shaft_speed_hz)),
+        strongest: strongest(&spectrum, 0.5 * run.shaft_speed_hz),
+        sideband_to_background: sideband_to_background(&spectrum, mesh_hz, run.shaft_speed_hz),
+        envelope_harmonics: root_sum_square(&envelope, mesh_hz, &[0.0]),
+        envelope_sidebands: root_sum_square(&envelope, mesh_hz, &[-run.shaft_speed_hz, run.shaft_speed_hz]),
         acceleration_m_per_s2: signal[..kept].to_vec(),
     };
     Ok((indicators, Some(vibration)))
@@ -191,17 +197,26 @@ fn drawn_lines(spectrum: &Spectrum, up_to_hz: f64) -> Lines {
     lines
 }
 
-/// The strongest local maxima of a spectrum, strongest first.
-fn strongest(spectrum: &Spectrum) -> Lines {
+/// The strongest local maxima of a spectrum, strongest first; what lies within `apart_hz` of a stronger one is its side lobe.
+fn strongest(spectrum: &Spectrum, apart_hz: f64) -> Lines {
     let amplitude = &spectrum.amplitude;
     let mut peaks: Vec<usize> = (1..amplitude.len().saturating_sub(1))
         .filter(|k| amplitude[*k] > amplitude[k - 1] && amplitude[*k] >= amplitude[k + 1])
         .collect();
     peaks.sort_by(|a, b| amplitude[*b].total_cmp(&amplitude[*a]));
-    peaks.truncate(STRONGEST);
+    let apart = (apart_hz / spectrum.resolution_hz) as usize;
+    let mut lines: Vec<usize> = Vec::with_capacity(STRONGEST);
+    for peak in peaks {
+        if lines.len() == STRONGEST {
+            break;
+        }
+        if lines.iter().all(|line| line.abs_diff(peak) > apart) {
+            lines.push(peak);
+        }
+    }
     Lines {
-        frequency_hz: peaks.iter().map(|k| spectrum.frequency_hz(*k)).collect(),
-        amplitude: peaks.iter().map(|k| amplitude[*k]).collect(),
+        frequency_hz: lines.iter().map(|k| spectrum.frequency_hz(*k)).collect(),
+        amplitude: lines.iter().map(|k| amplitude[*k]).collect(),
     }
 }
 
@@ -211,6 +226,22 @@ fn line_at(spectrum: &Spectrum, frequency_hz: f64) -> f64 {
     let (first, last) = ((place - 1.5).ceil().max(0.0) as usize, (place + 1.5).floor() as usize);
     let bins = spectrum.amplitude.get(first..=last.min(spectrum.amplitude.len().saturating_sub(1)));
     bins.unwrap_or_default().iter().copied().fold(0.0, f64::max)
+}
+
+/// Root sum square of the lines at each of these distances from the first ten mesh harmonics.
+fn root_sum_square(spectrum: &Spectrum, mesh_hz: f64, beside_hz: &[f64]) -> f64 {
+    let lines = (1..=10).flat_map(|h| beside_hz.iter().map(move |beside| f64::from(h) * mesh_hz + beside));
+    lines.map(|frequency| line_at(spectrum, frequency).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Median of the sidebands' amplitudes against those of the places half a shaft rate beyond them.
+fn sideband_to_background(spectrum: &Spectrum, mesh_hz: f64, shaft_hz: f64) -> f64 {
+    let sides = (1..=10).flat_map(|h| [-shaft_hz, shaft_hz].map(|beside| (f64::from(h) * mesh_hz, beside)));
+    let mut ratios: Vec<f64> = sides
+        .map(|(harmonic, beside)| line_at(spectrum, harmonic + beside) / line_at(spectrum, harmonic + 1.5 * beside).max(f64::MIN_POSITIVE))
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    ratios[ratios.len() / 2]
 }
 
 /// How many of the strongest lines are mesh harmonics or their nearest shaft sidebands.
@@ -233,7 +264,7 @@ fn interval_of_impacts(state: &Vibration) -> Option<f64> {
     let impact = |change: f64, next: f64| {
         let reach = (next - change).rem_euclid(1.0).min(0.33);
         let start = (change * MEAN_PLACES as f64).floor() as usize;
-        let places = start..=start + (reach * MEAN_PLACES as f64).ceil() as usize;
+        let places = start..start + (reach * MEAN_PLACES as f64).ceil() as usize;
         let magnitude = |place: usize| (state.mean_period_m_per_s2[place % MEAN_PLACES] - mean).abs();
         places.max_by(|a, b| magnitude(*a).total_cmp(&magnitude(*b)))
     };
@@ -297,9 +328,17 @@ impl VibrationFigures {
         checks.push(Check::new(
             20,
             "Mesh harmonics and their shaft sidebands are the main lines, worn or not: the spectrum keeps its structure.",
-            "all of the 40 strongest lines are mesh harmonics or at most two shaft rates beside one",
+            "all of the 20 strongest lines are mesh harmonics or at most two shaft rates beside one",
             format!("{} and {} of {STRONGEST}", own[0], own[1]),
             own == [STRONGEST; 2],
+        ));
+        let sidebands = [unworn, worn].map(|state| state.sideband_to_background);
+        checks.push(Check::new(
+            20,
+            "The shaft sidebands of the mesh harmonics are to be seen.",
+            "their median at least twice the amplitude half a shaft rate further out",
+            format!("{:.2} and {:.2} times", sidebands[0], sidebands[1]),
+            sidebands.iter().all(|ratio| *ratio >= 2.0),
         ));
         let mesh_lines = [unworn, worn].map(|state| greatest_near(&state.spectrum, self.mesh_hz));
         checks.push(Check::new(
@@ -309,13 +348,24 @@ impl VibrationFigures {
             format!("{:.2} and {:.2} m/s²", mesh_lines[0], mesh_lines[1]),
             (mesh_lines[1] / mesh_lines[0] - 1.0).abs() > 0.1,
         ));
-        let lines = unworn.envelope_mesh.iter().zip(&worn.envelope_mesh);
-        checks.push(Check::new(
-            21,
-            "In the envelope spectrum the mesh frequency and its shaft sidebands grow with wear.",
-            "mesh frequency and one shaft rate below and above it",
-            format!("{:.3?} and {:.3?} m/s²", unworn.envelope_mesh, worn.envelope_mesh),
-            lines.clone().all(|(before, after)| after > before),
+        let grows = |statement, before: f64, after: f64| {
+            Check::new(
+                21,
+                statement,
+                "root sum square over the first ten mesh harmonics",
+                format!("{before:.3} and {after:.3} m/s²"),
+                after > before,
+            )
+        };
+        checks.push(grows(
+            "In the envelope spectrum the mesh harmonics grow with wear.",
+            unworn.envelope_harmonics,
+            worn.envelope_harmonics,
+        ));
+        checks.push(grows(
+            "In the envelope spectrum the shaft sidebands of the mesh harmonics grow with wear.",
+            unworn.envelope_sidebands,
+            worn.envelope_sidebands,
         ));
         let statements = [
             "RMS grows with wear.",

@@ -16,6 +16,8 @@ mod limits;
 mod mesh_cycle;
 mod pair;
 mod pair_curve;
+#[cfg(test)]
+mod reference;
 mod relationship;
 mod response;
 mod root;

@@ -20,9 +20,15 @@ impl Panel {
             plot: Plot::new(),
             layout: Layout::new()
                 .title(Title::with_text(title))
-                .height(340)
+                .height(if title.is_empty() { 310 } else { 340 })
                 .auto_size(true)
-                .margin(Margin::new().left(70).right(15).top(45).bottom(50))
+                .margin(
+                    Margin::new()
+                        .left(70)
+                        .right(15)
+                        .top(if title.is_empty() { 15 } else { 45 })
+                        .bottom(50),
+                )
                 .legend(
                     Legend::new()
                         .x(1.0)
