@@ -15,7 +15,11 @@ use realfft::num_complex::Complex;
 /// Points of the mesh period from which the excitation is interpolated.
 const POINTS: usize = 200_000;
 /// Instants per turn at which the reference is kept.
-const INSTANTS: usize = 24_000;
+const INSTANTS: usize = 96_000;
+/// Places are integrated in tenths of a millimetre, so that one absolute tolerance serves places and velocities.
+const PLACE_M: f64 = 1e-4;
+/// Relative tolerance, and absolute tolerance in units of the place and in m/s.
+const TOLERANCE: f64 = 1e-9;
 /// Turns before the compared one.
 const SETTLING_TURNS: usize = 2;
 
@@ -135,14 +139,14 @@ impl System<f64, Vector6<f64>> for Interval<'_> {
     fn system(&self, seconds: f64, state: &Vector6<f64>, slope: &mut Vector6<f64>) {
         let [stiffness, error, error_rate] = self.excitation.at(seconds, self.inside);
         let masses = self.masses;
-        let mesh = state[0] - state[1] + state[2] - error;
+        let mesh = PLACE_M * (state[0] - state[1] + state[2]) - error;
         let mesh_rate = state[3] - state[4] + state[5] - error_rate;
         let force = stiffness * mesh + masses.damping * mesh_rate;
-        let support = |i: usize| masses.support[0] * state[i] + masses.support[1] * state[i + 3];
+        let support = |i: usize| masses.support[0] * PLACE_M * state[i] + masses.support[1] * state[i + 3];
         *slope = Vector6::new(
-            state[3],
-            state[4],
-            state[5],
+            state[3] / PLACE_M,
+            state[4] / PLACE_M,
+            state[5] / PLACE_M,
             masses.drive - force * masses.inverse[0],
             (force - support(1)) * masses.inverse[1],
             (-force - support(2)) * masses.inverse[2],
@@ -157,7 +161,7 @@ fn reference_velocity(pair: &GearPair, cycle: &MeshCycle) -> Vec<f64> {
     let force = masses.drive / masses.inverse[0];
     let [stiffness, error, _] = excitation.at(0.0, 1e-9);
     let support = force / masses.support[0];
-    let mut state = Vector6::new(force / stiffness + 2.0 * support + error, support, -support, 0.0, 0.0, 0.0);
+    let mut state = Vector6::new(force / stiffness + 2.0 * support + error, support, -support, 0.0, 0.0, 0.0) / PLACE_M;
     let mut kept = Vec::with_capacity(INSTANTS + 1);
     let mut cut_places = excitation.cuts.clone();
     cut_places.sort_by(f64::total_cmp);
@@ -181,8 +185,7 @@ fn reference_velocity(pair: &GearPair, cycle: &MeshCycle) -> Vec<f64> {
                     masses: &masses,
                     inside: 0.5 * (from + to),
                 };
-                let (rtol, atol) = (1e-10, 1e-13);
-                let mut solver = Dop853::new(interval, from, *to, to - from, state, rtol, atol);
+                let mut solver = Dop853::new(interval, from, *to, to - from, state, TOLERANCE, TOLERANCE);
                 solver.set_output(OutputType::Sparse);
                 solver.integrate().unwrap();
                 state = *solver.y_out().last().unwrap();

@@ -340,7 +340,10 @@ impl VibrationFigures {
             format!("{:.2} and {:.2} times", sidebands[0], sidebands[1]),
             sidebands.iter().all(|ratio| *ratio >= 2.0),
         ));
-        let mesh_lines = [unworn, worn].map(|state| greatest_near(&state.spectrum, self.mesh_hz));
+        let mesh_lines = [unworn, worn].map(|drawn| {
+            let state = self.indicators.iter().find(|state| state.num == drawn.num);
+            state.map_or(f64::NAN, |state| state.omx)
+        });
         checks.push(Check::new(
             20,
             "Wear changes the amplitudes of the lines.",
@@ -384,7 +387,7 @@ impl VibrationFigures {
                 statement,
                 "Spearman's rank correlation with NUM at least 0.9",
                 format!(
-                    "ρ = {:.3}; {first:.3} at the first and {last:.3} at the last state, range {:.3}",
+                    "ρ = {:.4}; {first:.3} at the first and {last:.3} at the last state, range {:.3}",
                     self.spearman[i],
                     range(&values)
                 ),
@@ -393,14 +396,4 @@ impl VibrationFigures {
         }
         checks
     }
-}
-
-/// Strongest drawn line within 3 Hz of a frequency.
-fn greatest_near(lines: &Lines, frequency_hz: f64) -> f64 {
-    let near = lines
-        .frequency_hz
-        .iter()
-        .zip(&lines.amplitude)
-        .filter(|(f, _)| (**f - frequency_hz).abs() < 3.0);
-    near.map(|(_, amplitude)| *amplitude).fold(0.0, f64::max)
 }
