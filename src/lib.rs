@@ -7,6 +7,7 @@
 //! | [`gear`] | the physics of one gear pair: geometry, wear, mesh relationship, stiffness, dynamics |
 //! | [`signal`] | a validated record, its spectra, indicators and features |
 //! | [`library`] | the grid of simulated wear states |
+//! | [`figures`] | the model's figures beside those of the paper it follows, with checks |
 //! | [`simulation`] | a synthetic run to failure with the truth known |
 //! | [`estimate`] | the healthy baseline, the likelihood and the tracking of wear over time |
 //! | [`recording`] | bytes to records and back: WAV, MCAP, CSV, protobuf, JSON |
@@ -19,6 +20,7 @@
 pub mod asset;
 pub mod cli;
 pub mod estimate;
+pub mod figures;
 pub mod gear;
 pub mod http;
 pub mod ingest;

@@ -57,6 +57,9 @@ pub enum CliError {
     /// A library could not be built or read.
     #[error(transparent)]
     Library(#[from] crate::library::LibraryError),
+    /// The figures could not be made.
+    #[error(transparent)]
+    Figures(#[from] crate::figures::FiguresError),
     /// A recording could not be converted.
     #[error(transparent)]
     Convert(#[from] super::convert::ConvertError),

@@ -4,6 +4,7 @@ mod analyze;
 mod convert;
 mod demo;
 mod error;
+mod figures;
 mod library;
 mod model;
 mod output;
@@ -43,6 +44,8 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Mesh stiffness and transmission error of a worn pair over one mesh period
     Model(model::ModelArgs),
+    /// The figures of the model's paper from this model, with its statements checked
+    Figures(figures::FiguresArgs),
     /// Build, list and show libraries of simulated wear states
     Library(library::LibraryArgs),
     /// Turn other recordings into MCAP or WAV
@@ -64,6 +67,7 @@ pub fn run() -> ExitCode {
         Command::Replay(args) => replay::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Model(args) => model::run(args),
+        Command::Figures(args) => figures::run(args),
         Command::Library(args) => library::run(args),
         Command::Convert(args) => convert::run(args).map_err(CliError::from),
     };

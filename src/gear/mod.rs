@@ -22,6 +22,8 @@ mod mesh_cycle;
 mod pair;
 mod pair_curve;
 mod plane_elasticity;
+#[cfg(test)]
+mod reference;
 mod relationship;
 mod response;
 mod ring_sector;

@@ -205,11 +205,11 @@ mod tests {
 
     #[test]
     fn wear_shrinks_the_flanks_range_and_widens_the_rotations() {
-        // Fig. 8's two findings with a prototype's numbers for this wear.
+        // Fig. 8's two findings; the ranges of α₁ and φ₁ are among the reference numbers.
         let (pair, wear) = typical_wear();
         let solved = MeshRelationship::solve(&pair, &wear).unwrap();
-        assert!((range(&solved.alpha1_rad) - 0.40142).abs() < 5e-4, "{}", range(&solved.alpha1_rad));
-        assert!((range(&solved.phi1_rad) - 0.43731).abs() < 5e-4, "{}", range(&solved.phi1_rad));
+        assert!(range(&solved.alpha1_rad) < pair.gears[0].tip_angle_rad - pair.gears[0].root_angle_rad);
+        assert!(range(&solved.phi1_rad) > 0.42186);
         assert!(range(&solved.alpha1_prime_rad) < pair.gears[1].tip_angle_rad - pair.gears[1].root_angle_rad);
         // φ₂'s exact slope is that of the points.
         for i in 1..600 {

@@ -4,11 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room and the rooms it may name.
-const ROOMS: [(&str, &[&str]); 11] = [
+const ROOMS: [(&str, &[&str]); 12] = [
     ("gear", &[]),
     ("signal", &[]),
     ("library", &["gear", "signal"]),
     ("simulation", &["gear", "signal"]),
+    ("figures", &["gear", "signal"]),
     ("estimate", &["library", "signal"]),
     ("recording", &["signal"]),
     ("asset", &["gear", "signal", "estimate"]),
@@ -25,6 +26,7 @@ const ROOMS: [(&str, &[&str]); 11] = [
             "signal",
             "library",
             "simulation",
+            "figures",
             "estimate",
             "recording",
             "asset",
@@ -36,7 +38,7 @@ const ROOMS: [(&str, &[&str]); 11] = [
 ];
 
 /// Rooms without a runtime, a database, a clock, the environment or chance.
-const PURE: [&str; 6] = ["gear", "signal", "library", "simulation", "estimate", "recording"];
+const PURE: [&str; 7] = ["gear", "signal", "library", "simulation", "figures", "estimate", "recording"];
 
 const IMPURE: [&str; 10] = [
     "tokio",

@@ -7,6 +7,7 @@ mod browser;
 mod command_line;
 mod dashboard;
 mod durability;
+mod figures;
 mod left_out;
 mod problems;
 mod real_gearbox;
