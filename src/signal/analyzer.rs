@@ -46,8 +46,8 @@ pub struct Analysis {
 /// Turns records into spectra, indicators and features. Keeps its transform plans and work space from record to record, so one
 /// belongs to each worker thread.
 pub struct Analyzer {
-    settings: AnalysisSettings,
-    work: RecordSpectrum,
+    pub(super) settings: AnalysisSettings,
+    pub(super) work: RecordSpectrum,
 }
 
 impl Analyzer {
@@ -150,7 +150,7 @@ impl Analyzer {
     }
 
     /// Drops work space that only a very long record needs.
-    fn give_back(&mut self, record: &Record) {
+    pub(super) fn give_back(&mut self, record: &Record) {
         if record.samples().len() > KEPT_SAMPLES {
             self.work = RecordSpectrum::default();
         }
