@@ -40,6 +40,7 @@ pub enum Absence {
 /// | `kurtosis` | E[((x − μ)/σ)⁴], Eq. (32): population σ, not excess (Gaussian 3, sine 1.5) | none |
 /// | `omx` | amplitude of the first mesh line: `mesh_1` | the record's |
 /// | `mesh_h` | peak amplitude of the line at h × mesh frequency, h = 1 …: Hann window, amplitude-corrected, interpolated between bins | the record's |
+/// | `band_…` | root mean square of a band that the user defines: see [`Band`](super::Band) | the record's, or mm/s |
 ///
 /// Over the angle of the driving shaft, by [`Analyzer::gear_indicators`](super::Analyzer::gear_indicators): x is the synchronous average
 /// over at least 4 turns, its mean removed, g its regular signal (shaft orders 1 and 2, all mesh harmonics), r = x − g the residual, d the

@@ -7,10 +7,14 @@
 
 mod analyzer;
 mod angle_record;
+mod band;
+mod cepstrum;
 mod envelope;
 mod faults;
 mod features;
 mod gear_indicators;
+#[cfg(test)]
+mod gear_reference;
 mod gear_signals;
 mod indicators;
 mod line;
@@ -31,6 +35,8 @@ mod transform;
 
 pub use analyzer::{Analysis, AnalysisSettings, Analyzer};
 pub use angle_record::{AngleRecord, OrderSpectrum};
+pub use band::{Band, BandQuantity};
+pub use cepstrum::Cepstrum;
 pub use envelope::{BandError, BandSource};
 pub use features::{Features, PREPROCESSING};
 pub use gear_indicators::{GearAnalysis, RunMean};
