@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::gear::PairSpec;
-use crate::signal::MeshContext;
+use crate::signal::{Band, MeshContext};
 
 /// An asset's name in addresses and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or digit.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -60,6 +60,9 @@ pub struct AssetSpec {
     /// Band of the envelope spectrum in hertz; the band around the strongest mesh harmonic where not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub envelope_band_hz: Option<[f64; 2]>,
+    /// Frequency bands whose root mean square becomes an indicator of each record.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bands: Vec<Band>,
 }
 
 /// The monitored gear mesh.
@@ -113,6 +116,9 @@ pub struct WearLimits {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub danger_um: Option<f64>,
 }
+
+/// The most bands of an asset: each is stored with every record.
+const MOST_BANDS: usize = 16;
 
 fn default_speed_tolerance() -> f64 {
     0.05
@@ -222,6 +228,18 @@ impl AssetSpec {
                 "two frequencies, the lower one first",
             ));
         }
+        if self.bands.len() > MOST_BANDS {
+            return Err(field("bands", format!("a list of {}", self.bands.len()), "at most 16 bands"));
+        }
+        for (index, band) in self.bands.iter().enumerate() {
+            if !band.is_usable() || self.bands[..index].iter().any(|other| other.name == band.name) {
+                return Err(field(
+                    "bands",
+                    format!("{band:?}"),
+                    "a name of its own of 1 to 32 characters of a-z, 0-9 and _, and two frequencies, the lower one first",
+                ));
+            }
+        }
         if let Some(pair) = &gear.pair {
             pair.resolve()?;
             if pair.geometry.teeth != gear.teeth {
@@ -256,5 +274,29 @@ fn field(field: &'static str, value: impl fmt::Display, expected: &'static str) 
         field,
         value: value.to_string(),
         expected,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_bands(bands: &str) -> Result<AssetSpec, AssetError> {
+        AssetSpec::from_toml(&format!("id = \"a\"\n{bands}\n[gear]\nteeth = [24, 36]\nshaft_speed_hz = 16.6"))
+    }
+
+    #[test]
+    fn bands_are_read_and_checked() {
+        let spec = with_bands("bands = [{ name = \"velocity\", band_hz = [10, 1000], quantity = \"velocity\" }]").unwrap();
+        assert_eq!(spec.bands[0].band_hz, [10.0, 1000.0]);
+        assert!(with_bands("").unwrap().bands.is_empty());
+        for band in [
+            "{ name = \"A\", band_hz = [10, 1000] }",
+            "{ name = \"a\", band_hz = [10, 10] }",
+            "{ name = \"a\", band_hz = [1, 10] }, { name = \"a\", band_hz = [1, 20] }",
+        ] {
+            let error = with_bands(&format!("bands = [{band}]")).unwrap_err();
+            assert!(matches!(error, AssetError::Field { field: "bands", .. }), "{error}");
+        }
     }
 }

@@ -130,6 +130,7 @@ async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), 
             danger_um: Some(200.0),
         },
         envelope_band_hz: None,
+        bands: Vec::new(),
     };
     match ingest.create_asset(&asset).await {
         // With a kept data folder the asset may be there from the last time.

@@ -118,7 +118,7 @@ impl Named {
 
     /// Everything that the record says by itself. To be called on a worker thread.
     pub(super) fn analyse(self, spec: &AssetSpec, received_at: Timestamp) -> NewSegment {
-        let analysis = with_analyzer(|analyzer| analyzer.analyze(&self.record, &spec.mesh_context()));
+        let analysis = with_analyzer(|analyzer| analyzer.analyze_with_bands(&self.record, &spec.mesh_context(), &spec.bands));
         NewSegment {
             id: self.id,
             asset_id: spec.id.clone(),

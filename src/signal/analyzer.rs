@@ -1,5 +1,6 @@
 //! One record's analysis: a single transform of the whole record serves everything.
 
+use super::band::Band;
 use super::envelope::{BandError, BandSource, band_bins};
 use super::features::Features;
 use super::indicators::{Absence, Indicators};
@@ -46,8 +47,8 @@ pub struct Analysis {
 /// Turns records into spectra, indicators and features. Keeps its transform plans and work space from record to record, so one
 /// belongs to each worker thread.
 pub struct Analyzer {
-    settings: AnalysisSettings,
-    work: RecordSpectrum,
+    pub(super) settings: AnalysisSettings,
+    pub(super) work: RecordSpectrum,
 }
 
 impl Analyzer {
@@ -62,6 +63,11 @@ impl Analyzer {
     /// Indicators and features of a record. Its shaft speed is that of its operating point, else the asset's where that is
     /// exact, else the one found from the mesh comb. What cannot be computed is absent with its reason.
     pub fn analyze(&mut self, record: &Record, mesh: &MeshContext) -> Analysis {
+        self.analyze_with_bands(record, mesh, &[])
+    }
+
+    /// The same with the values of `bands` among the indicators.
+    pub fn analyze_with_bands(&mut self, record: &Record, mesh: &MeshContext, bands: &[Band]) -> Analysis {
         let work = &mut self.work;
         let moments = work.transform(record);
         let resolution_hz = work.resolution_hz(record);
@@ -70,6 +76,10 @@ impl Analyzer {
 
         let mut indicators = Indicators::default();
         moments.indicate(&mut indicators);
+        for band in bands {
+            let value = band.rms(&work.amplitude, work.length, resolution_hz, record.unit());
+            indicators.insert(band.indicator(), value);
+        }
         let mut features = Features::default();
         let deviation = moments.deviation();
         if let (Ok(deviation), Ok(kurtosis)) = (deviation, moments.kurtosis()) {
@@ -117,6 +127,12 @@ impl Analyzer {
         spectrum
     }
 
+    /// The power spectral density of a record with its mean removed, under one Hann window over all of it.
+    pub fn power_spectral_density(&mut self, record: &Record) -> Spectrum {
+        self.amplitude_spectrum(record)
+            .into_density(spectrum_length(record.samples().len()))
+    }
+
     /// The Hann amplitude spectrum of the envelope of a band `[low, high]` in hertz: the modulus, mean removed, of the analytic
     /// signal of the band's bins. It reaches up to the band's width.
     pub fn envelope_spectrum(&mut self, record: &Record, band_hz: [f64; 2]) -> Result<Spectrum, BandError> {
@@ -150,7 +166,7 @@ impl Analyzer {
     }
 
     /// Drops work space that only a very long record needs.
-    fn give_back(&mut self, record: &Record) {
+    pub(super) fn give_back(&mut self, record: &Record) {
         if record.samples().len() > KEPT_SAMPLES {
             self.work = RecordSpectrum::default();
         }

@@ -16,6 +16,18 @@ pub enum Absence {
     Constant,
     /// The frequency lies above half the sampling rate.
     AboveNyquist,
+    /// Fewer than 4 whole turns of the shaft.
+    TooFewTurns,
+    /// The shaft speed varies so much that the record would grow fourfold over the shaft's angle.
+    SpeedVaries,
+    /// Samples stand at the converter's limit: 3 or more in a row at the highest or lowest value, which the signal reaches steeply.
+    Clipped,
+    /// Samples are missing: 64 or more in a row are equal.
+    Gaps,
+    /// The signal to divide by is zero.
+    NoSignal,
+    /// The samples' unit is not one of acceleration, so that no velocity follows from them.
+    NotAcceleration,
 }
 
 /// The condition indicators of one record by name; those that could not be computed are absent with a reason, never zero.
@@ -28,6 +40,22 @@ pub enum Absence {
 /// | `kurtosis` | E[((x − μ)/σ)⁴], Eq. (32): population σ, not excess (Gaussian 3, sine 1.5) | none |
 /// | `omx` | amplitude of the first mesh line: `mesh_1` | the record's |
 /// | `mesh_h` | peak amplitude of the line at h × mesh frequency, h = 1 …: Hann window, amplitude-corrected, interpolated between bins | the record's |
+/// | `band_…` | root mean square of a band that the user defines: see [`Band`](super::Band) | the record's, or mm/s |
+///
+/// Over the angle of the driving shaft, by [`Analyzer::gear_indicators`](super::Analyzer::gear_indicators): x is the synchronous average
+/// over at least 4 turns, its mean removed, g its regular signal (shaft orders 1 and 2, all mesh harmonics), r = x − g the residual, d the
+/// difference (r without the first-order sidebands of every mesh harmonic), z the teeth, A(k) the amplitude of x at shaft order k.
+///
+/// | name | definition | unit |
+/// | --- | --- | --- |
+/// | `omx_tracked` | the first mesh line in the Hann spectrum over orders of all turns, read as `mesh_1` | the record's |
+/// | `sideband_energy_ratio` | Σ_{k=1..6} (A(z − k) + A(z + k)) / A(z) | none |
+/// | `sideband_level_factor` | (A(z − 1) + A(z + 1)) / σ(x) | none |
+/// | `fm0` | (max x − min x) / Σ_{h=1..H} A(hz), H = 10 or as far as half the sampling rate (Stewart 1977) | none |
+/// | `fm4`, `m6a`, `m8a` | E\[d⁴\]/E\[d²\]², E\[d⁶\]/E\[d²\]³, E\[d⁸\]/E\[d²\]⁴: Gaussian 3, 15, 105 (Martin 1989) | none |
+/// | `energy_ratio` | σ(d)/σ(g); some authors divide by the sidebands too | none |
+/// | `residual_variance`, `residual_fourth_moment` | E\[r²\], E\[r⁴\]: what NA4 is made of (see [`RunMean`](super::RunMean)) | the record's², ⁴ |
+/// | `mesh_envelope_variance`, `mesh_envelope_fourth_moment` | the same of the envelope of orders z − 6 to z + 6, its mean removed: what NB4 is made of | the record's², ⁴ |
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Indicators {
     /// Value by indicator name.

@@ -4,7 +4,7 @@ use realfft::num_complex::Complex;
 use serde::Serialize;
 
 /// Equivalent noise bandwidth of the Hann window in bins.
-const HANN_BANDWIDTH_BINS: f64 = 1.5;
+pub(super) const HANN_BANDWIDTH_BINS: f64 = 1.5;
 
 /// A one-sided amplitude (peak) spectrum: a sine of amplitude A on a bin reads A there.
 ///
@@ -12,9 +12,9 @@ const HANN_BANDWIDTH_BINS: f64 = 1.5;
 /// sampling rate have no mirror image and are not doubled.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Spectrum {
-    /// What the values are: `"amplitude_peak"`.
+    /// What the values are: `"amplitude_peak"`, or `"psd"` for a power spectral density.
     pub quantity: &'static str,
-    /// Unit of the amplitudes: that of the record.
+    /// Unit of the values: that of the record, for a power spectral density its square per hertz.
     pub unit: String,
     /// Name of the window: `"hann"`.
     pub window: &'static str,
@@ -22,7 +22,7 @@ pub struct Spectrum {
     pub bandwidth_hz: f64,
     /// Distance of the bins in hertz.
     pub resolution_hz: f64,
-    /// Amplitude of bin k, at k × `resolution_hz`.
+    /// Value of bin k, at k × `resolution_hz`.
     pub amplitude: Vec<f64>,
 }
 
@@ -37,6 +37,19 @@ impl Spectrum {
             resolution_hz,
             amplitude,
         }
+    }
+
+    /// The power spectral density of the same record of `samples` samples: the mean square in each bin over the window's bandwidth,
+    /// SciPy's `periodogram` with `window="hann", scaling="density"`. Its sum times the resolution is the record's variance, but for what
+    /// the window makes of it.
+    pub(super) fn into_density(mut self, samples: usize) -> Self {
+        for (k, value) in self.amplitude.iter_mut().enumerate() {
+            let sides = if k == 0 || 2 * k == samples { 1.0 } else { 0.5 };
+            *value = sides * *value * *value / self.bandwidth_hz;
+        }
+        self.quantity = "psd";
+        self.unit = format!("({})^2/Hz", self.unit);
+        self
     }
 
     /// The frequency of a bin in hertz.

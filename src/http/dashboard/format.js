@@ -86,6 +86,12 @@ const ABSENCES = {
   too_short: "record too short",
   constant: "signal does not vary",
   above_nyquist: "above half the sampling rate",
+  too_few_turns: "fewer than 4 turns",
+  speed_varies: "speed varies too much",
+  clipped: "clipped",
+  gaps: "samples missing",
+  no_signal: "no signal to compare with",
+  not_acceleration: "unit is not an acceleration",
 };
 
 /** Why an indicator is absent, in words. */

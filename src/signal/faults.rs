@@ -1,0 +1,76 @@
+//! Samples that are not what the sensor felt: clipped ones and gaps.
+
+use super::indicators::Absence;
+
+/// This many equal samples in a row are no vibration.
+const GAP_SAMPLES: usize = 64;
+
+/// This many in a row at the highest or lowest value are clipped ...
+const CLIPPED_SAMPLES: usize = 3;
+
+/// ... where the samples beside them lie this part of the range below on average: the slow crest of a low tone stays flat without a
+/// converter's limit.
+const STEEP_PART: f64 = 0.01;
+
+/// What makes indicators of a record's shape meaningless: a gap filled with one value, or clipping.
+pub(super) fn fault(samples: &[f32]) -> Option<Absence> {
+    let low = samples.iter().copied().fold(f32::INFINITY, f32::min);
+    let high = samples.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    if low >= high {
+        return Some(Absence::Constant);
+    }
+    let mut clipped = [(0_usize, 0.0); 2];
+    let mut first = 0;
+    while first < samples.len() {
+        let value = samples[first];
+        let run = samples[first..].iter().take_while(|&&x| x == value).count();
+        let past = first + run;
+        if run >= GAP_SAMPLES {
+            return Some(Absence::Gaps);
+        }
+        for (side, limit) in [low, high].into_iter().enumerate() {
+            if value == limit && run >= CLIPPED_SAMPLES {
+                let beside = [first.checked_sub(1), Some(past).filter(|&past| past < samples.len())];
+                for index in beside.into_iter().flatten() {
+                    clipped[side].0 += 1;
+                    clipped[side].1 += (f64::from(samples[index]) - f64::from(limit)).abs();
+                }
+            }
+        }
+        first = past;
+    }
+    let range = f64::from(high) - f64::from(low);
+    let steep = |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= STEEP_PART * range;
+    clipped.into_iter().any(steep).then_some(Absence::Clipped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sine(period: f64, limit: f32) -> Vec<f32> {
+        let levels = 32_767.0;
+        (0..5000)
+            .map(|i| ((std::f64::consts::TAU * f64::from(i) / period).sin() * levels).round() as f32 / levels as f32)
+            .map(|x| x.clamp(-1.0, limit))
+            .collect()
+    }
+
+    #[test]
+    fn clipped_and_missing_samples_are_seen() {
+        assert_eq!(fault(&sine(50.3, 0.9)), Some(Absence::Clipped));
+        let mut gap = sine(50.3, 1.0);
+        gap[1000..1064].fill(0.25);
+        assert_eq!(fault(&gap), Some(Absence::Gaps));
+        assert_eq!(fault(&[2.5; 10]), Some(Absence::Constant));
+    }
+
+    /// 16 bits give a tone of 1000 samples a period some equal samples at its crest.
+    #[test]
+    fn whole_crests_are_not_clipped() {
+        for period in [2.1, 7.3, 50.3, 1000.0, 2500.0] {
+            assert_eq!(fault(&sine(period, 1.0)), None, "{period}");
+        }
+        assert_eq!(fault(&[1.0, 2.0]), None);
+    }
+}

@@ -1,0 +1,168 @@
+//! The synchronous average of a gear split into what belongs to a healthy mesh and what does not.
+
+use realfft::num_complex::Complex;
+
+use super::transform::Transforms;
+
+/// Shaft orders that are regular: once and twice per turn (unbalance, misalignment).
+const SHAFT_ORDERS: usize = 2;
+
+/// Sidebands on each side of the mesh line in sideband energy and in the envelope band of NB4.
+const SIDEBANDS: usize = 6;
+
+/// The synchronous average of one shaft over one turn, and its parts. Bins of its transform are whole orders of the shaft, so that the
+/// parts are exact: no window, no leakage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GearSignals {
+    /// The average, its mean removed.
+    pub average: Vec<f64>,
+    /// Shaft orders 1 and 2 and all mesh harmonics below half the sampling rate.
+    pub regular: Vec<f64>,
+    /// The average without the regular signal.
+    pub residual: Vec<f64>,
+    /// The residual without the first-order sidebands of every mesh harmonic.
+    pub difference: Vec<f64>,
+    /// The modulus of the analytic signal of the orders teeth − 6 to teeth + 6 (of 1 and above, below 2 × teeth), mean removed.
+    pub mesh_envelope: Vec<f64>,
+    /// Amplitude (peak) at each order.
+    amplitude: Vec<f64>,
+    teeth: usize,
+}
+
+impl GearSignals {
+    /// Splits `average`, one turn of a shaft with this many teeth; `None` unless order `teeth` + 1 lies below half its samples.
+    pub(super) fn split(average: &[f64], teeth: u32, transforms: &mut Transforms) -> Option<Self> {
+        let (samples, teeth) = (average.len(), teeth as usize);
+        if teeth == 0 || 2 * (teeth + 1) >= samples {
+            return None;
+        }
+        let mut bins = Vec::new();
+        transforms.forward(&mut average.to_vec(), &mut bins);
+        let scale = 1.0 / samples as f64;
+        bins.iter_mut().for_each(|bin| *bin *= scale);
+        bins[0] = Complex::default();
+        let mut signal = |keep: &dyn Fn(usize) -> bool, factor: Complex<f64>| {
+            let mut kept: Vec<Complex<f64>> = bins
+                .iter()
+                .enumerate()
+                .map(|(k, bin)| if keep(k) { bin * factor } else { Complex::default() })
+                .collect();
+            if let Some(last) = kept.last_mut()
+                && samples.is_multiple_of(2)
+            {
+                last.im = 0.0;
+            }
+            let mut output = vec![0.0; samples];
+            transforms.inverse(&mut kept, &mut output);
+            output
+        };
+        let one = Complex::new(1.0, 0.0);
+        let regular = |k: usize| k <= SHAFT_ORDERS || k.is_multiple_of(teeth);
+        let sideband = |k: usize| k > teeth / 2 && (k % teeth == 1 || k % teeth == teeth - 1);
+        let band = teeth.saturating_sub(SIDEBANDS).max(1)..=(teeth + SIDEBANDS).min(2 * teeth - 1).min((samples - 1) / 2);
+        let real = signal(&|k| band.contains(&k), one);
+        let imaginary = signal(&|k| band.contains(&k), Complex::new(0.0, -1.0));
+        let mut mesh_envelope: Vec<f64> = real.iter().zip(&imaginary).map(|(re, im)| (re * re + im * im).sqrt()).collect();
+        let mean = mesh_envelope.iter().sum::<f64>() * scale;
+        mesh_envelope.iter_mut().for_each(|modulus| *modulus -= mean);
+        Some(Self {
+            average: signal(&|_| true, one),
+            regular: signal(&regular, one),
+            residual: signal(&|k| !regular(k), one),
+            difference: signal(&|k| !regular(k) && !sideband(k), one),
+            mesh_envelope,
+            amplitude: bins.iter().map(|bin| 2.0 * bin.norm()).collect(),
+            teeth,
+        })
+    }
+
+    /// Amplitude (peak) of mesh harmonic `order`, where it lies below half the sampling rate.
+    pub fn mesh_line(&self, order: usize) -> Option<f64> {
+        self.below_half(order * self.teeth)
+    }
+
+    /// Σ of the amplitudes at teeth ± k shaft orders, k = 1 … 6, where all of them are there and belong to the first mesh line.
+    pub(super) fn sideband_sum(&self) -> Option<f64> {
+        if self.teeth <= SIDEBANDS {
+            return None;
+        }
+        (1..=SIDEBANDS)
+            .map(|k| Some(self.below_half(self.teeth - k)? + self.below_half(self.teeth + k)?))
+            .sum()
+    }
+
+    /// Sum of the amplitudes of the first sidebands of the first mesh line.
+    pub(super) fn first_sidebands(&self) -> Option<f64> {
+        Some(self.below_half(self.teeth - 1)? + self.below_half(self.teeth + 1)?)
+    }
+
+    fn below_half(&self, order: usize) -> Option<f64> {
+        (2 * order < self.average.len()).then(|| self.amplitude[order])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    fn turn(lines: &[(f64, f64)]) -> Vec<f64> {
+        let at = |i: i32| {
+            lines
+                .iter()
+                .map(|(order, a)| a * (TAU * order * f64::from(i) / 240.0 + order).cos())
+                .sum()
+        };
+        (0..240).map(at).collect()
+    }
+
+    fn assert_equal(got: &[f64], want: &[f64]) {
+        assert!(got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-12), "{got:?} {want:?}");
+    }
+
+    /// What is put in at each order comes out in its part, and nowhere else.
+    #[test]
+    fn parts_are_the_orders_put_in() {
+        let regular = [(1.0, 0.3), (2.0, 0.2), (20.0, 1.0), (40.0, 0.5), (100.0, 0.1)];
+        let sidebands = [(19.0, 0.2), (21.0, 0.25), (41.0, 0.05), (99.0, 0.03)];
+        let others = [(3.0, 0.07), (18.0, 0.06), (55.0, 0.04), (115.0, 0.02)];
+        let average = turn(&[&regular[..], &sidebands, &others, &[(0.0, 5.0)]].concat());
+        let got = GearSignals::split(&average, 20, &mut Transforms::default()).unwrap();
+        assert_equal(&got.regular, &turn(&regular));
+        assert_equal(&got.residual, &turn(&[&sidebands[..], &others].concat()));
+        assert_equal(&got.difference, &turn(&others));
+        assert_equal(&got.average, &turn(&[&regular[..], &sidebands, &others].concat()));
+        assert!((got.mesh_line(2).unwrap() - 0.5).abs() < 1e-12);
+        assert_eq!(got.mesh_line(6), None);
+        assert!((got.sideband_sum().unwrap() - (0.2 + 0.25 + 0.06)).abs() < 1e-12);
+        assert!((got.first_sidebands().unwrap() - 0.45).abs() < 1e-12);
+    }
+
+    /// Closed form: (1 + m·cos θ)·cos(zθ) has the envelope 1 + m·cos θ.
+    #[test]
+    fn the_mesh_envelope_is_the_modulation() {
+        let average: Vec<f64> = (0..240)
+            .map(|i| {
+                let angle = TAU * f64::from(i) / 240.0;
+                (1.0 + 0.3 * angle.cos()) * (20.0 * angle).cos()
+            })
+            .collect();
+        let got = GearSignals::split(&average, 20, &mut Transforms::default()).unwrap();
+        assert_equal(
+            &got.mesh_envelope,
+            &turn(&[(1.0, 0.0)])
+                .iter()
+                .zip(0..)
+                .map(|(_, i)| 0.3 * (TAU * f64::from(i) / 240.0).cos())
+                .collect::<Vec<_>>(),
+        );
+    }
+
+    #[test]
+    fn a_turn_without_room_for_its_mesh_is_refused() {
+        for (samples, teeth) in [(0, 20), (42, 20), (240, 0), (240, u32::MAX)] {
+            assert_eq!(GearSignals::split(&vec![1.0; samples], teeth, &mut Transforms::default()), None);
+        }
+    }
+}

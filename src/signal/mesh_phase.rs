@@ -1,0 +1,212 @@
+//! Following a mesh harmonic's phase through a record, and with it the shaft's angle.
+
+use std::f64::consts::TAU;
+
+use realfft::num_complex::Complex;
+
+use super::shaft_angle::{AngleSource, ShaftAngle};
+use super::transform::Transforms;
+
+/// Harmonics that are tried; the one that gives the angle best is taken.
+const HARMONICS: u32 = 5;
+
+/// Reach of the band around a line whose frequency is known, in shaft rates: just short of the first sidebands.
+const KNOWN_REACH_SHAFTS: f64 = 0.9;
+
+/// The widest band around a harmonic, as a part of its frequency: its neighbours must stay outside.
+const WIDEST_REACH_MESHES: f64 = 0.45;
+
+/// What the band reaches beyond the tolerance of the speed.
+const TOLERANCE_MARGIN: f64 = 0.02;
+
+/// The followed line's own band in shaft rates: half way to the first sidebands.
+const LINE_REACH_SHAFTS: f64 = 0.45;
+
+/// Steps of following the phase that was left by the one before.
+const STEPS: usize = 3;
+
+/// The line is lost where its amplitude falls below this part of its root mean square.
+const LOST_LINE: f64 = 0.25;
+
+/// A line must stand this far above the background, as a ratio of amplitudes.
+const LEAST_RATIO: f64 = 4.0;
+
+/// From this ratio on no turn of the phase is lost or gained in noise, and the harmonic with the least error of the angle is the best one;
+/// below it the one that stands out most.
+const SAFE_RATIO: f64 = 8.0;
+
+/// Turns at each end that are left out: the band's filter has not settled there.
+const UNSETTLED_TURNS: f64 = 1.0;
+
+/// The unwindowed transform of a record, and what is known of its mesh.
+#[derive(Clone, Copy)]
+pub(super) struct MeshBand<'a> {
+    /// Bins 0 to ⌊N/2⌋.
+    pub(super) bins: &'a [Complex<f64>],
+    /// N.
+    pub(super) length: usize,
+    /// In hertz.
+    pub(super) sample_rate_hz: f64,
+    /// Teeth of the shaft.
+    pub(super) teeth: u32,
+    /// The mesh frequency that is expected, in hertz.
+    pub(super) mesh_hz: f64,
+}
+
+impl MeshBand<'_> {
+    /// The shaft's angle by the phase of a harmonic within ± 0.9 shaft rates of `mesh_hz`: for a speed that varies less than that.
+    pub(super) fn track_known(&self, transforms: &mut Transforms) -> Option<ShaftAngle> {
+        let reach_hz = KNOWN_REACH_SHAFTS * self.mesh_hz / f64::from(self.teeth);
+        self.track(|_| Some(reach_hz), transforms)
+    }
+
+    /// The shaft's angle where the speed may be anywhere within this tolerance (a fraction) of the expected one, and move.
+    pub(super) fn track_wide(&self, tolerance: f64, transforms: &mut Transforms) -> Option<ShaftAngle> {
+        let part = tolerance + TOLERANCE_MARGIN;
+        let reach = |harmonic: f64| (harmonic * part <= WIDEST_REACH_MESHES).then_some(harmonic * part * self.mesh_hz);
+        self.track(reach, transforms)
+    }
+
+    fn track(&self, reach_hz: impl Fn(f64) -> Option<f64>, transforms: &mut Transforms) -> Option<ShaftAngle> {
+        let quality = |angle: &ShaftAngle| match angle.source() {
+            AngleSource::MeshPhase {
+                line_to_background,
+                angle_error_deg,
+                ..
+            } if line_to_background >= SAFE_RATIO => (true, -angle_error_deg),
+            AngleSource::MeshPhase { line_to_background, .. } => (false, line_to_background),
+            _ => (false, 0.0),
+        };
+        (1..=HARMONICS)
+            .filter_map(|harmonic| self.follow(harmonic, reach_hz(f64::from(harmonic))?, transforms))
+            .max_by(|a, b| {
+                let ((a_is_safe, a), (b_is_safe, b)) = (quality(a), quality(b));
+                a_is_safe.cmp(&b_is_safe).then(a.total_cmp(&b))
+            })
+    }
+
+    /// Follows one harmonic in the band of ± `reach_hz` around where it is expected.
+    ///
+    /// The band's analytic signal at a low rate gives a frequency over one turn at a time, weighted by power, and with it a first phase.
+    /// What the signal's phase differs from it, below 0.45 shaft rates, is added: three times, as each step brings the line nearer to
+    /// zero frequency, where sidebands no longer pass.
+    fn follow(&self, harmonic: u32, reach_hz: f64, transforms: &mut Transforms) -> Option<ShaftAngle> {
+        let duration_s = self.length as f64 / self.sample_rate_hz;
+        let orders = f64::from(harmonic) * f64::from(self.teeth);
+        let shaft_bins = self.mesh_hz / f64::from(self.teeth) * duration_s;
+        let centre_hz = f64::from(harmonic) * self.mesh_hz;
+        let first = ((centre_hz - reach_hz) * duration_s).ceil();
+        let last = ((centre_hz + reach_hz) * duration_s).floor();
+        let usable = first >= 1.0 && last < 0.5 * self.length as f64 && last - first >= 2.0 && shaft_bins > 2.0 * UNSETTLED_TURNS;
+        if !usable {
+            return None;
+        }
+        let (first, last) = (first as usize, last as usize);
+        let signal = self.analytic(first, last, transforms);
+        let samples = signal.len();
+        let turn = (samples as f64 / shaft_bins).round().max(1.0) as usize;
+        let mut phase = first_phase(&signal, turn);
+        let reach_bins = (LINE_REACH_SHAFTS * shaft_bins).ceil() as usize;
+        let mut line = Vec::new();
+        for _ in 0..STEPS {
+            line = low_pass(&turned_back(&signal, &phase), reach_bins, transforms);
+            let mut left = line[0].arg();
+            phase[0] += left;
+            for j in 1..samples {
+                left += (line[j] * line[j - 1].conj()).arg();
+                phase[j] += left;
+            }
+        }
+        let left_out = (UNSETTLED_TURNS * turn as f64) as usize;
+        let inside = left_out..samples.saturating_sub(left_out);
+        if inside.len() < 2 {
+            return None;
+        }
+        let power = |values: &[Complex<f64>]| values.iter().map(|z| z.norm_sqr()).sum::<f64>() / values.len() as f64;
+        let line_power = power(&line[inside.clone()]);
+        let rest = (power(&signal[inside.clone()]) - line_power).max(0.0);
+        let line_bins = (2 * reach_bins + 1) as f64;
+        let other_bins = ((last - first + 1) as f64 - line_bins).max(1.0);
+        // A computed signal may have nothing at all beside its line.
+        let background = (rest * line_bins / other_bins).max(1e-18 * line_power);
+        let ratio = (line_power / background).sqrt();
+        let lowest = line[inside.clone()].iter().map(|z| z.norm()).fold(f64::INFINITY, f64::min);
+        let followed = ratio >= LEAST_RATIO && lowest >= LOST_LINE * line_power.sqrt();
+        if !followed {
+            return None;
+        }
+        // The band was moved down to bin 1.
+        let moved = |j: usize| TAU * (first - 1) as f64 * j as f64 / samples as f64;
+        let start = phase[left_out] + moved(left_out);
+        let revolutions = inside.clone().map(|j| (phase[j] + moved(j) - start) / (TAU * orders)).collect();
+        let times_s = inside.map(|j| j as f64 * duration_s / samples as f64).collect();
+        let source = AngleSource::MeshPhase {
+            harmonic,
+            line_to_background: ratio,
+            angle_error_deg: 360.0 / (TAU * orders * ratio * 2.0_f64.sqrt()),
+        };
+        ShaftAngle::through(revolutions, times_s, source).ok()
+    }
+
+    /// The analytic signal of the bins `first` to `last`, moved down to begin at bin 1, at four samples a bin or somewhat more.
+    fn analytic(&self, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
+        let samples = (4 * (last - first + 1)).next_power_of_two();
+        let scale = 1.0 / self.length as f64;
+        let mut part = |factor: Complex<f64>| {
+            let mut packed = vec![Complex::default(); samples / 2 + 1];
+            for (packed, bin) in packed[1..].iter_mut().zip(&self.bins[first..=last]) {
+                *packed = bin * factor;
+            }
+            let mut output = vec![0.0; samples];
+            transforms.inverse(&mut packed, &mut output);
+            output
+        };
+        let real = part(Complex::new(scale, 0.0));
+        let imaginary = part(Complex::new(0.0, -scale));
+        real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
+    }
+}
+
+/// The integral of the frequency over `turn` samples around each sample, weighted by power.
+fn first_phase(signal: &[Complex<f64>], turn: usize) -> Vec<f64> {
+    let mut sums: Vec<Complex<f64>> = vec![Complex::default()];
+    let mut sum = sums[0];
+    for pair in signal.windows(2) {
+        sum += pair[1] * pair[0].conj();
+        sums.push(sum);
+    }
+    let half = turn.div_ceil(2);
+    let mut phase = vec![0.0];
+    let mut total = 0.0;
+    for j in 0..signal.len() - 1 {
+        let around = sums[(j + 1 + half).min(sums.len() - 1)] - sums[j.saturating_sub(half)];
+        total += around.arg();
+        phase.push(total);
+    }
+    phase
+}
+
+fn turned_back(signal: &[Complex<f64>], phase: &[f64]) -> Vec<Complex<f64>> {
+    signal
+        .iter()
+        .zip(phase)
+        .map(|(z, phase)| z * Complex::from_polar(1.0, -phase))
+        .collect()
+}
+
+/// What lies within `reach` bins of zero.
+fn low_pass(signal: &[Complex<f64>], reach: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
+    let scale = 1.0 / signal.len() as f64;
+    let mut filter = |mut values: Vec<f64>| {
+        let mut bins = Vec::new();
+        transforms.forward(&mut values, &mut bins);
+        for (k, bin) in bins.iter_mut().enumerate() {
+            *bin = if k <= reach { *bin * scale } else { Complex::default() };
+        }
+        transforms.inverse(&mut bins, &mut values);
+        values
+    };
+    let real = filter(signal.iter().map(|z| z.re).collect());
+    let imaginary = filter(signal.iter().map(|z| z.im).collect());
+    real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
+}

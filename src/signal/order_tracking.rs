@@ -1,0 +1,255 @@
+//! Analysis over the angle of the driving shaft, for records at any speed.
+
+use super::analyzer::Analyzer;
+use super::angle_record::{AngleRecord, OrderSpectrum};
+use super::faults::fault;
+use super::gear_indicators::GearAnalysis;
+use super::gear_signals::GearSignals;
+use super::indicators::Absence;
+use super::line::read_line;
+use super::mesh_phase::MeshBand;
+use super::record::Record;
+use super::shaft_angle::ShaftAngle;
+use super::speed::{MeshContext, locate};
+
+impl Analyzer {
+    /// The angle of the driving shaft over a record without a tachometer: the phase of a mesh harmonic near the mesh comb; where the line
+    /// leaves that place, anywhere within the tolerance of the speed; else the record's constant speed. [`ShaftAngle::source`] says which.
+    ///
+    /// # Errors
+    /// Why there is no shaft speed: as for the mesh lines of [`analyze`](Self::analyze).
+    pub fn shaft_angle(&mut self, record: &Record, mesh: &MeshContext) -> Result<ShaftAngle, Absence> {
+        let work = &mut self.work;
+        let moments = work.transform(record);
+        let resolution_hz = work.resolution_hz(record);
+        let given_hz = record.operating_point().shaft_speed_hz;
+        let located = locate(&work.amplitude, resolution_hz, given_hz, mesh, moments.constant, &mut work.sorting);
+        let speed_hz = given_hz.unwrap_or(mesh.nominal_shaft_speed_hz);
+        let band = |mesh_hz: f64| MeshBand {
+            bins: &work.bins,
+            length: work.length,
+            sample_rate_hz: record.sample_rate_hz(),
+            teeth: mesh.teeth,
+            mesh_hz,
+        };
+        let located_hz = located.mesh.map(|bins| bins * resolution_hz);
+        let usable = mesh.teeth > 0 && speed_hz > 0.0 && speed_hz.is_finite() && !moments.constant;
+        let mut angle = None;
+        if let Ok(mesh_hz) = located_hz
+            && usable
+        {
+            angle = band(mesh_hz).track_known(&mut work.transforms);
+        }
+        if angle.is_none() && usable {
+            angle = band(f64::from(mesh.teeth) * speed_hz).track_wide(mesh.tolerance.max(0.0), &mut work.transforms);
+        }
+        self.give_back(record);
+        match (angle, located_hz) {
+            (Some(angle), _) => Ok(angle),
+            (None, Ok(mesh_hz)) => ShaftAngle::constant(mesh_hz / f64::from(mesh.teeth), record.duration_s()).ok_or(Absence::NoSpeed),
+            (None, Err(absence)) => Err(absence),
+        }
+    }
+
+    /// A record over the angle of the driving shaft: that of a tachometer where `angle` is given, else [`shaft_angle`](Self::shaft_angle).
+    ///
+    /// # Errors
+    /// Why there is no angle, or [`Absence::TooFewTurns`], [`Absence::AboveNyquist`], [`Absence::SpeedVaries`].
+    pub fn angle_record(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<AngleRecord, Absence> {
+        let found;
+        let angle = match angle {
+            Some(angle) => angle,
+            None => {
+                found = self.shaft_angle(record, mesh)?;
+                &found
+            }
+        };
+        AngleRecord::resample(record, angle, f64::from(mesh.teeth) + 1.0)
+    }
+
+    /// The amplitude spectrum over orders of the driving shaft; arguments and errors as for [`angle_record`](Self::angle_record).
+    pub fn order_spectrum(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<OrderSpectrum, Absence> {
+        let turned = self.angle_record(record, mesh, angle)?;
+        Ok(turned.order_spectrum(&mut self.work.transforms))
+    }
+
+    /// The synchronous average of the driving shaft and its parts; arguments and errors as for [`angle_record`](Self::angle_record).
+    pub fn gear_signals(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearSignals, Absence> {
+        let turned = self.angle_record(record, mesh, angle)?;
+        let average = turned.synchronous_average();
+        GearSignals::split(&average, mesh.teeth, &mut self.work.transforms).ok_or(Absence::AboveNyquist)
+    }
+
+    /// The indicators over the driving shaft's angle (see [`Indicators`](super::Indicators)); arguments as for
+    /// [`angle_record`](Self::angle_record). A clipped record and one with gaps have none: their shape is not the machine's.
+    pub fn gear_indicators(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> GearAnalysis {
+        self.try_gear_indicators(record, mesh, angle).unwrap_or_else(GearAnalysis::absent)
+    }
+
+    fn try_gear_indicators(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearAnalysis, Absence> {
+        if let Some(fault) = fault(record.samples()) {
+            return Err(fault);
+        }
+        let turned = self.angle_record(record, mesh, angle)?;
+        let transforms = &mut self.work.transforms;
+        let spectrum = turned.order_spectrum(transforms);
+        let position = f64::from(mesh.teeth) / spectrum.resolution_orders;
+        let tracked = read_line(&spectrum.amplitude, position)
+            .map(|line| line.amplitude)
+            .ok_or(Absence::AboveNyquist);
+        let average = turned.synchronous_average();
+        let signals = GearSignals::split(&average, mesh.teeth, transforms).ok_or(Absence::AboveNyquist)?;
+        Ok(GearAnalysis::of(
+            &signals,
+            tracked,
+            &spectrum,
+            turned.turns,
+            self.settings.harmonics,
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use jiff::Timestamp;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::super::{AnalysisSettings, AngleSource, OperatingPoint};
+    use super::*;
+
+    const RATE_HZ: f64 = 20_000.0;
+    const SAMPLES: usize = 200_000;
+    const SHAFT_HZ: f64 = 16.64;
+    const TEETH: u32 = 24;
+
+    const MESH: MeshContext = MeshContext {
+        teeth: TEETH,
+        nominal_shaft_speed_hz: SHAFT_HZ,
+        tolerance: 0.05,
+        nominal_is_exact: false,
+    };
+
+    /// Revolutions after `t` seconds at 16.64 Hz·(1 + s·sin(2π·0.13·t)).
+    fn revolutions(t: f64, swing: f64) -> f64 {
+        let rate = TAU * 0.13;
+        SHAFT_HZ * (t + swing * (1.0 - (rate * t).cos()) / rate)
+    }
+
+    /// Mesh harmonics of amplitude 1/h with 20 % amplitude modulation once per turn, and white noise.
+    fn record(swing: f64, noise: f64) -> Record {
+        let mut random = ChaCha8Rng::seed_from_u64(8);
+        let signal = (0..SAMPLES).map(|i| {
+            let turn = TAU * revolutions(i as f64 / RATE_HZ, swing);
+            let lines: f64 = (1..=5)
+                .map(|h| (1.0 + 0.2 * turn.cos()) / f64::from(h) * (f64::from(TEETH * h) * turn + f64::from(h * h)).sin())
+                .sum();
+            let normal: f64 = StandardNormal.sample(&mut random);
+            (lines + noise * normal) as f32
+        });
+        Record::new("1", Timestamp::UNIX_EPOCH, RATE_HZ, "m/s2", signal.collect()).unwrap()
+    }
+
+    fn analyzer() -> Analyzer {
+        Analyzer::new(AnalysisSettings::default())
+    }
+
+    fn tracked(record: &Record, angle: Option<&ShaftAngle>) -> GearAnalysis {
+        analyzer().gear_indicators(record, &MESH, angle)
+    }
+
+    /// The amplitude put in is 1. Without order tracking the line of a speed that swings by 5 % is smeared to less than a fifth.
+    #[test]
+    fn a_swinging_speed_reads_as_a_constant_one() {
+        let constant = tracked(&record(0.0, 0.3), None).indicators.values["omx_tracked"];
+        assert!((constant - 1.0).abs() < 0.005, "{constant}");
+        for (swing, noise) in [(0.05, 0.0), (0.05, 0.3), (0.03, 1.0), (0.01, 0.3), (-0.05, 0.3)] {
+            let swept = record(swing, noise);
+            let got = tracked(&swept, None);
+            let omx = got.indicators.values["omx_tracked"];
+            assert!((omx / constant - 1.0).abs() < 0.01, "{swing} {noise}: {omx} {:?}", got.angle);
+            assert!(matches!(got.angle, Some(AngleSource::MeshPhase { .. })));
+            let untracked = analyzer().analyze(&swept, &MESH).indicators.get("omx").unwrap_or(0.0);
+            assert!(untracked < 0.5, "{untracked}");
+        }
+    }
+
+    /// One pulse a turn, from 1 s before the record to 1 s after it; the pulses are where the angle is whole.
+    #[test]
+    fn a_tachometer_gives_the_angle() {
+        let mut pulses = Vec::new();
+        let mut t = -1.0;
+        let mut next = revolutions(t, 0.05).ceil();
+        while t < 11.0 {
+            for _ in 0..40 {
+                t += (next - revolutions(t, 0.05)) / SHAFT_HZ;
+            }
+            pulses.push(t);
+            next += 1.0;
+        }
+        let angle = ShaftAngle::from_pulses(&pulses, 1).unwrap();
+        let got = tracked(&record(0.05, 0.3), Some(&angle));
+        assert_eq!(got.angle, Some(AngleSource::Tachometer { pulses: pulses.len() }));
+        let omx = got.indicators.values["omx_tracked"];
+        assert!((omx - 1.0).abs() < 0.01, "{omx}");
+        // The modulation's phase is that of the pulses: cos at zero angle.
+        let signals = analyzer().gear_signals(&record(0.05, 0.3), &MESH, Some(&angle)).unwrap();
+        let turn = signals.mesh_envelope.len() as f64;
+        for (i, modulation) in signals.mesh_envelope.iter().enumerate() {
+            let want = 0.2 * (TAU * i as f64 / turn).cos();
+            assert!((modulation - want).abs() < 0.06, "{i}: {modulation} {want}");
+        }
+    }
+
+    /// Amplitudes put in: mesh 1, sidebands 0.1 each; σ² of the average Σ (1 + 0.02)/2h².
+    #[test]
+    fn sidebands_and_ratios_are_those_put_in() {
+        let got = tracked(&record(0.04, 0.1), None).indicators.values;
+        let deviation = ((1..=5).map(|h| 1.02 / f64::from(2 * h * h)).sum::<f64>()).sqrt();
+        let level = got["sideband_level_factor"];
+        assert!((level / (0.2 / deviation) - 1.0).abs() < 0.03, "{level}");
+        let energy = got["sideband_energy_ratio"];
+        assert!((0.19..0.28).contains(&energy), "{energy}");
+    }
+
+    #[test]
+    fn what_cannot_be_tracked_says_why() {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let noise: Vec<f32> = (0..SAMPLES).map(|_| StandardNormal.sample(&mut random)).collect();
+        let with = |samples: Vec<f32>| Record::new("1", Timestamp::UNIX_EPOCH, RATE_HZ, "g", samples).unwrap();
+        let reason = |record: &Record, mesh: &MeshContext| {
+            let got = analyzer().gear_indicators(record, mesh, None);
+            assert!(got.indicators.values.is_empty() && got.angle.is_none());
+            let reasons: std::collections::BTreeSet<String> = got.indicators.absent.values().map(|reason| format!("{reason:?}")).collect();
+            reasons.into_iter().collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(reason(&with(noise.clone()), &MESH), "NoSpeed");
+        assert_eq!(reason(&with(vec![1.5; 20_000]), &MESH), "Constant");
+        assert_eq!(reason(&record(0.0, 0.1), &MeshContext::unknown()), "NoSpeed");
+        let short = with(record(0.0, 0.1).samples()[..4000].to_vec());
+        let exact = MeshContext {
+            nominal_is_exact: true,
+            ..MESH
+        };
+        assert_eq!(reason(&short, &exact), "TooFewTurns");
+        let clipped = record(0.0, 0.01).samples().iter().map(|x| x.clamp(-0.8, 0.8)).collect();
+        assert_eq!(reason(&with(clipped), &MESH), "Clipped");
+        let mut gap = record(0.0, 0.1).samples().to_vec();
+        gap[5000..6000].fill(0.0);
+        assert_eq!(reason(&with(gap), &MESH), "Gaps");
+        let fast = OperatingPoint {
+            shaft_speed_hz: Some(500.0),
+            torque_nm: None,
+        };
+        assert_eq!(
+            reason(&with(noise.clone()).with_operating_point(fast).unwrap(), &MESH),
+            "AboveNyquist"
+        );
+        // A given speed without a line to follow is taken to be constant, and says so.
+        let got = analyzer().gear_indicators(&with(noise), &exact, None);
+        assert_eq!(got.angle, Some(AngleSource::ConstantSpeed));
+    }
+}

@@ -1,0 +1,143 @@
+//! Piecewise cubic interpolation that keeps rising data rising.
+
+use thiserror::Error;
+
+/// Why points cannot be interpolated.
+#[derive(Debug, Clone, Copy, Error, PartialEq)]
+pub(super) enum PchipError {
+    /// Fewer than two.
+    #[error("{0} points, expected at least 2")]
+    TooFew(usize),
+    /// A point that is not finite or not beyond the one before.
+    #[error("point {0} is not finite or not beyond the one before")]
+    NotRising(usize),
+}
+
+/// The monotone cubic Hermite interpolant of Fritsch and Butland (1984), with the three-point end slopes that SciPy's
+/// `PchipInterpolator` takes. It goes through every point and has no extreme between two of them.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Pchip {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    slope: Vec<f64>,
+}
+
+impl Pchip {
+    /// Interpolates `y` over strictly rising `x` of the same length.
+    pub(super) fn new(x: Vec<f64>, y: Vec<f64>) -> Result<Self, PchipError> {
+        let n = x.len().min(y.len());
+        if n < 2 {
+            return Err(PchipError::TooFew(n));
+        }
+        let rises = |i: usize| x[i] > x[i - 1] && x[i].is_finite() && y[i].is_finite();
+        if !(x[0].is_finite() && y[0].is_finite()) {
+            return Err(PchipError::NotRising(0));
+        }
+        if let Some(index) = (1..n).find(|&i| !rises(i)) {
+            return Err(PchipError::NotRising(index));
+        }
+        let h: Vec<f64> = x.windows(2).map(|w| w[1] - w[0]).collect();
+        let secant: Vec<f64> = y.windows(2).zip(&h).map(|(w, h)| (w[1] - w[0]) / h).collect();
+        let mut slope = vec![secant[0]; n];
+        if n > 2 {
+            slope[0] = end_slope(h[0], h[1], secant[0], secant[1]);
+            slope[n - 1] = end_slope(h[n - 2], h[n - 3], secant[n - 2], secant[n - 3]);
+            for i in 1..n - 1 {
+                let (before, after) = (secant[i - 1], secant[i]);
+                slope[i] = if before * after > 0.0 {
+                    let (w1, w2) = (2.0 * h[i] + h[i - 1], h[i] + 2.0 * h[i - 1]);
+                    (w1 + w2) / (w1 / before + w2 / after)
+                } else {
+                    0.0
+                };
+            }
+        }
+        Ok(Self { x, y, slope })
+    }
+
+    /// The first and the last x.
+    pub(super) fn range(&self) -> [f64; 2] {
+        [self.x[0], self.x[self.x.len() - 1]]
+    }
+
+    /// The steepest rise between two points.
+    pub(super) fn steepest(&self) -> f64 {
+        let secants = self.x.windows(2).zip(self.y.windows(2)).map(|(x, y)| (y[1] - y[0]) / (x[1] - x[0]));
+        secants.fold(0.0, f64::max)
+    }
+
+    /// The value at `x`, searching on from `interval`, which moves along with rising `x`. Beyond the ends the outer cubics go on.
+    pub(super) fn at(&self, x: f64, interval: &mut usize) -> f64 {
+        let last = self.x.len() - 2;
+        while *interval < last && x >= self.x[*interval + 1] {
+            *interval += 1;
+        }
+        let i = *interval;
+        let h = self.x[i + 1] - self.x[i];
+        let t = (x - self.x[i]) / h;
+        let (u, t2) = (1.0 - t, t * t);
+        let rise = self.y[i + 1] - self.y[i];
+        self.y[i] + rise * t2 * (3.0 - 2.0 * t) + h * t * u * (self.slope[i] * u - self.slope[i + 1] * t)
+    }
+}
+
+/// Three-point slope at an end, kept from turning round.
+fn end_slope(h0: f64, h1: f64, secant0: f64, secant1: f64) -> f64 {
+    let slope = ((2.0 * h0 + h1) * secant0 - h0 * secant1) / (h0 + h1);
+    if slope * secant0 <= 0.0 {
+        0.0
+    } else if secant0 * secant1 <= 0.0 && slope.abs() > 3.0 * secant0.abs() {
+        3.0 * secant0
+    } else {
+        slope
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A straight line and, between inner points, its own points come out.
+    #[test]
+    fn lines_are_exact() {
+        let line = Pchip::new(vec![0.0, 1.0, 4.0, 5.0], vec![1.0, 3.0, 9.0, 11.0]).unwrap();
+        let mut interval = 0;
+        for step in 0..=50 {
+            let x = f64::from(step) / 10.0;
+            assert!((line.at(x, &mut interval) - (1.0 + 2.0 * x)).abs() < 1e-14);
+        }
+        assert_eq!((line.range(), line.steepest()), ([0.0, 5.0], 2.0));
+    }
+
+    #[test]
+    fn unusable_points_are_refused() {
+        assert_eq!(Pchip::new(vec![1.0], vec![1.0]), Err(PchipError::TooFew(1)));
+        assert_eq!(Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3]), Err(PchipError::NotRising(2)));
+        assert_eq!(Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2]), Err(PchipError::NotRising(1)));
+        assert_eq!(
+            Pchip::new(vec![f64::NEG_INFINITY, 0.0], vec![0.0; 2]),
+            Err(PchipError::NotRising(0))
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn rising_points_rise_between(steps in prop::collection::vec((1e-3..10.0, 1e-6..10.0), 2..40)) {
+            let (mut x, mut y) = (vec![0.0], vec![0.0]);
+            for (dx, dy) in &steps {
+                x.push(x[x.len() - 1] + dx);
+                y.push(y[y.len() - 1] + dy);
+            }
+            let end = x[x.len() - 1];
+            let curve = Pchip::new(x, y).unwrap();
+            let (mut interval, mut before) = (0, f64::NEG_INFINITY);
+            for step in 0..=1000 {
+                let value = curve.at(end * f64::from(step) / 1000.0, &mut interval);
+                prop_assert!(value >= before - 1e-9, "{before} {value}");
+                before = value;
+            }
+        }
+    }
+}
