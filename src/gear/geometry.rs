@@ -223,7 +223,7 @@ fn inertia(spec: &PairSpec, i: usize, radius_mm: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{shen2022, shen2022_spec};
+    use super::super::testing::shen2022_spec;
 
     #[test]
     fn centre_distance_follows_from_the_profile_shifts() {

@@ -1,6 +1,6 @@
 //! One diagram of a figure.
 
-use plotly::common::{DashType, Line, Marker, MarkerSymbol, Mode, Title};
+use plotly::common::{Anchor, DashType, Line, Marker, MarkerSymbol, Mode, Orientation, Title};
 use plotly::layout::{Axis, Legend, Margin, Shape, ShapeLayer, ShapeLine, ShapeType};
 use plotly::{Configuration, Layout, Plot, Scatter};
 
@@ -20,21 +20,22 @@ impl Panel {
             plot: Plot::new(),
             layout: Layout::new()
                 .title(Title::with_text(title))
-                .height(if title.is_empty() { 310 } else { 340 })
+                .height(if title.is_empty() { 330 } else { 360 })
                 .auto_size(true)
                 .margin(
                     Margin::new()
                         .left(70)
                         .right(15)
-                        .top(if title.is_empty() { 15 } else { 45 })
+                        .top(if title.is_empty() { 35 } else { 65 })
                         .bottom(50),
                 )
+                // Above the diagram, where it covers no curve.
                 .legend(
                     Legend::new()
-                        .x(1.0)
+                        .orientation(Orientation::Horizontal)
+                        .x(0.0)
                         .y(1.0)
-                        .x_anchor(plotly::common::Anchor::Right)
-                        .background_color("rgba(255,255,255,0.7)"),
+                        .y_anchor(Anchor::Bottom),
                 )
                 .x_axis(axis(x))
                 .y_axis(axis(y)),
