@@ -3,8 +3,11 @@
 //! With x = R_b1 θ₁ − R_b2 θ₂ the rotations leave one equation, ẍ = T₁R_b1/I₁ + T₂R_b2/I₂ − F_m/m_e with F_m = k x_m + c ẋ_m, while the mean
 //! speed is prescribed: torques that do not balance then cannot run away. ė is never needed: for each coordinate of
 //! mass m that F_m pushes, the velocity less its part c x_m/m of the damper's push is integrated, which stays continuous where e jumps.
+//!
+//! With loaded contact the teeth only push: in place of x_m stands the closed part of it, x_m above zero, nothing within the backlash, and
+//! x_m plus the backlash where the teeth's backs touch. Spring and damper both act through it.
 
-use super::{GearPair, MeshCycle};
+use super::{ContactRule, GearPair, MeshCycle};
 
 /// Numbers of the equations of motion, in SI units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +22,8 @@ pub(super) struct Motion {
     pub(super) support_stiffness: f64,
     /// c₁ = c₂.
     pub(super) support_damping: f64,
+    /// Way along the line of action in m from the teeth's working flanks to their backs, where the teeth can part.
+    pub(super) backlash_m: Option<f64>,
 }
 
 /// x, y₁, y₂ and the velocities less the damper's part, in m and m/s.
@@ -46,6 +51,16 @@ impl Motion {
             mesh_damping: 2.0 * pair.spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt(),
             support_stiffness: pair.spec.supports.stiffness_n_per_m,
             support_damping: pair.spec.supports.damping_n_s_per_m,
+            backlash_m: (pair.spec.dynamics.contact == ContactRule::Loaded).then(|| backlash_m(pair, cycle)),
+        }
+    }
+
+    /// The part of x_m that spring and damper act through.
+    #[inline]
+    fn closed(&self, mesh: f64) -> f64 {
+        match self.backlash_m {
+            Some(backlash) if mesh < 0.0 => (mesh + backlash).min(0.0),
+            _ => mesh,
         }
     }
 
@@ -62,7 +77,7 @@ impl Motion {
     /// ẋ, ẏ₁, ẏ₂ in m/s.
     #[inline]
     pub(super) fn velocities(&self, state: &State, error: f64) -> [f64; 3] {
-        let mesh = state[0] - state[1] + state[2] - error;
+        let mesh = self.closed(state[0] - state[1] + state[2] - error);
         let damped = self.mesh_damping * mesh;
         [
             state[3] - damped * self.inverse_mass[0],
@@ -74,7 +89,7 @@ impl Motion {
     #[inline]
     fn derivative(&self, state: &State, excitation: Excitation) -> State {
         let velocities = self.velocities(state, excitation.error);
-        let push = excitation.stiffness * (state[0] - state[1] + state[2] - excitation.error);
+        let push = excitation.stiffness * self.closed(state[0] - state[1] + state[2] - excitation.error);
         let support = |i: usize| self.support_damping * velocities[i] + self.support_stiffness * state[i];
         [
             velocities[0],
@@ -129,6 +144,14 @@ impl Motion {
     }
 }
 
+/// Backlash of the unworn pair, which both half-gaps make up, and what wear adds to it on the mean; the backs do not wear.
+fn backlash_m(pair: &GearPair, cycle: &MeshCycle) -> f64 {
+    let driven = &pair.gears[1];
+    let half_gap = pair.perfect_lag_rad() + 0.5 * driven.pitch_angle_rad();
+    let worn = cycle.uste_rad.iter().sum::<f64>() / cycle.uste_rad.len() as f64;
+    (driven.base_radius_mm * 1e-3 * (2.0 * half_gap + worn)).max(0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::{Excitation, Motion, State};
@@ -142,6 +165,7 @@ mod tests {
             mesh_damping: 2.0 * damping_ratio * (stiffness * mass).sqrt(),
             support_stiffness: 1e8,
             support_damping: 1e3,
+            backlash_m: None,
         };
         (motion, Excitation { stiffness, error: 0.0 }, (stiffness / mass).sqrt())
     }
@@ -170,6 +194,43 @@ mod tests {
         }
     }
 
+    /// Free flight between working flanks and backs at constant speed, a half vibration on each: the period is 2π/ω + 2b/v.
+    #[test]
+    fn parted_teeth_fly_freely_and_strike_their_backs() {
+        let (mut motion, excitation, omega) = oscillator(0.0);
+        let backlash = 20e-6;
+        motion.backlash_m = Some(backlash);
+        let speed = 0.05;
+        let start = [0.0, 0.0, 0.0, -speed, 0.0, 0.0];
+        let flight = backlash / speed;
+        let run_for = |seconds: f64| run(&motion, start, excitation, seconds / 20_000.0, 20_000);
+        let parted = run_for(0.5 * flight);
+        assert!((parted[0] + 0.5 * backlash).abs() < 1e-12 && (parted[3] + speed).abs() < 1e-12);
+        let deepest = run_for(flight + 0.5 * std::f64::consts::PI / omega);
+        assert!(
+            (deepest[0] + backlash + speed / omega).abs() < 1e-4 * speed / omega,
+            "{}",
+            deepest[0]
+        );
+        let again = run_for(2.0 * flight + 2.0 * std::f64::consts::PI / omega);
+        assert!(
+            again[0].abs() < 1e-4 * backlash && (again[3] / speed + 1.0).abs() < 1e-4,
+            "{again:?}"
+        );
+    }
+
+    /// The damper is not felt in flight, and not where the teeth stay closed.
+    #[test]
+    fn the_damper_acts_on_closed_teeth_alone() {
+        let (mut motion, excitation, _) = oscillator(0.2);
+        let closed = [1e-6, 0.0, 0.0, 0.01, 0.0, 0.0];
+        let linear = run(&motion, closed, excitation, 1e-7, 100);
+        motion.backlash_m = Some(20e-6);
+        assert_eq!(run(&motion, closed, excitation, 1e-7, 100), linear);
+        let parted = run(&motion, [-5e-6, 0.0, 0.0, -0.01, 0.0, 0.0], excitation, 1e-7, 100);
+        assert!((parted[0] + 5.1e-6).abs() < 1e-15 && (parted[3] + 0.01).abs() < 1e-15);
+    }
+
     #[test]
     fn a_jump_of_the_error_pushes_through_the_damper() {
         // x at rest, e jumps by Δ: ẋ(0+) = c Δ/m, then x − Δ vibrates freely.
@@ -193,6 +254,7 @@ mod tests {
             mesh_damping: 0.0,
             support_stiffness: 6.56e7,
             support_damping: 0.0,
+            backlash_m: None,
         };
         let excitation = Excitation {
             stiffness: 6e8,

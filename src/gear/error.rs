@@ -33,6 +33,12 @@ pub enum GearError {
     /// The wear table is not CSV of three columns.
     #[error("wear table is not csv of gear,radius_mm,depth_um: {0}")]
     WearTableCsv(#[from] csv::Error),
+    /// The elastic model of a gear has no sound mesh.
+    #[error("the teeth or the ring of gear {gear} cannot be modelled for loaded contact: its elements would be folded")]
+    ElasticModel {
+        /// Gear, 1 or 2.
+        gear: usize,
+    },
     /// The worn flanks leave a part of the mesh period without any pair of teeth in contact.
     #[error("no pair of teeth is in contact at phi1 = {phi1_rad} rad: the worn flanks do not carry the mesh over the whole period")]
     NoContact {

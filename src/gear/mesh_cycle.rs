@@ -2,7 +2,7 @@
 
 use super::error::within;
 use super::pair_curve::PairCurve;
-use super::{FlankWear, GearError, GearPair, root};
+use super::{ContactRule, ElasticBodies, FlankWear, GearError, GearPair, root};
 
 /// Cells of the mesh period in which a change of the carrying pairs is looked for, and of the smooth parts between two changes.
 const CELLS: usize = 1024;
@@ -67,12 +67,17 @@ struct Mesh<'a> {
 }
 
 impl MeshCycle {
-    /// Works out one mesh period at `points` evenly spaced rotations.
+    /// Works out one mesh period at `points` evenly spaced rotations by the pair's contact rule. For loaded contact at more than one
+    /// torque, [`MeshCycle::loaded`] with the same [`ElasticBodies`] is quicker.
     ///
     /// # Errors
+    /// Those of [`MeshCycle::loaded`] and [`ElasticBodies::new`] for loaded contact, else
     /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where wear leaves a part of the
     /// period without contact.
     pub fn compute(pair: &GearPair, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
+        if pair.spec.dynamics.contact == ContactRule::Loaded {
+            return Self::loaded(pair, &ElasticBodies::new(pair, wear)?, wear, points);
+        }
         within("points", points as f64, 2.0, 1e6)?;
         let mesh = Mesh::new(pair, wear)?;
         let (start, pitch) = (pair.start_of_contact_rad(), pair.gears[0].pitch_angle_rad());

@@ -6,6 +6,8 @@
 //! The way through: a [`PairSpec`] (pair file) resolves to a [`GearPair`] (checked geometry); a [`FlankWear`] says what its flanks have
 //! lost; [`MeshCycle::compute`] works out one mesh period; [`simulate`] turns it into vibration.
 
+mod band_matrix;
+mod body_compliance;
 mod decimator;
 mod dynamics;
 mod error;
@@ -13,16 +15,24 @@ mod excitation;
 mod flank;
 mod geometry;
 mod limits;
+mod line_contact;
+mod load_sharing;
+mod loaded_cycle;
 mod mesh_cycle;
 mod pair;
 mod pair_curve;
+mod plane_elasticity;
 mod relationship;
 mod response;
+mod ring_sector;
 mod root;
+mod sector_mesh;
 mod stiffness;
 #[cfg(test)]
 mod testing;
 mod tooth;
+mod tooth_outline;
+mod tooth_touch;
 mod transmission_error;
 #[cfg(test)]
 mod trends;
@@ -32,10 +42,11 @@ mod wear_table;
 pub use error::GearError;
 pub use flank::{Flank, FlankPoint};
 pub use geometry::{Gear, GearPair};
+pub use load_sharing::ElasticBodies;
 pub use mesh_cycle::MeshCycle;
 pub use pair::{
-    ContactRule, DynamicsSpec, ErrorSpec, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, ResponseCoordinate, SupportSpec, WearPoint,
-    WearShape, WearSpec,
+    ContactRule, DynamicsSpec, ErrorSpec, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, PlaneState, ResponseCoordinate, SupportSpec,
+    WearPoint, WearShape, WearSpec,
 };
 pub use relationship::MeshRelationship;
 pub use response::{RunSettings, simulate};

@@ -116,12 +116,26 @@ pub enum ResponseCoordinate {
 pub enum ContactRule {
     /// The paper's rule: the pair with the larger φ₂, and any pair within the threshold of it.
     Threshold,
+    /// Elastic load sharing: pairs carry what the closing of their gaps gives, tip edges included.
+    Loaded,
+}
+
+/// What the gears' width does to their plane deformation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PlaneState {
+    /// Wide against the teeth: no strain along the axis.
+    #[default]
+    Strain,
+    /// Narrow against the teeth: no stress along the axis.
+    Stress,
 }
 
 impl fmt::Display for ContactRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Threshold => "threshold",
+            Self::Loaded => "loaded",
         })
     }
 }
@@ -132,7 +146,8 @@ impl FromStr for ContactRule {
     fn from_str(name: &str) -> Result<Self, String> {
         match name {
             "threshold" => Ok(Self::Threshold),
-            _ => Err(format!("{name:?} is not a contact rule, expected threshold")),
+            "loaded" => Ok(Self::Loaded),
+            _ => Err(format!("{name:?} is not a contact rule, expected threshold or loaded")),
         }
     }
 }
@@ -155,6 +170,8 @@ pub struct DynamicsSpec {
     pub contact: ContactRule,
     /// Threshold of the contact rule in rad.
     pub contact_threshold_rad: f64,
+    /// What loaded contact takes the plane deformation of the gears for.
+    pub plane: PlaneState,
     /// Masses m₁, m₂ in kg; where not given those of solid discs of the reference pitch radius and the face width, the bore filled by its
     /// shaft.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -266,6 +283,7 @@ impl Default for DynamicsSpec {
             response: ResponseCoordinate::Bearing1,
             contact: ContactRule::Threshold,
             contact_threshold_rad: 1e-4,
+            plane: PlaneState::Strain,
             mass_kg: None,
             inertia_kg_m2: None,
         }
