@@ -133,11 +133,12 @@ impl FlankCells {
         let below = |arc: f64| below_pressure((arc.clamp(start, end) - middle) / half_width);
         let whole = below(end) - below(start);
         let place = |arc: f64| ((arc - start) / self.cell_mm).round().clamp(0.0, last as f64) as usize;
-        for cell in place(middle - half_width)..=place(middle + half_width) {
+        let (first, after) = (place(middle - half_width), place(middle + half_width) + 1);
+        for (cell, rate) in rates.iter_mut().enumerate().take(after).skip(first) {
             let part = below(self.arcs_mm[cell] + 0.5 * self.cell_mm) - below(self.arcs_mm[cell] - 0.5 * self.cell_mm);
             // The end cells are cut in half by the flank's ends.
             let width = if cell == 0 || cell == last { 0.5 } else { 1.0 } * self.cell_mm;
-            rates[cell] += area * part / (whole * width);
+            *rate += area * part / (whole * width);
         }
     }
 
