@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::{CliError, pair_file};
-use crate::gear::{ContactRule, FlankWear, MeshCycle};
+use crate::gear::{ArchardWear, ContactRule, FlankWear, MeshCycle};
 
 /// Arguments of `flankwatch model`.
 #[derive(Debug, Args)]
@@ -19,6 +19,9 @@ pub(super) struct ModelArgs {
     /// Greatest wear depth in mm, in the pair's wear shape
     #[arg(long, conflicts_with = "profile")]
     wear_mm: Option<f64>,
+    /// Wear after this many turns of the driving gear by Archard's law, with the pair's wear coefficient and hardness
+    #[arg(long, conflicts_with_all = ["profile", "wear_mm"])]
+    turns: Option<f64>,
     /// Wear table: CSV of gear,radius_mm,depth_um
     #[arg(long)]
     profile: Option<PathBuf>,
@@ -74,13 +77,14 @@ fn cycle(args: &ModelArgs) -> Result<MeshCycle, CliError> {
         spec.operation.torque_nm = torque_nm;
     }
     let pair = spec.resolve()?;
-    let wear = match (&args.profile, args.wear_mm) {
-        (Some(path), _) => {
+    let wear = match (&args.profile, args.wear_mm, args.turns) {
+        (Some(path), ..) => {
             let table = fs::read_to_string(path).map_err(CliError::io(path))?;
             FlankWear::from_table_csv(&pair, &table).map_err(CliError::pair(path))?
         }
-        (None, Some(depth_mm)) => FlankWear::from_shape(&pair, depth_mm)?,
-        (None, None) => FlankWear::none(),
+        (None, Some(depth_mm), _) => FlankWear::from_shape(&pair, depth_mm)?,
+        (None, None, Some(turns)) => ArchardWear::after_turns(&pair, turns)?.wear,
+        (None, None, None) => FlankWear::none(),
     };
     Ok(MeshCycle::compute(&pair, &wear, args.points)?)
 }

@@ -97,6 +97,7 @@ impl GearPair {
                 inertia_kg_m2: inertia(spec, i, reference[i]),
             });
         }
+        limits::check_reach(centre_distance_mm, tip)?;
         let gears = <[Gear; 2]>::try_from(gears).expect("the loop made two");
         let pair = Self {
             spec: spec.clone(),

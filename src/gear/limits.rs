@@ -72,6 +72,10 @@ pub(super) fn check_physics(spec: &PairSpec) -> Result<(), GearError> {
     within("errors.short_period_um", short_period_um, 0.0, 1e4)?;
     within("errors.random_um", random_um, 0.0, 1e4)?;
     within("errors.random_clock_hz", random_clock_hz, 1.0, 1e7)?;
+    positive("wear.coefficient", spec.wear.coefficient, 1.0)?;
+    for hardness in spec.wear.hardness_pa {
+        within("wear.hardness_pa", hardness, 1e6, 1e12)?;
+    }
     Ok(())
 }
 
@@ -85,6 +89,18 @@ pub(super) fn check_centre(basic: &GeometrySpec, centre_mm: f64, base: [f64; 2],
     if centre_mm < least_mm - CENTRE_ROUNDING_MODULES * basic.module_mm {
         let expected = format!("at least {least_mm:.4}, below it the teeth jam");
         return Err(GearError::field(field, centre_mm, expected));
+    }
+    Ok(())
+}
+
+/// The tip circles must cross for the teeth to touch at all.
+pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError> {
+    if centre_mm >= tip[0] + tip[1] {
+        let expected = format!(
+            "less than {:.4}, the sum of the tip radii: beyond it no teeth are in contact",
+            tip[0] + tip[1]
+        );
+        return Err(GearError::field("geometry.centre_distance_mm", centre_mm, expected));
     }
     Ok(())
 }

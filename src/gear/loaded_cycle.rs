@@ -1,6 +1,6 @@
 //! One mesh period under load: elastic load sharing in place of the paper's threshold.
 
-use super::load_sharing::{Candidate, ElasticBodies, MOST_PAIRS};
+use super::load_sharing::{Candidate, ElasticBodies, MOST_PAIRS, Sharing};
 use super::mesh_cycle::CyclePiece;
 use super::tooth_touch::{ToothPair, ToothTouch};
 use super::{FlankWear, GearError, GearPair, MeshCycle};
@@ -53,6 +53,22 @@ impl Passage {
         }
         candidates
     }
+
+    /// The pairs that may carry at a cell of the period, the leading one first, and how they share the pair's torque.
+    fn sharing(&self, pair: &GearPair, bodies: &ElasticBodies, cell: usize) -> Result<(Vec<Candidate>, Sharing), GearError> {
+        let [driving, driven] = &pair.gears;
+        // N·mm for 1 mm of width.
+        let torque_n = pair.spec.operation.torque_nm * 1e3 / pair.spec.geometry.face_width_mm;
+        let mut candidates = self.candidates(cell, driven.pitch_angle_rad());
+        let leader = *candidates.first().ok_or_else(|| GearError::NoContact {
+            phi1_rad: pair.start_of_contact_rad() + driving.pitch_angle_rad() * (cell as f64 / self.cells as f64),
+        })?;
+        let most = bodies.alone_rad(&leader.touch, torque_n);
+        candidates.retain(|other| other.behind_rad * other.touch.arms_mm[1] <= most * other.touch.arms_mm[0]);
+        candidates.truncate(MOST_PAIRS);
+        let sharing = bodies.share(&candidates, torque_n);
+        Ok((candidates, sharing))
+    }
 }
 
 impl MeshCycle {
@@ -72,8 +88,6 @@ impl MeshCycle {
         let passage = Passage::new(pair, &ToothPair::new(pair, wear, &bodies.outlines), cells);
         let [driving, driven] = &pair.gears;
         let (start, pitch) = (pair.start_of_contact_rad(), driving.pitch_angle_rad());
-        // N·mm for 1 mm of width.
-        let torque_n = pair.spec.operation.torque_nm * 1e3 / pair.spec.geometry.face_width_mm;
         let base_m = driving.base_radius_mm * 1e-3;
 
         let mut cycle = Self {
@@ -92,12 +106,8 @@ impl MeshCycle {
         };
         for cell in 0..cells {
             let phi1 = start + pitch * (cell as f64 / cells as f64);
-            let mut candidates = passage.candidates(cell, driven.pitch_angle_rad());
-            let leader = *candidates.first().ok_or(GearError::NoContact { phi1_rad: phi1 })?;
-            let most = bodies.alone_rad(&leader.touch, torque_n);
-            candidates.retain(|other| other.behind_rad * other.touch.arms_mm[1] <= most * other.touch.arms_mm[0]);
-            candidates.truncate(MOST_PAIRS);
-            let sharing = bodies.share(&candidates, torque_n);
+            let (candidates, sharing) = passage.sharing(pair, bodies, cell)?;
+            let leader = candidates[0];
             let stiffness = pair.spec.operation.torque_nm / (base_m * base_m * sharing.rotation_rad);
             let phi2 = leader.touch.phi2_rad - f64::from(leader.tooth) * driven.pitch_angle_rad();
             let uste = driving.base_radius_mm / driven.base_radius_mm * phi1 - phi2 - pair.perfect_lag_rad();
@@ -116,6 +126,27 @@ impl MeshCycle {
         cycle.pieces.push(piece);
         Ok(cycle)
     }
+}
+
+/// Every touch of one pair of teeth that carries, at `cells` rotations of each mesh period, with its part of the torque.
+pub(super) fn tooth_loads(
+    pair: &GearPair,
+    bodies: &ElasticBodies,
+    wear: &FlankWear,
+    cells: usize,
+) -> Result<Vec<(ToothTouch, f64)>, GearError> {
+    let passage = Passage::new(pair, &ToothPair::new(pair, wear, &bodies.outlines), cells);
+    let mut loads = Vec::new();
+    for cell in 0..cells {
+        let (candidates, sharing) = passage.sharing(pair, bodies, cell)?;
+        let shares = candidates.iter().zip(sharing.shares);
+        loads.extend(
+            shares
+                .filter(|(_, share)| *share > 0.0)
+                .map(|(candidate, share)| (candidate.touch, share)),
+        );
+    }
+    Ok(loads)
 }
 
 #[cfg(test)]

@@ -57,9 +57,9 @@ struct Carrying {
 const TIE_RAD: f64 = 1e-11;
 
 /// All pairs of teeth.
-struct Mesh<'a> {
+pub(super) struct Mesh<'a> {
     pair: &'a GearPair,
-    curve: PairCurve,
+    pub(super) curve: PairCurve,
     /// φ₁ R_b1/R_b2 − φ₂ of perfect flanks.
     perfect_lag_rad: f64,
     /// Most pairs that can touch at once.
@@ -120,7 +120,7 @@ impl CyclePiece {
 }
 
 impl<'a> Mesh<'a> {
-    fn new(pair: &'a GearPair, wear: &FlankWear) -> Result<Self, GearError> {
+    pub(super) fn new(pair: &'a GearPair, wear: &FlankWear) -> Result<Self, GearError> {
         let curve = PairCurve::new(pair, wear)?;
         let periods = (curve.range().1 - pair.start_of_contact_rad()) / pair.gears[0].pitch_angle_rad();
         Ok(Self {
@@ -129,6 +129,18 @@ impl<'a> Mesh<'a> {
             most_pairs: (periods.ceil() as usize + 1).min(30),
             curve,
         })
+    }
+
+    /// Part of the load, by stiffness, on the pair of teeth whose driving tooth is at φ₁.
+    pub(super) fn share(&self, phi1: f64) -> Result<f64, GearError> {
+        let pitch = self.pair.gears[0].pitch_angle_rad();
+        let ahead = ((phi1 - self.pair.start_of_contact_rad()) / pitch)
+            .floor()
+            .clamp(-1.0, self.most_pairs as f64 - 1.0);
+        let carrying = self.carrying(phi1 - ahead * pitch)?;
+        let carries = carrying.pairs >> (ahead as i32 + 1) & 1 == 1;
+        let own = self.curve.at(phi1).filter(|_| carries).map_or(0.0, |(_, stiffness)| stiffness);
+        Ok(own / carrying.stiffness_n_per_m)
     }
 
     /// What carries at φ₁ of the entering tooth pair.

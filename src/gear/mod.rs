@@ -6,8 +6,12 @@
 //! The way through: a [`PairSpec`] (pair file) resolves to a [`GearPair`] (checked geometry); a [`FlankWear`] says what its flanks have
 //! lost; [`MeshCycle::compute`] works out one mesh period; [`simulate`] turns it into vibration.
 
+mod archard;
+#[cfg(test)]
+mod bad_pairs;
 mod band_matrix;
 mod body_compliance;
+mod contact_load;
 mod decimator;
 mod dynamics;
 mod error;
@@ -41,6 +45,7 @@ mod trends;
 mod wear;
 mod wear_table;
 
+pub use archard::ArchardWear;
 pub use error::GearError;
 pub use flank::{Flank, FlankPoint};
 pub use geometry::{Gear, GearPair};

@@ -41,6 +41,20 @@ impl PairCurve {
 
     /// φ₂ in rad and stiffness in N/m of the single pair at φ₁, where it touches.
     pub(super) fn at(&self, phi1: f64) -> Option<(f64, f64)> {
+        self.cell(phi1).map(|(i, phi1)| self.interpolate(i, phi1))
+    }
+
+    /// α₁ and α₁′ in rad of the points that touch at φ₁, linearly between the solved ones.
+    pub(super) fn flank_angles(&self, phi1: f64) -> Option<[f64; 2]> {
+        let (i, phi1) = self.cell(phi1)?;
+        let MeshRelationship { phi1_rad: x, .. } = &self.relationship;
+        let t = (phi1 - x[i]) / (x[i + 1] - x[i]);
+        let both = [&self.relationship.alpha1_rad, &self.relationship.alpha1_prime_rad];
+        Some(both.map(|angles| angles[i] + t * (angles[i + 1] - angles[i])))
+    }
+
+    /// The node below φ₁ and φ₁ itself within the range, where the pair touches.
+    fn cell(&self, phi1: f64) -> Option<(usize, f64)> {
         if phi1 < self.range.0 - ROUNDING_RAD || phi1 > self.range.1 + ROUNDING_RAD {
             return None;
         }
@@ -48,13 +62,13 @@ impl PairCurve {
         let nodes = &self.relationship.phi1_rad;
         if self.rising {
             let after = nodes.partition_point(|node| *node <= phi1).clamp(1, nodes.len() - 1);
-            return Some(self.interpolate(after - 1, phi1));
+            return Some((after - 1, phi1));
         }
         // Worn flanks can fold: the branch that pushes the driven gear furthest is the one that touches.
         (0..nodes.len() - 1)
             .filter(|i| nodes[*i] <= phi1 && phi1 <= nodes[i + 1] && nodes[*i] < nodes[i + 1])
-            .map(|i| self.interpolate(i, phi1))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .max_by(|a, b| self.interpolate(*a, phi1).0.total_cmp(&self.interpolate(*b, phi1).0))
+            .map(|i| (i, phi1))
     }
 
     /// Between nodes `i` and `i` + 1: φ₂ by the cubic with the exact slopes at both, the stiffness linearly.

@@ -2,7 +2,7 @@
 
 use super::error::within;
 use super::wear_table::{self, DepthCurve};
-use super::{Flank, Gear, GearError, GearPair, WearShape, WearSpec};
+use super::{ArchardWear, Flank, Gear, GearError, GearPair, WearShape, WearSpec};
 
 /// Flank points at which the wear is held against the tooth's thickness.
 const CHECKED_POINTS: usize = 200;
@@ -109,10 +109,29 @@ impl FlankWear {
             }
             WearShape::Floor => [WearProfile::Floor(h_max_mm), WearProfile::Floor(h_max_mm)],
             WearShape::Table => wear_table::from_points(&spec.table, h_max_mm)?.map(WearProfile::Table),
+            WearShape::Archard => {
+                let states = ArchardWear::at_depths(pair, &[h_max_mm])?;
+                return Ok(states.into_iter().next().expect("one depth gives one state").wear);
+            }
         };
         let wear = Self { profiles };
         wear.check_thickness(pair, h_max_mm)?;
         Ok(wear)
+    }
+
+    /// The shape of the pair's [`WearSpec`] at each of several greatest depths in mm, which rise. Quicker than one by one for the shape
+    /// `archard`, whose states follow from each other.
+    ///
+    /// # Errors
+    /// As [`FlankWear::from_shape`].
+    pub fn from_shape_at(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
+        match pair.spec.wear.shape {
+            WearShape::Archard => Ok(ArchardWear::at_depths(pair, depths_mm)?
+                .into_iter()
+                .map(|state| state.wear)
+                .collect()),
+            _ => depths_mm.iter().map(|depth| Self::from_shape(pair, *depth)).collect(),
+        }
     }
 
     /// Depths as a CSV text has them: header `gear,radius_mm,depth_um`, gear 1 or 2, radius of the unworn flank point, depth along Y, in
@@ -141,7 +160,7 @@ impl FlankWear {
     }
 
     /// Refuses wear that passes the tooth's centre line.
-    fn check_thickness(&self, pair: &GearPair, h_max_mm: f64) -> Result<(), GearError> {
+    pub(super) fn check_thickness(&self, pair: &GearPair, h_max_mm: f64) -> Result<(), GearError> {
         for (i, gear) in pair.gears.iter().enumerate() {
             for point in Flank::new(gear, self, i).active_points(CHECKED_POINTS) {
                 if point.y_mm - point.depth_mm <= 0.0 {

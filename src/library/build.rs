@@ -45,13 +45,15 @@ pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
 pub fn build(spec: &PairSpec, grid: &GridSettings, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Library, LibraryError> {
     grid.validate()?;
     let pair = spec.resolve()?;
+    let depths_mm: Vec<f64> = (0..grid.states).map(|index| grid.wear_um(index) * 1e-3).collect();
+    let worn = FlankWear::from_shape_at(&pair, &depths_mm)?;
     let done = AtomicUsize::new(0);
     let states = (0..grid.states)
         .into_par_iter()
         .map_init(
             || Analyzer::new(AnalysisSettings::default()),
             |analyzer, index| {
-                let state = simulate_state(analyzer, spec, &pair, grid, index)?;
+                let state = simulate_state(analyzer, spec, &pair, grid, (index, &worn[index]))?;
                 progress(done.fetch_add(1, Ordering::Relaxed) + 1, grid.states);
                 Ok(state)
             },
@@ -72,11 +74,10 @@ fn simulate_state(
     spec: &PairSpec,
     pair: &GearPair,
     grid: &GridSettings,
-    index: usize,
+    (index, wear): (usize, &FlankWear),
 ) -> Result<LibraryState, LibraryError> {
     let wear_um = grid.wear_um(index);
-    let wear = FlankWear::from_shape(pair, wear_um * 1e-3)?;
-    let cycle = MeshCycle::compute(pair, &wear, CYCLE_POINTS)?;
+    let cycle = MeshCycle::compute(pair, wear, CYCLE_POINTS)?;
     let run = RunSettings {
         sample_rate_hz: grid.sample_rate_hz,
         seconds: grid.seconds,
