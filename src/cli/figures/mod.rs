@@ -10,6 +10,7 @@ use clap::Args;
 use super::library::progress_bar;
 use super::{CliError, output, pair_file};
 use crate::figures::{self, FigureSettings};
+use crate::gear::ContactRule;
 
 /// Arguments of `flankwatch figures`.
 #[derive(Debug, Args)]
@@ -44,7 +45,9 @@ pub(super) fn run(args: &FiguresArgs) -> Result<(), CliError> {
     if let Some(&[slight, moderate, severe]) = args.wear_um.as_deref() {
         settings.wear_um = [slight, moderate, severe];
     }
-    let pair = pair_file::read(args.pair.as_deref())?;
+    let mut pair = pair_file::read(args.pair.as_deref())?;
+    // The figures are about the paper's own multi-tooth rule, whatever the pair file asks for otherwise.
+    pair.dynamics.contact = ContactRule::Threshold;
     let bar = progress_bar(u64::from(settings.states), "wear states");
     let figures = figures::compute(&pair, &settings, &|done| bar.set_position(done as u64))?;
     bar.finish_and_clear();
