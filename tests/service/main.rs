@@ -7,6 +7,7 @@ mod browser;
 mod command_line;
 mod dashboard;
 mod durability;
+mod dynamics;
 mod figures;
 mod left_out;
 mod problems;

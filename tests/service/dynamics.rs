@@ -3,7 +3,6 @@
 //!
 //! Both are compared over one turn of the shaft after the start-up, which is a period of the response: coefficients of the
 //! Fourier series up to 0.4 of the model's sampling rate, where its low-pass is flat.
-#![cfg(test)]
 
 use std::f64::consts::{PI, TAU};
 
@@ -240,7 +239,7 @@ fn rms(values: &[f64]) -> f64 {
 
 /// Holds one state against the reference at both sampling rates.
 fn compare(wear_mm: f64, mesh_damping_ratio: f64) {
-    let mut spec = PairSpec::from_toml(include_str!("../fixtures/pairs/shen2022.toml")).unwrap();
+    let mut spec = PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap();
     spec.errors.random_um = 0.0;
     spec.dynamics.mesh_damping_ratio = mesh_damping_ratio;
     let pair = spec.resolve().unwrap();
