@@ -123,7 +123,9 @@ impl Sender {
             url: self.url.clone(),
             reason,
         };
-        for attempt in 1..=TRIES {
+        let mut tries = 0;
+        loop {
+            tries += 1;
             let mut request = self.agent.post(&self.url).content_type("application/x-protobuf");
             if let Some(depth) = recorded.reference_wear_um {
                 request = request.query("reference_wear_um", depth.to_string());
@@ -148,7 +150,7 @@ impl Sender {
                 }
                 Err(error) => error.to_string(),
             };
-            if attempt == TRIES {
+            if tries == TRIES {
                 return Err(failed(format!(
                     "{reason} ({TRIES} tries, {} records sent before; start again to go on)",
                     self.sent
@@ -157,6 +159,5 @@ impl Sender {
             thread::sleep(wait.min(LONGEST_WAIT));
             wait = (wait * 2).min(LONGEST_WAIT);
         }
-        Ok(())
     }
 }
