@@ -1,9 +1,12 @@
-//! What a record of 10 s at 20 kHz costs, against one real Fourier transform of the same length: `cargo bench --bench signal`.
+//! What a record of 10 s at 20 kHz costs, against one real Fourier transform of the same length: `cargo bench --bench signal`. And how often
+//! memory is taken for it.
+//!
+//! `benches/scipy_signal.py` does in SciPy what the second line does.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, Record};
+use flankwatch::signal::{AnalysisSettings, Analyzer, ConditionSettings, MeshContext, Record};
 use jiff::Timestamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -18,9 +21,9 @@ const ROUNDS: usize = 60;
 /// What is timed, and its name.
 type Task<'a> = (&'a str, Box<dyn FnMut() + 'a>);
 
-fn record() -> Record {
+fn record(samples: usize) -> Record {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    let signal = (0..SAMPLES).map(|i| {
+    let signal = (0..samples).map(|i| {
         let turn = std::f64::consts::TAU * SHAFT_HZ * i as f64 / RATE_HZ;
         let lines: f64 = (1..=10)
             .map(|h| (1.0 + 0.2 * turn.cos()) / f64::from(h) * (24.0 * f64::from(h) * turn).sin())
@@ -32,19 +35,26 @@ fn record() -> Record {
 }
 
 fn main() {
-    let record = record();
+    let record = record(SAMPLES);
+    let prime = crate::record(SAMPLES - 1);
     let mesh = MeshContext {
         teeth: 24,
         nominal_shaft_speed_hz: SHAFT_HZ,
         tolerance: 0.05,
         nominal_is_exact: false,
     };
-    let mut analyzer = Analyzer::new(AnalysisSettings::default());
-    let mut tracking = Analyzer::new(AnalysisSettings::default());
+    let analyzer = || Analyzer::new(AnalysisSettings::default());
+    let (mut reading, mut of_prime, mut analyzing, mut tracking, mut impulsive) =
+        (analyzer(), analyzer(), analyzer(), analyzer(), analyzer());
     let plan = RealFftPlanner::<f64>::new().plan_fft_forward(SAMPLES);
     let (mut input, mut output, mut scratch) = (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
     let samples: Vec<f64> = record.samples().iter().map(|&x| f64::from(x)).collect();
 
+    let settings = ConditionSettings {
+        mesh,
+        bands: &[],
+        gear_indicators: true,
+    };
     let mut tasks: Vec<Task> = Vec::new();
     tasks.push((
         "one real transform",
@@ -56,15 +66,33 @@ fn main() {
         }),
     ));
     tasks.push((
-        "analyze: RMS, Kur, lines, amplitude and envelope spectra",
+        "read: RMS, kurtosis, OMX, 10 harmonics, amplitude spectrum, envelope spectrum of 0.5 to 2.5 × mesh",
         Box::new(|| {
-            black_box(analyzer.analyze(&record, &mesh));
+            black_box(reading.read(&record, &mesh, None));
         }),
     ));
     tasks.push((
-        "gear_indicators: order tracking, average, FM4 …",
+        "read: the same of 199 999 samples, a prime",
         Box::new(|| {
-            black_box(tracking.gear_indicators(&record, &mesh, None));
+            black_box(of_prime.read(&prime, &mesh, None));
+        }),
+    ));
+    tasks.push((
+        "analyze: the same without that envelope, with four narrow ones, as named indicators and features",
+        Box::new(|| {
+            black_box(analyzing.analyze(&record, &mesh));
+        }),
+    ));
+    tasks.push((
+        "condition: that and the indicators over the shaft's angle, as the service keeps them",
+        Box::new(|| {
+            black_box(tracking.condition(&record, &settings));
+        }),
+    ));
+    tasks.push((
+        "kurtogram of 15 divisions",
+        Box::new(|| {
+            black_box(impulsive.kurtogram(&record).is_ok());
         }),
     ));
     // The least of many rounds, taken in turn, so that other work on the machine touches all alike.
@@ -76,8 +104,12 @@ fn main() {
             *least = (*least).min(start.elapsed());
         }
     }
-    for ((name, _), time) in tasks.iter().zip(&least) {
+    for ((name, task), time) in tasks.iter_mut().zip(&least) {
         let ratio = time.as_secs_f64() / least[0].as_secs_f64();
-        println!("{name}: {:.3} ms, {ratio:.2} × one real transform", 1e3 * time.as_secs_f64());
+        let allocations = allocation_counter::measure(task).count_total;
+        println!(
+            "{:.3} ms, {ratio:.2} × one real transform, {allocations} allocations: {name}",
+            1e3 * time.as_secs_f64()
+        );
     }
 }

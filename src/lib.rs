@@ -10,8 +10,10 @@
 //! | [`figures`] | the model's figures beside those of the paper it follows, with checks |
 //! | [`simulation`] | a synthetic run to failure with the truth known |
 //! | [`estimate`] | the healthy baseline, the likelihood and the tracking of wear over time |
+//! | [`evaluation`] | what the estimate is worth on simulated runs |
 //! | [`recording`] | bytes to records and back: WAV, MCAP, CSV, protobuf, JSON |
 //! | [`asset`] | what is monitored, and one analysed segment of its vibration |
+//! | [`report`] | an asset's records on one page, for a browser or a printer |
 //! | [`store`] | the only SQL and the only raw-object paths |
 //! | [`ingest`] | accept, keep, process, announce |
 //! | [`http`] | the API and the dashboard |
@@ -20,12 +22,14 @@
 pub mod asset;
 pub mod cli;
 pub mod estimate;
+pub mod evaluation;
 pub mod figures;
 pub mod gear;
 pub mod http;
 pub mod ingest;
 pub mod library;
 pub mod recording;
+pub mod report;
 pub mod signal;
 pub mod simulation;
 pub mod store;

@@ -8,10 +8,10 @@ use sha2::{Digest, Sha256};
 
 use super::AssetId;
 use crate::estimate::WearEstimate;
-use crate::signal::{Features, Indicators, OperatingPoint, ShaftSpeed};
+use crate::signal::{Basis, Features, Indicators, OperatingPoint, ShaftSpeed};
 
 /// Identifier of a segment: the same asset, channel, start time and raw bytes give the same identifier, so a repeat is found.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(transparent)]
 pub struct SegmentId(pub String);
 
@@ -19,7 +19,13 @@ impl SegmentId {
     /// The identifier of one channel's stretch in a raw object.
     pub fn derive(asset: &AssetId, channel: &str, start_time: Timestamp, raw: &RawReference) -> Self {
         let mut hash = Sha256::new();
-        for part in [asset.as_str(), channel, &start_time.as_nanosecond().to_string(), &raw.sha256] {
+        let start_time = start_time.as_nanosecond().to_string();
+        let mut parts = vec![asset.as_str(), channel, &start_time, &raw.sha256];
+        // Bare samples are another record where they are read in another way.
+        if raw.media_type.starts_with("application/octet-stream") {
+            parts.push(&raw.media_type);
+        }
+        for part in parts {
             hash.update((part.len() as u64).to_le_bytes());
             hash.update(part.as_bytes());
         }
@@ -35,7 +41,7 @@ impl fmt::Display for SegmentId {
 }
 
 /// Where a segment's raw bytes are kept, as they came.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RawReference {
     /// SHA-256 of the bytes in hexadecimal: the object's name.
     pub sha256: String,
@@ -48,7 +54,7 @@ pub struct RawReference {
 }
 
 /// One analysed stretch of vibration of one channel of an asset.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Segment {
     /// Identifier.
     pub id: SegmentId,
@@ -75,6 +81,9 @@ pub struct Segment {
     pub reference_wear_um: Option<f64>,
     /// Where the raw bytes are.
     pub raw: RawReference,
+    /// What indicators and features rest on: preprocessing, quality of the samples, the shaft's angle.
+    #[serde(flatten)]
+    pub basis: Basis,
     /// Condition indicators.
     #[serde(flatten)]
     pub indicators: Indicators,

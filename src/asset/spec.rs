@@ -5,12 +5,14 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::place::{self, Location, MeasuringPoint};
 use crate::gear::PairSpec;
-use crate::signal::{Band, MeshContext};
+use crate::signal::{Band, BandSource, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext};
 
 /// An asset's name in addresses and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or digit.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(try_from = "String", into = "String")]
+#[schema(value_type = String, pattern = "^[a-z0-9][a-z0-9_-]{0,63}$", example = "gearbox-1")]
 pub struct AssetId(String);
 
 /// Why an asset's description cannot be used.
@@ -38,7 +40,7 @@ pub enum AssetError {
 }
 
 /// An asset as the user describes it (TOML in files, JSON over HTTP).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AssetSpec {
     /// Name in addresses.
@@ -46,27 +48,39 @@ pub struct AssetSpec {
     /// Name for people.
     #[serde(default)]
     pub name: String,
+    /// Where it is.
+    #[serde(default, skip_serializing_if = "Location::is_empty")]
+    pub location: Location,
     /// The monitored mesh.
     pub gear: GearSpec,
     /// The accelerometer.
     #[serde(default)]
     pub sensor: SensorSpec,
+    /// The measuring points with their sensors, where more is to be said of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub points: Vec<MeasuringPoint>,
     /// How the healthy baseline is collected.
     #[serde(default)]
     pub baseline: BaselineSpec,
     /// Limits on wear depth.
     #[serde(default)]
     pub limits: WearLimits,
-    /// Band of the envelope spectrum in hertz; the band around the strongest mesh harmonic where not given.
+    /// Band of the envelope spectrum in hertz; where not given it is looked for in each record.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub envelope_band_hz: Option<[f64; 2]>,
+    /// How the band of the envelope spectrum is looked for.
+    #[serde(default, skip_serializing_if = "EnvelopeSearch::is_default")]
+    pub envelope_band: EnvelopeSearch,
+    /// Whether the indicators over the shaft's angle (FM0, FM4, NA4 …) are computed of each record.
+    #[serde(default = "default_gear_indicators")]
+    pub gear_indicators: bool,
     /// Frequency bands whose root mean square becomes an indicator of each record.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bands: Vec<Band>,
 }
 
 /// The monitored gear mesh.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GearSpec {
     /// Tooth numbers of the driving and the driven gear.
@@ -85,7 +99,7 @@ pub struct GearSpec {
 }
 
 /// The accelerometer of an asset.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensorSpec {
     /// Unit of the samples where the recording does not say (`"m/s2"`, `"g"`).
@@ -97,7 +111,7 @@ pub struct SensorSpec {
 }
 
 /// How the healthy baseline is collected.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BaselineSpec {
     /// Records needed, at least 8.
@@ -106,7 +120,7 @@ pub struct BaselineSpec {
 }
 
 /// The user's limits on wear depth in µm.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WearLimits {
     /// Wear depth from which maintenance is to be planned.
@@ -122,6 +136,10 @@ const MOST_BANDS: usize = 16;
 
 fn default_speed_tolerance() -> f64 {
     0.05
+}
+
+fn default_gear_indicators() -> bool {
+    true
 }
 
 fn default_baseline_records() -> u32 {
@@ -201,6 +219,8 @@ impl AssetSpec {
         if !(0.0..=0.5).contains(&gear.speed_tolerance) {
             return Err(field("gear.speed_tolerance", gear.speed_tolerance, "a fraction from 0 to 0.5"));
         }
+        self.location.validate()?;
+        place::validate(&self.points)?;
         if !(8..=10_000).contains(&self.baseline.records) {
             return Err(field("baseline.records", self.baseline.records, "a number from 8 to 10000"));
         }
@@ -226,6 +246,13 @@ impl AssetSpec {
                 "envelope_band_hz",
                 format!("[{low}, {high}]"),
                 "two frequencies, the lower one first",
+            ));
+        }
+        if self.envelope_band_hz.is_some() && !self.envelope_band.is_default() {
+            return Err(field(
+                "envelope_band",
+                "kurtogram",
+                "nothing beside envelope_band_hz: the band is given or looked for",
             ));
         }
         if self.bands.len() > MOST_BANDS {
@@ -258,6 +285,26 @@ impl AssetSpec {
         if self.name.is_empty() { self.id.as_str() } else { &self.name }
     }
 
+    /// The band of the envelope spectrum, where it is given.
+    pub fn given_envelope_band(&self) -> Option<EnvelopeBand> {
+        self.envelope_band_hz.map(|band_hz| EnvelopeBand::given(band_hz, BandSource::Asset))
+    }
+
+    /// Unit of the samples of a channel where the recording does not say.
+    pub fn unit_of(&self, channel: Option<&str>) -> Option<String> {
+        let point = self.points.iter().find(|point| Some(point.channel.as_str()) == channel);
+        point.and_then(|point| point.unit.clone()).or_else(|| self.sensor.unit.clone())
+    }
+
+    /// What is worked out of each record.
+    pub fn condition_settings(&self) -> ConditionSettings<'_> {
+        ConditionSettings {
+            mesh: self.mesh_context(),
+            bands: &self.bands,
+            gear_indicators: self.gear_indicators,
+        }
+    }
+
     /// What the signal code needs to know of the mesh.
     pub fn mesh_context(&self) -> MeshContext {
         MeshContext {
@@ -269,7 +316,7 @@ impl AssetSpec {
     }
 }
 
-fn field(field: &'static str, value: impl fmt::Display, expected: &'static str) -> AssetError {
+pub(super) fn field(field: &'static str, value: impl fmt::Display, expected: &'static str) -> AssetError {
     AssetError::Field {
         field,
         value: value.to_string(),
@@ -283,6 +330,26 @@ mod tests {
 
     fn with_bands(bands: &str) -> Result<AssetSpec, AssetError> {
         AssetSpec::from_toml(&format!("id = \"a\"\n{bands}\n[gear]\nteeth = [24, 36]\nshaft_speed_hz = 16.6"))
+    }
+
+    #[test]
+    fn a_place_and_its_points_are_read_and_checked() {
+        let spec = with_bands(
+            "location = { site = \"mill\", machine = \"3\", gearbox = \"A\", mesh = \"first stage\" }
+             points = [{ channel = \"a1\", unit = \"g\", sensitivity = 10.2, sensitivity_unit = \"mV/g\", calibrated_on = \"2026-01-31\" }]",
+        )
+        .unwrap();
+        assert_eq!(spec.location.mesh.as_deref(), Some("first stage"));
+        assert_eq!((spec.unit_of(Some("a1")).as_deref(), spec.unit_of(Some("a2"))), (Some("g"), None));
+        for wrong in [
+            "location = { site = \"\" }",
+            "location = { floor = \"2\" }",
+            "points = [{ channel = \"a\" }, { channel = \"a\" }]",
+            "points = [{ channel = \"a\", sensitivity = 0.0 }]",
+            "points = [{ channel = \"a\", calibrated_on = \"yesterday\" }]",
+        ] {
+            assert!(with_bands(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

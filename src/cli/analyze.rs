@@ -1,8 +1,9 @@
 //! `flankwatch analyze`: indicators and wear of recordings, without a server.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
@@ -10,12 +11,17 @@ use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
 use super::library::progress_bar;
-use super::{CliError, output, report};
+use super::{CliError, output};
 use crate::asset::AssetSpec;
 use crate::estimate::{EstimatorSettings, Tracker, WearEstimate};
-use crate::library::{GridSettings, Library, LibraryShelf};
+use crate::gear::PairSpec;
+use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryShelf};
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
-use crate::signal::{AnalysisSettings, Analyzer, Features, Indicators, MeshContext, OperatingPoint, Spectrum, SpeedSource};
+use crate::report::{Report, ReportedRecord, angle_words};
+use crate::signal::{
+    AnalysisSettings, Analyzer, BandError, BandSource, Basis, Condition, ConditionSettings, EnvelopeBand, EnvelopeSearch, Features,
+    Indicators, MeshContext, OperatingPoint, Record, RunMeans, ShaftSpeed, Spectrum, SpeedSource,
+};
 
 /// Arguments of `flankwatch analyze`.
 #[derive(Args)]
@@ -44,9 +50,16 @@ pub(super) struct AnalyzeArgs {
     /// Torque on the driving shaft in N·m, where the recording does not say
     #[arg(long)]
     torque_nm: Option<f64>,
+    /// Envelope spectrum of each record, in JSON, in the asset's band (asset), around the strongest mesh harmonic (mesh), in the
+    /// band that the fast kurtogram finds (kurtogram), or from LOW to HIGH hertz
+    #[arg(long, value_name = "asset|mesh|kurtogram|LOW,HIGH")]
+    envelope: Option<EnvelopeArg>,
     /// Folder of the service's data; libraries are kept in its `libraries`
     #[arg(long, default_value = "flankwatch-data")]
     data_dir: PathBuf,
+    /// Variants of the gear pair that the wear estimate allows for: more take longer to simulate the first time
+    #[arg(long, default_value_t = EnsembleSettings::default().variants)]
+    variants: usize,
 }
 
 /// How results are printed.
@@ -58,6 +71,83 @@ enum Format {
     Json,
     /// A line a record
     Csv,
+}
+
+/// Which band's envelope is wanted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum EnvelopeArg {
+    Asset,
+    Search(EnvelopeSearch),
+    Hertz([f64; 2]),
+}
+
+impl FromStr for EnvelopeArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "asset" => return Ok(Self::Asset),
+            "mesh" => return Ok(Self::Search(EnvelopeSearch::MeshHarmonic)),
+            "kurtogram" => return Ok(Self::Search(EnvelopeSearch::Kurtogram)),
+            _ => {}
+        }
+        let band = text
+            .split_once(',')
+            .and_then(|(low, high)| Some([low.trim().parse().ok()?, high.trim().parse().ok()?]));
+        match band {
+            Some([low, high]) if low >= 0.0 && low < high && f64::is_finite(high) => Ok(Self::Hertz([low, high])),
+            _ => Err("expected asset, mesh, kurtogram, or two frequencies in hertz as in 2000,4000".to_owned()),
+        }
+    }
+}
+
+/// Highest lines of an envelope spectrum that are printed.
+const ENVELOPE_LINES: usize = 8;
+
+/// The envelope spectrum of a record in short.
+#[derive(Debug, Serialize)]
+pub(super) struct AnalyzedEnvelope {
+    #[serde(flatten)]
+    pub(super) band: EnvelopeBand,
+    /// Its highest lines, the highest first.
+    pub(super) lines: Vec<EnvelopeLine>,
+    /// Why there is no spectrum of this band.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) absent: Option<String>,
+}
+
+/// One line of an envelope spectrum.
+#[derive(Debug, Serialize)]
+pub(super) struct EnvelopeLine {
+    pub(super) frequency_hz: f64,
+    pub(super) amplitude: f64,
+}
+
+impl AnalyzedEnvelope {
+    fn new(band: EnvelopeBand, spectrum: &Result<Spectrum, BandError>) -> Self {
+        let lines = spectrum.as_ref().map_or_else(
+            |_| Vec::new(),
+            |spectrum| {
+                let amplitude = &spectrum.amplitude;
+                // The first two bins hold what is left of the mean under the window.
+                let mut peaks: Vec<usize> = (2..amplitude.len().saturating_sub(1))
+                    .filter(|&bin| amplitude[bin] > amplitude[bin - 1] && amplitude[bin] >= amplitude[bin + 1])
+                    .collect();
+                peaks.sort_by(|&a, &b| amplitude[b].total_cmp(&amplitude[a]));
+                peaks.truncate(ENVELOPE_LINES);
+                let line = |bin: usize| EnvelopeLine {
+                    frequency_hz: spectrum.frequency_hz(bin),
+                    amplitude: amplitude[bin],
+                };
+                peaks.into_iter().map(line).collect()
+            },
+        );
+        Self {
+            band,
+            lines,
+            absent: spectrum.as_ref().err().map(ToString::to_string),
+        }
+    }
 }
 
 /// One analysed record, as it is printed.
@@ -73,7 +163,12 @@ pub(super) struct AnalyzedRecord {
     pub(super) shaft_speed_source: Option<SpeedSource>,
     pub(super) mesh_frequency_hz: Option<f64>,
     #[serde(flatten)]
+    pub(super) basis: Basis,
+    #[serde(flatten)]
     pub(super) indicators: Indicators,
+    /// The envelope spectrum where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) envelope: Option<AnalyzedEnvelope>,
     /// The wear estimate; null where there is none.
     pub(super) wear: Option<WearEstimate>,
     /// The estimate in words, or why there is none.
@@ -82,6 +177,23 @@ pub(super) struct AnalyzedRecord {
     pub(super) reference_wear_um: Option<f64>,
     #[serde(skip)]
     features: Features,
+}
+
+impl From<&AnalyzedRecord> for ReportedRecord {
+    fn from(record: &AnalyzedRecord) -> Self {
+        Self {
+            name: record.file.clone(),
+            channel: record.channel.clone(),
+            start_time: record.start_time,
+            unit: record.unit.clone(),
+            shaft_speed_hz: record.shaft_speed_hz,
+            indicators: record.indicators.clone(),
+            shaft_angle: record.basis.shaft_angle.clone(),
+            wear: record.wear.clone(),
+            wear_words: record.wear_reason.clone(),
+            reference_wear_um: record.reference_wear_um,
+        }
+    }
 }
 
 /// Runs the command.
@@ -109,8 +221,7 @@ pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
         Format::Csv => csv(&analysis.records),
     })?;
     if let Some(path) = &args.report {
-        let html = report::html(analysis.asset.as_ref(), &analysis.records, analysis.last_spectrum.as_ref());
-        output::write_file(path, html.as_bytes())?;
+        output::write_file(path, analysis.report().html().as_bytes())?;
     }
     if failed > 0 {
         return Err(CliError::SomeFailed {
@@ -138,6 +249,16 @@ struct Analysis<'a> {
 }
 
 impl Analysis<'_> {
+    fn report(&self) -> Report {
+        Report {
+            asset: self.asset.as_ref().map(|asset| asset.name_or_id().to_string()),
+            limits: self.asset.as_ref().map(|asset| asset.limits).unwrap_or_default(),
+            records: self.records.iter().map(ReportedRecord::from).collect(),
+            last_spectrum: self.last_spectrum.clone(),
+            ..Report::default()
+        }
+    }
+
     fn take_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
         let defaults = RecordDefaults {
             channel: None,
@@ -167,8 +288,18 @@ impl Analysis<'_> {
 
     fn take_record(&mut self, path: &Path, recorded: Recorded) {
         let record = recorded.record;
-        let mesh = self.asset.as_ref().map_or_else(MeshContext::unknown, AssetSpec::mesh_context);
-        let analysis = self.analyzer.analyze(&record, &mesh);
+        // Without a description there is no mesh to speak of, and no reason to name what it would have given.
+        let unknown = ConditionSettings {
+            mesh: MeshContext::unknown(),
+            bands: &[],
+            gear_indicators: false,
+        };
+        let settings = self.asset.as_ref().map_or(unknown, AssetSpec::condition_settings);
+        let Condition { analysis, basis } = self.analyzer.condition(&record, &settings);
+        let envelope = self
+            .args
+            .envelope
+            .map(|asked| self.envelope(&record, analysis.shaft_speed.as_ref(), asked));
         if self.args.report.is_some() {
             self.last_spectrum = Some(self.analyzer.amplitude_spectrum(&record));
         }
@@ -182,7 +313,9 @@ impl Analysis<'_> {
             shaft_speed_hz: analysis.shaft_speed.map(|speed| speed.shaft_speed_hz),
             shaft_speed_source: analysis.shaft_speed.map(|speed| speed.source),
             mesh_frequency_hz: analysis.shaft_speed.map(|speed| speed.mesh_frequency_hz).filter(|&hz| hz > 0.0),
+            basis,
             indicators: analysis.indicators,
+            envelope,
             wear: None,
             wear_reason: "no asset is described, see --asset".to_owned(),
             reference_wear_um: recorded.reference_wear_um,
@@ -190,11 +323,28 @@ impl Analysis<'_> {
         });
     }
 
+    fn envelope(&mut self, record: &Record, speed: Option<&ShaftSpeed>, asked: EnvelopeArg) -> AnalyzedEnvelope {
+        let asset = self.asset.as_ref();
+        let search = match asked {
+            EnvelopeArg::Search(search) => search,
+            _ => asset.map_or_else(EnvelopeSearch::default, |asset| asset.envelope_band),
+        };
+        let given = match asked {
+            EnvelopeArg::Hertz(band_hz) => Some(EnvelopeBand::given(band_hz, BandSource::Query)),
+            EnvelopeArg::Asset => asset.and_then(AssetSpec::given_envelope_band),
+            EnvelopeArg::Search(_) => None,
+        };
+        let band = given.unwrap_or_else(|| self.analyzer.envelope_band(record, speed, search));
+        let spectrum = self.analyzer.envelope_spectrum(record, band.band_hz);
+        AnalyzedEnvelope::new(band, &spectrum)
+    }
+
     /// Folds each channel's records in time order, as the service does.
     fn estimate_wear(&mut self) -> Result<(), CliError> {
         let Some(asset) = &self.asset else { return Ok(()) };
         let settings = EstimatorSettings {
             baseline_records: asset.baseline.records,
+            limit_um: asset.limits.danger_um.or(asset.limits.warning_um),
         };
         let longest = self
             .records
@@ -205,51 +355,73 @@ impl Analysis<'_> {
             });
         // A library is worth its simulation only if some channel gets past its baseline.
         let needed = longest.values().any(|&count| count > settings.baseline_records);
-        let library = if needed { self.library(asset)? } else { None };
-        let tracker = Tracker::new(settings, library);
+        let ensemble = if needed { self.ensemble(asset)? } else { None };
+        let tracker = Tracker::new(settings, ensemble);
         let mut order: Vec<usize> = (0..self.records.len()).collect();
         order.sort_by_key(|&i| self.records[i].start_time);
         let mut states = BTreeMap::new();
         for index in order {
             let record = &mut self.records[index];
-            let state = states.entry(record.channel.clone()).or_insert_with(|| tracker.start());
-            let wear = tracker.update(state, &record.features);
+            let (state, run_means) = states
+                .entry(record.channel.clone())
+                .or_insert_with(|| (tracker.start(), RunMeans::default()));
+            record.indicators.extend(run_means.update(&record.indicators));
+            let wear = tracker.update(state, record.start_time, &record.features);
             record.wear_reason = wear.reason.clone();
             record.wear = wear.median_um.is_some().then_some(wear);
         }
         Ok(())
     }
 
-    fn library(&self, asset: &AssetSpec) -> Result<Option<Arc<Library>>, CliError> {
+    fn ensemble(&self, asset: &AssetSpec) -> Result<Option<Arc<Ensemble>>, CliError> {
         let Some(pair) = &asset.gear.pair else { return Ok(None) };
         let grid = GridSettings::default();
         let bar = progress_bar(grid.states as u64, "wear states");
         let shelf = LibraryShelf::new(self.args.data_dir.join("libraries"));
-        let library = shelf.get_or_build(pair, &grid, &|done, _| bar.set_position(done as u64))?;
+        let progress = |done: usize, _| bar.set_position(done as u64);
+        let library = shelf.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
         bar.finish_and_clear();
-        Ok(Some(library))
+        let settings = EnsembleSettings {
+            variants: self.args.variants,
+            ..EnsembleSettings::default()
+        };
+        let bar = progress_bar(settings.libraries() as u64, "libraries around it");
+        let shelf = shelf.variants();
+        let get = |pair: &PairSpec, grid: &GridSettings| shelf.get_or_build(pair, grid, &BuildControl::silent());
+        let ensemble = Ensemble::around(library, &settings, &get, &|done, _| bar.set_position(done as u64))?;
+        bar.finish_and_clear();
+        Ok(Some(Arc::new(ensemble)))
     }
 }
 
-/// Indicators in the table's and the CSV's columns.
+/// Indicators in the table's columns, and the first ones of the CSV's.
 const COLUMNS: [&str; 5] = ["rms", "kurtosis", "crest_factor", "omx", "mesh_2"];
 
+/// Indicators over the shaft's angle in the table's columns, where some record has them.
+const GEAR_COLUMNS: [&str; 5] = ["omx_tracked", "fm0", "fm4", "na4", "sideband_level_factor"];
+
 fn table(records: &[AnalyzedRecord]) -> String {
+    let gear = records.iter().any(|record| record.basis.shaft_angle.is_some());
+    let columns: Vec<&str> = COLUMNS.iter().chain(GEAR_COLUMNS.iter().filter(|_| gear)).copied().collect();
     let mut text = format!("{:<28} {:<12} {:<30} {:>9}", "file", "channel", "start_time", "shaft_hz");
-    for name in COLUMNS {
-        text += &format!(" {name:>12}");
+    for name in &columns {
+        text += &format!(" {:>12}", name.replace("sideband_level_factor", "slf"));
+    }
+    if gear {
+        text += &format!("  {:<24}", "angle");
     }
     text += "  wear\n";
     for record in records {
         let speed = record.shaft_speed_hz.map_or_else(|| "-".to_owned(), |hz| format!("{hz:.3}"));
         text += &format!("{:<28} {:<12} {:<30} {speed:>9}", record.file, record.channel, record.start_time);
-        for name in COLUMNS {
+        for name in &columns {
+            let value = record.indicators.get(name);
+            text += &format!(" {:>12}", value.map_or_else(|| "-".to_owned(), |value| format!("{value:.5}")));
+        }
+        if gear {
             text += &format!(
-                " {:>12}",
-                record
-                    .indicators
-                    .get(name)
-                    .map_or_else(|| "-".to_owned(), |value| format!("{value:.5}"))
+                "  {:<24}",
+                record.basis.shaft_angle.as_ref().map_or_else(|| "-".to_owned(), angle_words)
             );
         }
         text += &format!("  {}\n", record.wear_reason);
@@ -260,6 +432,12 @@ fn table(records: &[AnalyzedRecord]) -> String {
 fn csv(records: &[AnalyzedRecord]) -> String {
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let mut writer = csv::Writer::from_writer(Vec::new());
+    let known: BTreeSet<&String> = records.iter().flat_map(|record| record.indicators.values.keys()).collect();
+    let others: Vec<&str> = known
+        .into_iter()
+        .map(String::as_str)
+        .filter(|name| !COLUMNS.contains(name))
+        .collect();
     let mut header: Vec<&str> = vec![
         "file",
         "channel",
@@ -271,7 +449,8 @@ fn csv(records: &[AnalyzedRecord]) -> String {
         "mesh_frequency_hz",
     ];
     header.extend(COLUMNS);
-    header.extend(["wear_median_um", "wear_p05_um", "wear_p95_um", "wear_reason"]);
+    header.extend(["wear_median_um", "wear_p05_um", "wear_p95_um", "wear_reason", "shaft_angle"]);
+    header.extend(&others);
     let rows = records.iter().map(|record| {
         let mut row = vec![
             record.file.clone(),
@@ -294,6 +473,8 @@ fn csv(records: &[AnalyzedRecord]) -> String {
             .map(number),
         );
         row.push(record.wear_reason.clone());
+        row.push(record.basis.shaft_angle.as_ref().map_or_else(String::new, angle_words));
+        row.extend(others.iter().map(|name| number(record.indicators.get(name))));
         row
     });
     let header = header.into_iter().map(str::to_owned).collect::<Vec<_>>();

@@ -12,11 +12,12 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::serve::asked_to_stop;
 use super::{CliError, output, pair_file};
-use crate::asset::{AssetId, AssetSpec, BaselineSpec, GearSpec, SensorSpec, WearLimits};
+use crate::asset::{AssetId, AssetSpec, BaselineSpec, GearSpec, Location, SensorSpec, WearLimits};
 use crate::gear::ContactRule;
 use crate::http::{RunningService, ServiceConfig, ServiceError, start};
 use crate::ingest::{Clock, Given, Ingest, IngestError, RecordFormat, SystemClock};
 use crate::recording::{BlockEncoding, encode_block};
+use crate::signal::EnvelopeSearch;
 use crate::simulation::{Run, RunPlan};
 
 /// The sample asset.
@@ -116,6 +117,7 @@ async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), 
     let asset = AssetSpec {
         id: id.clone(),
         name: "Demonstration gearbox".to_owned(),
+        location: Location::default(),
         gear: GearSpec {
             teeth: pair.geometry.teeth,
             shaft_speed_hz: pair.operation.shaft_speed_hz,
@@ -124,12 +126,15 @@ async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), 
             pair: Some(pair.clone()),
         },
         sensor: SensorSpec::default(),
+        points: Vec::new(),
         baseline: BaselineSpec::default(),
         limits: WearLimits {
             warning_um: Some(120.0),
             danger_um: Some(200.0),
         },
         envelope_band_hz: None,
+        envelope_band: EnvelopeSearch::default(),
+        gear_indicators: true,
         bands: Vec::new(),
     };
     match ingest.create_asset(&asset).await {

@@ -75,6 +75,9 @@ pub enum CliError {
     /// The demonstration's records could not be taken.
     #[error(transparent)]
     Ingest(#[from] crate::ingest::IngestError),
+    /// Tokens could not be read or kept.
+    #[error(transparent)]
+    Tokens(#[from] crate::http::TokenError),
     /// A server could not be reached or refused.
     #[error("{url}: {reason}")]
     Server {

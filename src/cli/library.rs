@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::interrupt::interrupted;
 use super::{CliError, output, pair_file};
 use crate::gear::ContactRule;
-use crate::library::{self, GridSettings, Library, LibraryShelf, decode, keep};
+use crate::library::{self, BuildControl, GridSettings, Library, LibraryError, LibraryShelf, build_into, decode};
 
 /// Arguments of `flankwatch library`.
 #[derive(Args)]
@@ -18,7 +19,7 @@ pub(super) struct LibraryArgs {
 
 #[derive(Subcommand)]
 enum LibraryCommand {
-    /// Simulate the wear states of a gear pair, or load them if nothing has changed
+    /// Simulate the wear states of a gear pair, or load them if nothing has changed. Ctrl-C keeps what is done for the next time
     Build(BuildArgs),
     /// The libraries that are kept
     List(ShelfArgs),
@@ -50,6 +51,12 @@ struct BuildArgs {
     /// Sampling rate of each simulated record in hertz
     #[arg(long, default_value_t = 20_000.0)]
     rate: f64,
+    /// Torques to simulate as parts of the pair's own, for example 0.5,0.75,1,1.25,1.5: rising, with 1 among them
+    #[arg(long, value_delimiter = ',', default_value = "1")]
+    torques: Vec<f64>,
+    /// Speeds to simulate as parts of the pair's own, in the same way
+    #[arg(long, value_delimiter = ',', default_value = "1")]
+    speeds: Vec<f64>,
     /// Which tooth pairs carry the load
     #[arg(long)]
     contact: Option<ContactRule>,
@@ -93,27 +100,35 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
         max_wear_um: args.max_wear_um,
         seconds: args.seconds,
         sample_rate_hz: args.rate,
+        torque_factors: args.torques.clone(),
+        speed_factors: args.speeds.clone(),
         ..GridSettings::default()
     };
-    let bar = progress_bar(grid.states as u64, "wear states");
+    grid.validate()?;
+    let bar = progress_bar(grid.simulations() as u64, "simulations");
     let progress = |done: usize, _| bar.set_position(done as u64);
-    let place = match &args.out {
-        None => {
-            let library = args.shelf.shelf().get_or_build(&pair, &grid, &progress)?;
-            format!("{} in {}", library.id(), args.shelf.data_dir.join("libraries").display())
-        }
-        Some(path) => {
-            if let Some(reason) = not_reusable(path, &library::library_id(&pair, &grid)) {
+    let interrupted = interrupted();
+    let control = BuildControl::with_progress(&progress).cancelled_by(&interrupted);
+    let id = library::library_id(&pair, &grid);
+    let built = match &args.out {
+        None => args.shelf.shelf().get_or_build(&pair, &grid, &control).map(|_| ()),
+        Some(path) => match not_reusable(path, &id) {
+            None => Ok(()),
+            Some(reason) => {
                 if path.exists() {
                     tracing::warn!(file = %path.display(), reason, "building the library again");
                 }
-                keep(path, &library::build(&pair, &grid, &progress)?)?;
+                build_into(path, &pair, &grid, &control).map(|_| ())
             }
-            format!("{} in {}", library::library_id(&pair, &grid), path.display())
-        }
+        },
     };
+    if let Err(LibraryError::Cancelled) = &built {
+        bar.abandon_with_message("stopped; the same command goes on from here");
+    }
+    built?;
     bar.finish_and_clear();
-    output::print(&format!("library {place}\n"))
+    let place = args.out.clone().unwrap_or_else(|| args.shelf.data_dir.join("libraries"));
+    output::print(&format!("library {id} in {}\n", place.display()))
 }
 
 /// Why the file cannot stand for the library with this name; `None` if it can.
@@ -131,18 +146,20 @@ fn not_reusable(path: &std::path::Path, id: &str) -> Option<String> {
 
 fn list(args: &ShelfArgs) -> Result<(), CliError> {
     let mut text = format!(
-        "{:<18} {:<28} {:>6} {:>10} {:>10}\n",
-        "library", "pair", "states", "to_um", "contact"
+        "{:<18} {:<28} {:>6} {:>10} {:>10} {:>7} {:>6}\n",
+        "library", "pair", "states", "to_um", "contact", "torques", "speeds"
     );
     for manifest in args.shelf().list()? {
         let contact = manifest.contact();
         text += &format!(
-            "{:<18} {:<28} {:>6} {:>10} {:>10}\n",
+            "{:<18} {:<28} {:>6} {:>10} {:>10} {:>7} {:>6}\n",
             manifest.id,
             manifest.pair.name,
             manifest.grid.states,
             manifest.grid.max_wear_um,
-            contact.to_string()
+            contact.to_string(),
+            manifest.grid.torque_factors.len(),
+            manifest.grid.speed_factors.len()
         );
     }
     output::print(&text)
@@ -173,19 +190,36 @@ fn table(library: &Library) -> String {
         manifest.contact(),
         manifest.model_version
     );
+    let (grid, operation) = (&manifest.grid, &manifest.pair.operation);
+    let axis = |factors: &[f64], nominal: f64| {
+        let values: Vec<String> = factors
+            .iter()
+            .map(|factor| format!("{}", (1e6 * factor * nominal).round() / 1e6))
+            .collect();
+        values.join(", ")
+    };
     text += &format!(
-        "{:>5} {:>9} {:>12} {:>10} {:>12}\n",
-        "state", "wear_um", "rms_m_s2", "kurtosis", "omx_m_s2"
+        "grid {} wear states × {} N·m × {} Hz, each {} s at {} Hz; the nominal point:\n",
+        grid.states,
+        axis(&grid.torque_factors, operation.torque_nm),
+        axis(&grid.speed_factors, operation.shaft_speed_hz),
+        grid.seconds,
+        grid.sample_rate_hz
+    );
+    text += &format!(
+        "{:>5} {:>9} {:>12} {:>10} {:>12} {:>12}\n",
+        "state", "wear_um", "rms_m_s2", "kurtosis", "omx_m_s2", "turns"
     );
     for state in library.states() {
         let value = |name| state.indicators.get(name).map_or_else(|| "-".to_owned(), |x| format!("{x:.4}"));
         text += &format!(
-            "{:>5} {:>9.1} {:>12} {:>10} {:>12}\n",
+            "{:>5} {:>9.1} {:>12} {:>10} {:>12} {:>12}\n",
             state.index,
             state.wear_um,
             value("rms"),
             value("kurtosis"),
-            value("omx")
+            value("omx"),
+            state.driving_turns.map_or_else(|| "-".to_owned(), |turns| format!("{turns:.3e}"))
         );
     }
     text

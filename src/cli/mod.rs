@@ -4,15 +4,17 @@ mod analyze;
 mod convert;
 mod demo;
 mod error;
+mod evaluate;
 mod figures;
+mod interrupt;
 mod library;
 mod model;
 mod output;
 mod pair_file;
 mod replay;
-mod report;
 mod serve;
 mod simulate;
+mod token;
 
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
@@ -42,6 +44,8 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Simulate a run to failure with the true wear known
     Simulate(simulate::SimulateArgs),
+    /// What the wear estimate is worth on simulated runs whose true wear is known
+    Evaluate(evaluate::EvaluateArgs),
     /// Mesh stiffness and transmission error of a worn pair over one mesh period
     Model(model::ModelArgs),
     /// The figures of the model's paper from this model, with its statements checked
@@ -50,6 +54,8 @@ enum Command {
     Library(library::LibraryArgs),
     /// Turn other recordings into MCAP or WAV
     Convert(convert::ConvertArgs),
+    /// Make, list and revoke the tokens of a service
+    Token(token::TokenArgs),
 }
 
 /// Runs the command line of this process.
@@ -66,9 +72,11 @@ pub fn run() -> ExitCode {
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Simulate(args) => simulate::run(args),
+        Command::Evaluate(args) => evaluate::run(args),
         Command::Model(args) => model::run(args),
         Command::Figures(args) => figures::run(args),
         Command::Library(args) => library::run(args),
+        Command::Token(args) => token::run(args),
         Command::Convert(args) => convert::run(args).map_err(CliError::from),
     };
     match outcome {

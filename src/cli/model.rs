@@ -186,6 +186,54 @@ mod tests {
         }
     }
 
+    /// In single contact, x from the pitch point along the line of action, flanks of curvature radii L₁, L₂ slide by (1 + z₁/z₂) |x| a radian while the contact
+    /// moves over them by L₁ and L₂ z₁/z₂: a turn takes k F/b (1 + z₁/z₂) |x| (1/L₁ + 1/L₂) off both, by which the driven gear lags.
+    #[test]
+    fn turns_wear_as_archards_law_says() {
+        let turns = 2000.0;
+        let arguments = |turns: &str| {
+            [
+                "--turns".to_owned(),
+                turns.to_owned(),
+                "--contact".into(),
+                "threshold".into(),
+                "--points".into(),
+                "200".into(),
+            ]
+        };
+        let rows = |turns: &str| -> Vec<Vec<f64>> {
+            let arguments = arguments(turns);
+            let text = printed(&arguments.each_ref().map(String::as_str), Format::Csv).unwrap();
+            text.lines()
+                .skip(1)
+                .map(|line| line.split(',').map(|field| field.parse().unwrap()).collect())
+                .collect()
+        };
+        let row = rows("2000")
+            .into_iter()
+            .min_by(|a, b| (a[0] + 0.03).abs().total_cmp(&(b[0] + 0.03).abs()))
+            .unwrap();
+        // Unworn radii of curvature and the distance from the pitch point along the line of action, in mm.
+        let (angle, bases) = (
+            20.0_f64.to_radians(),
+            [24.0, 26.0].map(|z: f64| 3.0 * z * 20.0_f64.to_radians().cos()),
+        );
+        let half_angle = std::f64::consts::PI / 48.0 + angle.tan() - angle;
+        let first = bases[0] * (row[0] + angle + half_angle);
+        let lengths = [first, (bases[0] + bases[1]) * angle.tan() - first];
+        let from_pitch = first - bases[0] * angle.tan();
+        let force_n_per_mm = 1300e3 / (50.0 * bases[0]);
+        let k_mm2_per_n = 3.5e-6 / 7e9 * 1e6;
+        let slid = (1.0 + 24.0 / 26.0) * from_pitch.abs();
+        let lost = turns * k_mm2_per_n * force_n_per_mm * slid * (1.0 / lengths[0] + 1.0 / lengths[1]);
+        let lag_mm = row[3] * bases[1];
+        assert!((lag_mm / lost - 1.0).abs() < 0.05, "{lag_mm} {lost}");
+        assert!(rows("0").iter().all(|row| row[3].abs() < 1e-12));
+        assert!(printed(&["--turns=-1"], Format::Csv).unwrap_err().contains("turns is -1"));
+        assert!(printed(&["--turns", "1e9"], Format::Csv).is_err());
+        assert!(printed(&["--turns", "5", "--wear-mm", "0.1"], Format::Csv).is_err());
+    }
+
     #[test]
     fn refusals_name_the_field_or_the_file() {
         assert!(

@@ -33,6 +33,9 @@ pub(super) struct ReplayArgs {
     /// The server
     #[arg(long, default_value = "http://127.0.0.1:8600")]
     url: String,
+    /// Token to show to the server [default: the variable FLANKWATCH_TOKEN]
+    #[arg(long)]
+    token: Option<String>,
     /// How fast: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
@@ -54,6 +57,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
             .build()
             .into(),
         url: format!("{}/v1/assets/{asset}/segments", args.url.trim_end_matches('/')),
+        token: args.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()),
         pace: args.pace,
         first: None,
         sent: 0,
@@ -76,6 +80,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
 struct Sender {
     agent: ureq::Agent,
     url: String,
+    token: Option<String>,
     pace: Pace,
     first: Option<(Timestamp, Instant)>,
     sent: u64,
@@ -127,6 +132,9 @@ impl Sender {
         loop {
             tries += 1;
             let mut request = self.agent.post(&self.url).content_type("application/x-protobuf");
+            if let Some(token) = &self.token {
+                request = request.header("authorization", format!("Bearer {token}"));
+            }
             if let Some(depth) = recorded.reference_wear_um {
                 request = request.query("reference_wear_um", depth.to_string());
             }

@@ -3,6 +3,7 @@
 use std::fs;
 use std::io::Write;
 use std::net::{Ipv4Addr, SocketAddr};
+use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,8 +12,8 @@ use clap::Args;
 use serde::Deserialize;
 use thiserror::Error;
 
-use crate::http::{ServiceConfig, ServiceError, start};
-use crate::ingest::SystemClock;
+use crate::http::{ServiceConfig, ServiceError, TlsFiles, start};
+use crate::ingest::{RawQuotas, SystemClock};
 
 /// Run the service: the API and the dashboard.
 #[derive(Debug, Clone, Default, Args)]
@@ -29,6 +30,15 @@ pub(super) struct ServeArgs {
     /// Recordings that may be replayed [default: recordings in the data folder].
     #[arg(long, value_name = "DIR")]
     pub replay_dir: Option<PathBuf>,
+    /// Certificate (PEM) to speak TLS with; goes with --tls-key.
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    pub tls_certificate: Option<PathBuf>,
+    /// Private key (PEM) of the certificate.
+    #[arg(long, value_name = "FILE", requires = "tls_certificate")]
+    pub tls_key: Option<PathBuf>,
+    /// Ask nobody for a token: everyone who reaches the address may do everything.
+    #[arg(long)]
+    pub insecure_no_tokens: bool,
 }
 
 /// Why the service does not run.
@@ -50,6 +60,9 @@ pub enum ServeError {
         /// What is not understood, and where.
         source: Box<toml::de::Error>,
     },
+    /// Half of what TLS needs.
+    #[error("settings file: {0} is missing, expected both tls_certificate and tls_key or none of them")]
+    Tls(&'static str),
     /// The process cannot run a server at all.
     #[error("cannot start: {0}")]
     Process(#[from] std::io::Error),
@@ -65,7 +78,19 @@ struct ConfigFile {
     listen: Option<SocketAddr>,
     data_dir: Option<PathBuf>,
     replay_dir: Option<PathBuf>,
+    tls_certificate: Option<PathBuf>,
+    tls_key: Option<PathBuf>,
+    insecure_no_tokens: bool,
     limits: LimitsTable,
+    retention: RetentionTable,
+}
+
+/// The table `retention` of the settings file: raw recordings that are kept; what is derived from them always is.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct RetentionTable {
+    raw_bytes: Option<u64>,
+    raw_bytes_per_asset: Option<u64>,
 }
 
 /// The table `limits` of the settings file.
@@ -81,6 +106,12 @@ struct LimitsTable {
     body_timeout_s: Option<u64>,
     request_timeout_s: Option<u64>,
     grace_s: Option<u64>,
+    connections: Option<usize>,
+    header_bytes: Option<usize>,
+    header_timeout_s: Option<u64>,
+    write_timeout_s: Option<u64>,
+    requests_per_s: Option<NonZeroU32>,
+    events_kept: Option<usize>,
 }
 
 impl ServeArgs {
@@ -99,7 +130,19 @@ impl ServeArgs {
                 .unwrap_or_else(|| PathBuf::from("flankwatch-data")),
         );
         config.replay_dir = self.replay_dir.clone().or(file.replay_dir);
+        let certificate = self.tls_certificate.clone().or(file.tls_certificate);
+        config.tls = match (certificate, self.tls_key.clone().or(file.tls_key)) {
+            (Some(certificate), Some(key)) => Some(TlsFiles { certificate, key }),
+            (None, None) => None,
+            (Some(_), None) => return Err(ServeError::Tls("tls_key")),
+            (None, Some(_)) => return Err(ServeError::Tls("tls_certificate")),
+        };
+        config.insecure_no_tokens = self.insecure_no_tokens || file.insecure_no_tokens;
         file.limits.apply(&mut config);
+        config.ingest.quotas = RawQuotas {
+            bytes: file.retention.raw_bytes,
+            bytes_per_asset: file.retention.raw_bytes_per_asset,
+        };
         Ok(config)
     }
 }
@@ -129,6 +172,13 @@ impl LimitsTable {
         set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
         set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
         set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
+        set(&mut config.http.connections, self.connections.map(|n| n.max(1)));
+        // Less than this the HTTP library does not take.
+        set(&mut config.http.header_bytes, self.header_bytes.map(|n| n.max(8192)));
+        set(&mut config.http.header_timeout, self.header_timeout_s.map(Duration::from_secs));
+        set(&mut config.http.write_timeout, self.write_timeout_s.map(Duration::from_secs));
+        set(&mut config.http.requests_per_s, self.requests_per_s);
+        set(&mut config.http.events_kept, self.events_kept);
         set(&mut config.ingest.bytes_at_once, self.bytes_at_once);
         set(&mut config.ingest.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
         set(&mut config.ingest.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));
@@ -143,7 +193,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
     let ended = runtime.block_on(async {
         let service = start(config, Arc::new(SystemClock)).await?;
         let mut out = std::io::stdout();
-        writeln!(out, "listening on http://{}", service.address())?;
+        writeln!(out, "listening on {}", service.url())?;
         out.flush()?;
         asked_to_stop().await?;
         tracing::info!("stopping");
@@ -177,7 +227,11 @@ mod tests {
     fn an_option_goes_before_the_settings_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flankwatch.toml");
-        fs::write(&path, "listen = \"127.0.0.1:1\"\ndata_dir = \"d\"\n[limits]\nrecord_bytes = 1000\n").unwrap();
+        fs::write(
+            &path,
+            "listen = \"127.0.0.1:1\"\ndata_dir = \"d\"\n[limits]\nrecord_bytes = 1000\n[retention]\nraw_bytes = 5\n",
+        )
+        .unwrap();
         let args = ServeArgs {
             config: Some(path),
             listen: Some("127.0.0.1:2".parse().unwrap()),
@@ -187,6 +241,7 @@ mod tests {
         assert_eq!(config.listen.port(), 2);
         assert_eq!(config.data_dir, PathBuf::from("d"));
         assert_eq!(config.http.record_bytes, 1000);
+        assert_eq!((config.ingest.quotas.bytes, config.ingest.quotas.bytes_per_asset), (Some(5), None));
     }
 
     #[test]

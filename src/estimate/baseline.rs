@@ -1,6 +1,5 @@
-//! What healthy looks like on one asset: mean and scatter of its features over the first records.
+//! The healthy records of one measuring channel, as the state keeps them.
 
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
 use crate::signal::Features;
@@ -8,99 +7,78 @@ use crate::signal::Features;
 /// A line enters the comparison when its healthy amplitude stands above the noise beside it by this factor.
 const LEAST_LINE_TO_BACKGROUND: f64 = 2.0;
 
-/// Weight of the diagonal in the scatter estimate: with about as many records as features the sample covariance alone is
-/// singular (Ledoit and Wolf 2004 shrink towards a diagonal for that reason; the weight is fixed here).
-const SHRINKAGE: f64 = 0.3;
+/// Records that the fit over the speed is made of: of a longer baseline, as many evenly spread ones.
+const MOST_RECORDS: usize = 40;
 
-/// Least standard deviation of any feature: nothing repeats better than about half a per cent.
-const LEAST_DEVIATION: f64 = 0.005;
+/// Healthy values of one feature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct HealthyFeature {
+    pub(super) name: String,
+    /// Value by record.
+    pub(super) values: Vec<f32>,
+    /// Mean logarithm of the noise amplitude beside it, for a line.
+    pub(super) background: Option<f64>,
+}
+
+impl HealthyFeature {
+    /// Its mean.
+    pub(super) fn mean(&self) -> f64 {
+        self.values.iter().map(|&value| f64::from(value)).sum::<f64>() / self.values.len() as f64
+    }
+}
 
 /// The healthy baseline of one measuring channel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Baseline {
-    /// Names of the features that every record had and that stand above the noise, in order.
-    pub(super) names: Vec<String>,
-    /// Their mean.
-    pub(super) mean: Vec<f64>,
-    /// Mean logarithm of the noise amplitude beside each line; `None` for features that are not lines.
-    pub(super) background: Vec<Option<f64>>,
-    /// Their covariance, row by row.
-    pub(super) covariance: Vec<f64>,
-    /// Records it was made from.
-    pub(super) records: usize,
+    /// Lines that every record had and that stand above the noise: what wear is told from.
+    pub(super) lines: Vec<HealthyFeature>,
+    /// Values that wear hardly moves.
+    pub(super) checks: Vec<HealthyFeature>,
+    /// Speed and torque of each record, as far as they are known.
+    pub(super) points: Vec<[Option<f64>; 2]>,
 }
 
 impl Baseline {
     /// The baseline of these records; features that any of them lacks are left out.
     pub(super) fn of(records: &[Features]) -> Self {
-        let count = records.len() as f64;
-        let first = records.first().map(|record| &record.values);
-        let mut names = Vec::new();
-        let mut mean = Vec::new();
-        let mut background = Vec::new();
-        for name in first.into_iter().flat_map(|values| values.keys()) {
-            let Some(values) = records
-                .iter()
-                .map(|record| record.values.get(name).copied())
-                .collect::<Option<Vec<f64>>>()
-            else {
-                continue;
-            };
+        let stride = records.len().div_ceil(MOST_RECORDS).max(1);
+        let records: Vec<&Features> = records.iter().step_by(stride).collect();
+        let is_line = |name: &&String| ["ln_mesh_", "ln_sideband_", "ln_env_"].iter().any(|kind| name.starts_with(kind));
+        let first = records.first();
+        let lines = first.into_iter().flat_map(|record| record.values.keys().filter(is_line));
+        let lines = lines.filter_map(|name| {
+            let values: Option<Vec<f32>> = records.iter().map(|record| Some(*record.values.get(name)? as f32)).collect();
             let noise: Option<Vec<f64>> = records.iter().map(|record| record.background.get(name).copied()).collect();
-            let noise = noise.map(|noise| noise.iter().sum::<f64>() / count);
-            let average = values.iter().sum::<f64>() / count;
-            if noise.is_some_and(|noise| average < noise + LEAST_LINE_TO_BACKGROUND.ln()) {
-                continue;
-            }
-            names.push(name.clone());
-            mean.push(average);
-            background.push(noise);
-        }
-        let covariance = covariance(records, &names, &mean);
-        Self {
-            names,
-            mean,
-            background,
-            covariance,
-            records: records.len(),
-        }
-    }
-
-    /// The covariance of the features with these indices.
-    pub(super) fn covariance_of(&self, indices: &[usize]) -> DMatrix<f64> {
-        let width = self.names.len();
-        DMatrix::from_fn(indices.len(), indices.len(), |i, j| {
-            self.covariance[indices[i] * width + indices[j]]
-        })
-    }
-}
-
-fn covariance(records: &[Features], names: &[String], mean: &[f64]) -> Vec<f64> {
-    let width = names.len();
-    let freedom = (records.len().max(2) - 1) as f64;
-    let mut sum = vec![0.0; width * width];
-    let mut deviation = vec![0.0; width];
-    for record in records {
-        for ((d, name), mean) in deviation.iter_mut().zip(names).zip(mean) {
-            *d = record.values[name] - mean;
-        }
-        for i in 0..width {
-            for j in 0..width {
-                sum[i * width + j] += deviation[i] * deviation[j];
-            }
-        }
-    }
-    for i in 0..width {
-        for j in 0..width {
-            let sample = sum[i * width + j] / freedom;
-            sum[i * width + j] = if i == j {
-                sample.max(LEAST_DEVIATION * LEAST_DEVIATION)
-            } else {
-                (1.0 - SHRINKAGE) * sample
+            let feature = HealthyFeature {
+                name: name.clone(),
+                values: values?,
+                background: noise.map(|noise| noise.iter().sum::<f64>() / noise.len() as f64),
             };
+            let drowned = feature
+                .background
+                .is_some_and(|noise| feature.mean() < noise + LEAST_LINE_TO_BACKGROUND.ln());
+            (!drowned).then_some(feature)
+        });
+        let checks = first.into_iter().flat_map(|record| record.checks.keys()).filter_map(|name| {
+            let values: Option<Vec<f32>> = records.iter().map(|record| Some(*record.checks.get(name)? as f32)).collect();
+            Some(HealthyFeature {
+                name: name.clone(),
+                values: values?,
+                background: None,
+            })
+        });
+        let point = |record: &&Features| [record.operating_point.shaft_speed_hz, record.operating_point.torque_nm];
+        Self {
+            lines: lines.collect(),
+            checks: checks.collect(),
+            points: records.iter().map(point).collect(),
         }
     }
-    sum
+
+    /// Records that are kept.
+    pub(super) fn records(&self) -> usize {
+        self.points.len()
+    }
 }
 
 #[cfg(test)]
@@ -112,31 +90,33 @@ mod tests {
         Features {
             values: map(pairs),
             background: map(background),
+            ..Features::default()
         }
     }
 
     #[test]
     fn a_feature_that_one_record_lacks_is_left_out() {
-        let baseline = Baseline::of(&[features(&[("a", 1.0), ("b", 2.0)], &[]), features(&[("a", 3.0)], &[])]);
-        assert_eq!(baseline.names, ["a"]);
-        assert_eq!(baseline.mean, [2.0]);
-        // Sample variance of 1 and 3 by hand: ((1−2)² + (3−2)²)/1 = 2.
-        assert_eq!(baseline.covariance, [2.0]);
+        let pairs = [("ln_mesh_1", 1.0), ("ln_mesh_2", 2.0), ("ln_rms", 1.0)];
+        let baseline = Baseline::of(&[features(&pairs, &[]), features(&[("ln_mesh_1", 3.0)], &[])]);
+        assert_eq!(baseline.lines.len(), 1);
+        assert_eq!((baseline.lines[0].name.as_str(), baseline.lines[0].mean()), ("ln_mesh_1", 2.0));
     }
 
     #[test]
     fn a_line_in_the_noise_is_left_out() {
-        let records = [features(&[("clear", 1.0), ("drowned", 0.1)], &[("clear", 0.0), ("drowned", 0.0)])];
-        assert_eq!(Baseline::of(&records).names, ["clear"]);
+        let noise = [("ln_mesh_1", 0.0), ("ln_mesh_2", 0.0)];
+        let baseline = Baseline::of(&[features(&[("ln_mesh_1", 1.0), ("ln_mesh_2", 0.1)], &noise)]);
+        assert_eq!(
+            baseline.lines.iter().map(|line| line.name.as_str()).collect::<Vec<_>>(),
+            ["ln_mesh_1"]
+        );
     }
 
     #[test]
-    fn fewer_records_than_features_still_give_a_positive_definite_scatter() {
-        let records = [
-            features(&[("a", 0.0), ("b", 0.0), ("c", 0.0)], &[]),
-            features(&[("a", 1.0), ("b", 1.0), ("c", 1.0)], &[]),
-        ];
+    fn a_long_baseline_is_thinned_evenly() {
+        let records: Vec<Features> = (0..100).map(|i| features(&[("ln_mesh_1", f64::from(i))], &[])).collect();
         let baseline = Baseline::of(&records);
-        assert!(baseline.covariance_of(&[0, 1, 2]).cholesky().is_some());
+        assert_eq!(baseline.records(), 34);
+        assert_eq!(baseline.lines[0].values[..3], [0.0, 3.0, 6.0]);
     }
 }

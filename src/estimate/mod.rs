@@ -1,15 +1,25 @@
-//! From features to wear: the healthy baseline, the likelihood of each wear depth, and the tracking of wear over time.
+//! From features to wear: the healthy baseline, the likelihood of each wear depth, and the tracking of wear over time; what is not wear, the
+//! time to a limit, and alarms.
 //!
-//! Everything here is pure and deterministic: an estimate is a fold over an asset's features in time order. Features enter
-//! relative to the asset's own healthy baseline, so that an unknown linear transmission path cancels.
+//! Everything here is pure and deterministic: an estimate is a fold over an asset's features and maintenance events in time order. Features
+//! enter relative to the asset's own healthy baseline, so that an unknown linear transmission path cancels.
 
+mod alarm;
 mod baseline;
+mod belief;
 mod depth_grid;
-mod likelihood;
-mod shape_spread;
+mod event;
+mod healthy;
+mod hypotheses;
+mod novelty;
+mod prognosis;
 mod tracker;
 mod transition;
 mod wear;
 
+pub use alarm::{Alarm, AlarmAction, AlarmChange, AlarmError, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings, AlarmState, Severity};
+pub use event::{MaintenanceEvent, MaintenanceKind};
+pub use novelty::{FeatureDeviation, Novelty, SensorFault};
+pub use prognosis::Prognosis;
 pub use tracker::{EstimatorSettings, METHOD, Tracker, TrackerState};
 pub use wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};

@@ -2,26 +2,26 @@
 
 use std::sync::Arc;
 
+use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
+use super::belief::{Belief, Updated};
 use super::depth_grid::DepthGrid;
-use super::likelihood::Likelihood;
-use super::shape_spread::spread;
-use super::transition::advance;
+use super::event::{MaintenanceEvent, MaintenanceKind};
+use super::hypotheses::{Beginning, Hypotheses};
+use super::novelty::{Novelty, judge};
+use super::prognosis::WearHistory;
+use super::transition::Growth;
 use super::wear::{BaselineProgress, BestState, WearEstimate, WearStatus};
-use crate::library::Library;
+use crate::library::{Ensemble, Library};
 use crate::signal::{Features, PREPROCESSING};
 
 /// Identifier of the estimator.
-pub const METHOD: &str = "grid-filter-1";
+pub const METHOD: &str = "ensemble-filter-3";
 
-/// Weight of one record's log-likelihood. What is wrong with a library is wrong in the same way in one record after the other;
-/// counting every record in full would make the interval shrink although nothing new is learnt.
-const RECORD_WEIGHT: f64 = 0.1;
-
-/// Fewest features that a comparison is made on.
-const LEAST_FEATURES: usize = 3;
+/// Fewest lines that a comparison is made on.
+const LEAST_LINES: usize = 3;
 
 /// An interval wider than this part of the library says that the records do not tell.
 const WIDEST_INTERVAL: f64 = 0.6;
@@ -31,6 +31,8 @@ const WIDEST_INTERVAL: f64 = 0.6;
 pub struct EstimatorSettings {
     /// Records in the healthy baseline.
     pub baseline_records: u32,
+    /// Wear depth in µm that the prognosis is about.
+    pub limit_um: Option<f64>,
 }
 
 /// What is known after the records so far; an exact copy in JSON continues with the same bits.
@@ -40,49 +42,98 @@ pub struct TrackerState(Stage);
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Stage {
-    Collecting { records: Vec<Features> },
-    Tracking { baseline: Baseline, probability: Vec<f64> },
+    Collecting {
+        records: Vec<Features>,
+        start: Option<Timestamp>,
+        carried: Option<Carried>,
+    },
+    Tracking(Box<Tracking>),
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Tracking {
+    baseline: Baseline,
+    carried: Option<Carried>,
+    belief: Option<Belief>,
+    history: WearHistory,
+    #[serde(skip)]
+    prepared: Prepared,
+}
+
+/// What goes on over a new baseline: what was believed before, and the history of wear.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Carried {
+    beginning: Beginning,
+    history: WearHistory,
+}
+
+/// What follows from the baseline and is worked out again where a state was read.
+#[derive(Debug, Clone, Default)]
+struct Prepared(Option<Arc<Hypotheses>>);
+
+impl PartialEq for Prepared {
+    /// It says nothing that the baseline does not say.
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
 }
 
 /// Estimates the wear of one measuring channel by folding over its records in time order.
 #[derive(Debug)]
 pub struct Tracker {
     settings: EstimatorSettings,
-    library: Option<Arc<Library>>,
+    ensemble: Option<Arc<Ensemble>>,
     grid: DepthGrid,
+    growth: Growth,
 }
 
 impl Tracker {
-    /// A tracker for a library; without one, only the baseline is collected.
-    pub fn new(settings: EstimatorSettings, library: Option<Arc<Library>>) -> Self {
-        let grid = library.as_deref().map(DepthGrid::of).unwrap_or_default();
-        Self { settings, library, grid }
+    /// A tracker for an ensemble of libraries; without one, only the baseline is collected and novelty judged.
+    pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>) -> Self {
+        let grid = ensemble
+            .as_deref()
+            .map(|ensemble| DepthGrid::up_to(ensemble.described().max_wear_um()))
+            .unwrap_or_default();
+        let growth = Growth::on(grid.depths_um());
+        Self {
+            settings,
+            ensemble,
+            grid,
+            growth,
+        }
     }
 
     /// The state before the first record.
     pub fn start(&self) -> TrackerState {
-        TrackerState(Stage::Collecting { records: Vec::new() })
+        TrackerState(Stage::Collecting {
+            records: Vec::new(),
+            start: None,
+            carried: None,
+        })
     }
 
-    /// Takes one more record; records come in time order.
-    pub fn update(&self, state: &mut TrackerState, features: &Features) -> WearEstimate {
-        let need = self.settings.baseline_records;
+    /// Takes one more record that began at `at`; records and events come in time order.
+    pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         match &mut state.0 {
-            Stage::Collecting { records } => {
-                if !features.values.contains_key("ln_mesh_1") {
-                    let have = records.len() as u32;
-                    return self.no_number(
-                        WearStatus::NoFeatures,
-                        have,
-                        "the mesh line was not found in this record, so it does not count",
-                    );
-                }
-                records.push(features.clone());
+            Stage::Collecting { records, start, carried } => {
                 let have = records.len() as u32;
+                if let Some(reason) = self.unusable(features) {
+                    return self.no_number(WearStatus::NoFeatures, have, reason);
+                }
+                start.get_or_insert(at);
+                records.push(features.clone());
+                let (have, need) = (records.len() as u32, self.settings.baseline_records);
                 if have >= need {
-                    let baseline = Baseline::of(records);
-                    let probability = self.grid.prior();
-                    state.0 = Stage::Tracking { baseline, probability };
+                    let history = carried
+                        .as_ref()
+                        .map_or_else(|| WearHistory::from(start.unwrap_or(at)), |carried| carried.history.clone());
+                    state.0 = Stage::Tracking(Box::new(Tracking {
+                        baseline: Baseline::of(records),
+                        carried: carried.take(),
+                        belief: None,
+                        history,
+                        prepared: Prepared::default(),
+                    }));
                 }
                 self.no_number(
                     WearStatus::CollectingBaseline,
@@ -90,53 +141,143 @@ impl Tracker {
                     &format!("collecting baseline, {have} of {need}"),
                 )
             }
-            Stage::Tracking { baseline, probability } => match &self.library {
-                None => self.no_number(
-                    WearStatus::NoLibrary,
-                    need,
-                    "no gear pair is described for this asset, so there is no library to compare with",
-                ),
-                Some(library) => self.compare(library, baseline, probability, features),
-            },
+            Stage::Tracking(tracking) => self.track(tracking, at, features),
         }
     }
 
-    fn compare(&self, library: &Library, baseline: &Baseline, probability: &mut Vec<f64>, features: &Features) -> WearEstimate {
+    /// Takes an event: a new baseline is learnt, and unless the gear was replaced, wear goes on from where it was.
+    pub fn event(&self, state: &mut TrackerState, event: &MaintenanceEvent) {
+        let carried = match (&mut state.0, event.kind) {
+            (_, MaintenanceKind::GearReplaced) => None,
+            (Stage::Collecting { carried, .. }, _) => carried.take(),
+            (Stage::Tracking(tracking), _) => self.carried(tracking),
+        };
+        state.0 = Stage::Collecting {
+            records: Vec::new(),
+            start: None,
+            carried,
+        };
+    }
+
+    fn carried(&self, tracking: &mut Tracking) -> Option<Carried> {
+        let hypotheses = self.prepare(tracking);
+        let belief = tracking.belief.as_ref()?;
+        Some(Carried {
+            beginning: belief.carried(&hypotheses, &self.grid),
+            history: tracking.history.clone(),
+        })
+    }
+
+    /// Why a record cannot be part of the baseline.
+    fn unusable(&self, features: &Features) -> Option<&'static str> {
+        if features.fault.is_some() {
+            return Some("the samples of this record are not what the sensor felt, so it does not count");
+        }
+        let mesh_line = features.values.contains_key("ln_mesh_1");
+        if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
+            return Some("the mesh line was not found in this record, so it does not count");
+        }
+        None
+    }
+
+    fn prepare(&self, tracking: &mut Tracking) -> Arc<Hypotheses> {
+        let Tracking {
+            baseline,
+            carried,
+            prepared,
+            ..
+        } = tracking;
+        let make = || {
+            let beginning = carried.as_ref().map(|carried| &carried.beginning);
+            Arc::new(Hypotheses::new(
+                baseline,
+                self.ensemble.as_deref(),
+                self.grid.depths_um(),
+                beginning,
+            ))
+        };
+        Arc::clone(prepared.0.get_or_insert_with(make))
+    }
+
+    fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let likelihood = Likelihood::new(baseline, library, self.grid.depths_um());
-        if likelihood.features() < LEAST_FEATURES {
+        let hypotheses = self.prepare(tracking);
+        let Some(ensemble) = self.ensemble.as_deref() else {
+            let novelty = judge(features, &hypotheses.deviations(features, None), hypotheses.freedom());
+            let mut answer = self.no_number(
+                WearStatus::NoLibrary,
+                need,
+                "no gear pair is described for this asset, so there is no library to compare with",
+            );
+            self.tell_novelty(&mut answer, novelty);
+            return answer;
+        };
+        if hypotheses.lines() < LEAST_LINES {
             let reason = format!(
-                "{} features stand above the noise in the baseline, expected at least {LEAST_FEATURES}: wear cannot be told from this channel",
-                likelihood.features()
+                "{} lines stand above the noise in the baseline, expected at least {LEAST_LINES}: wear cannot be told from this channel",
+                hypotheses.lines()
             );
             return self.no_number(WearStatus::NotIdentifiable, need, &reason);
         }
-        let Some(log_likelihood) = likelihood.of(features) else {
-            return self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's features");
+        let compared = hypotheses.compare(features, ensemble);
+        if compared.lines == 0 {
+            let mut answer = self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's lines");
+            let novelty = judge(features, &hypotheses.deviations(features, None), hypotheses.freedom());
+            self.tell_novelty(&mut answer, novelty);
+            return answer;
+        }
+        let best = compared.best(self.grid.depths_um().len());
+        let deviations = hypotheses.deviations(features, Some((ensemble, best)));
+        let novelty = judge(features, &deviations, hypotheses.freedom());
+        let belief = match &mut tracking.belief {
+            Some(belief) if belief.fits(&hypotheses, &self.grid) => belief,
+            other => other.insert(Belief::start(&hypotheses, &self.grid)),
         };
-        let predicted = advance(probability, self.grid.step_um());
-        let best = argmax(&log_likelihood);
-        let peak = log_likelihood[best];
-        let evidence: f64 = predicted.iter().zip(&log_likelihood).map(|(p, l)| p * (l - peak).exp()).sum();
-        let weighted: Vec<f64> = predicted
-            .iter()
-            .zip(&log_likelihood)
-            .map(|(p, l)| p * (RECORD_WEIGHT * (l - peak)).exp())
-            .collect();
-        let total: f64 = weighted.iter().sum();
-        // Where nothing of the prediction is left (underflow), the record contradicts the whole history; the history stays.
-        *probability = if total > 0.0 {
-            weighted.iter().map(|p| p / total).collect()
-        } else {
-            predicted
-        };
-        self.answer(library, &spread(probability), best, evidence.ln() + peak)
+        if novelty.outside {
+            // What is not wear does not move the estimate of wear.
+            let mut answer = self.no_number(WearStatus::OutsideLibrary, need, "");
+            self.tell_novelty(&mut answer, novelty);
+            return answer;
+        }
+        let updated = belief.update(&compared, &self.grid, &self.growth);
+        let probability = belief.spread_probability(&self.grid);
+        let member = hypotheses.all[updated.best.0].member;
+        let resolved = hypotheses.resolved(belief.likeliest(&self.grid));
+        let mut answer = self.answer(ensemble, &probability, &updated, member);
+        answer.resolved_um = Some(resolved.map(|point| self.grid.depths_um()[point]));
+        if let (Some(median), Some(low), Some(high)) = (answer.median_um, answer.p05_um, answer.p95_um) {
+            tracking.history.push(at, median, 0.5 * (high - low));
+            answer.prognosis = self
+                .settings
+                .limit_um
+                .and_then(|limit| tracking.history.prognosis(at, median, 0.5 * (high - low), limit));
+            answer.above_limit = self.settings.limit_um.map(|limit| self.grid.probability_above(&probability, limit));
+        }
+        answer.novelty = Some(novelty);
+        answer
     }
 
-    fn answer(&self, library: &Library, probability: &[f64], best: usize, log_evidence: f64) -> WearEstimate {
+    /// Puts a record's novelty into an answer without a number.
+    fn tell_novelty(&self, answer: &mut WearEstimate, novelty: Novelty) {
+        if let Some(fault) = novelty.sensor_fault {
+            answer.status = WearStatus::SensorFault;
+            answer.reason = fault.words().to_owned();
+        } else if novelty.outside {
+            answer.status = WearStatus::OutsideLibrary;
+            let most: Vec<String> = novelty
+                .most
+                .iter()
+                .map(|d| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp()))
+                .collect();
+            answer.reason = format!("no wear of the library explains this record: off are {}", most.join(", "));
+        }
+        answer.novelty = Some(novelty);
+    }
+
+    fn answer(&self, ensemble: &Ensemble, probability: &[f64], updated: &Updated, member: usize) -> WearEstimate {
+        let library = ensemble.described();
         let quantile = |level| self.grid.quantile_um(probability, level);
         let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
-        let mean = self.grid.mean_um(probability);
         let told = p95 - p05 <= WIDEST_INTERVAL * library.max_wear_um();
         let (status, reason) = if told {
             (
@@ -149,57 +290,40 @@ impl Tracker {
                 format!("wear anywhere between {p05:.0} and {p95:.0} µm explains the records"),
             )
         };
-        let index = DepthGrid::nearest_state(best);
-        let need = self.settings.baseline_records;
-        WearEstimate {
-            status,
-            reason,
-            baseline: BaselineProgress { have: need, need },
-            median_um: Some(median),
-            mean_um: Some(mean),
-            p05_um: Some(p05),
-            p95_um: Some(p95),
-            log_evidence: log_evidence.is_finite().then_some(log_evidence),
-            best_state: Some(BestState {
-                index,
-                wear_um: library.states()[index].wear_um,
-            }),
-            library_id: Some(library.id().to_owned()),
-            method: method(),
-            posterior: Some(DepthGrid::by_library_state(library, probability)),
-        }
+        let mut answer = self.no_number(status, self.settings.baseline_records, &reason);
+        answer.median_um = Some(median);
+        answer.mean_um = Some(self.grid.mean_um(probability));
+        answer.p05_um = Some(p05);
+        answer.p95_um = Some(p95);
+        answer.log_evidence = updated.log_evidence.is_finite().then_some(updated.log_evidence);
+        answer.best_state = Some(best_state(library, self.grid.depths_um()[updated.best.1], member));
+        answer.posterior = Some(self.grid.posterior(probability));
+        answer
     }
 
     fn no_number(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
+        let baseline = BaselineProgress {
+            have,
+            need: self.settings.baseline_records,
+        };
+        let ensemble = self.ensemble.as_ref();
         WearEstimate {
-            status,
-            reason: reason.to_owned(),
-            baseline: BaselineProgress {
-                have,
-                need: self.settings.baseline_records,
-            },
-            median_um: None,
-            mean_um: None,
-            p05_um: None,
-            p95_um: None,
-            log_evidence: None,
-            best_state: None,
-            library_id: self.library.as_ref().map(|library| library.id().to_owned()),
-            method: method(),
-            posterior: None,
+            library_id: ensemble.map(|ensemble| ensemble.described().id().to_owned()),
+            ensemble_id: ensemble.map(|ensemble| ensemble.id().to_owned()),
+            ..WearEstimate::without_number(status, reason.to_owned(), baseline, format!("{METHOD}/{PREPROCESSING}"))
         }
     }
 }
 
-fn method() -> String {
-    format!("{METHOD}/{PREPROCESSING}")
-}
-
-fn argmax(values: &[f64]) -> usize {
-    values
-        .iter()
-        .enumerate()
-        .fold(0, |best, (i, value)| if *value > values[best] { i } else { best })
+/// The library state nearest to a depth.
+fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
+    let far = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
+    let index = (0..library.states().len()).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+    BestState {
+        index,
+        wear_um: library.states()[index].wear_um,
+        member,
+    }
 }
 
 #[cfg(test)]
@@ -214,6 +338,13 @@ mod tests {
     use crate::library::testing::made_up_library;
 
     const NEED: u32 = 20;
+
+    fn settings() -> EstimatorSettings {
+        EstimatorSettings {
+            baseline_records: NEED,
+            limit_um: Some(200.0),
+        }
+    }
 
     /// Features that the made-up library gives at a wear depth, seen through a path with its own gain per line, with noise.
     fn seen(library: &Library, wear_um: f64, noise: f64, rng: &mut ChaCha8Rng) -> Features {
@@ -234,11 +365,15 @@ mod tests {
             })
             .collect();
         let background = values.keys().map(|name| (name.clone(), -6.0)).collect();
-        Features { values, background }
+        Features {
+            values,
+            background,
+            ..Features::default()
+        }
     }
 
     fn tracker(library: &Arc<Library>) -> Tracker {
-        Tracker::new(EstimatorSettings { baseline_records: NEED }, Some(library.clone()))
+        Tracker::new(settings(), Some(Arc::new(Ensemble::of(library.clone()))))
     }
 
     /// A run from 0 to 240 µm: the estimates after the baseline, with the truth.
@@ -247,12 +382,15 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut state = tracker.start();
         for _ in 0..NEED {
-            tracker.update(&mut state, &seen(library, 0.0, 0.05, &mut rng));
+            tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(library, 0.0, 0.05, &mut rng));
         }
         (0..records)
             .map(|i| {
                 let truth = 240.0 * i as f64 / (records - 1) as f64;
-                (tracker.update(&mut state, &seen(library, truth, 0.05, &mut rng)), truth)
+                (
+                    tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(library, truth, 0.05, &mut rng)),
+                    truth,
+                )
             })
             .collect()
     }
@@ -264,11 +402,11 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let mut state = tracker.start();
         for have in 1..=NEED {
-            let wear = tracker.update(&mut state, &seen(&library, 0.0, 0.05, &mut rng));
+            let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
             assert_eq!((wear.status, wear.median_um), (WearStatus::CollectingBaseline, None));
             assert_eq!(wear.reason, format!("collecting baseline, {have} of {NEED}"));
         }
-        let wear = tracker.update(&mut state, &seen(&library, 0.0, 0.05, &mut rng));
+        let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
         assert_eq!(wear.status, WearStatus::Estimated);
         assert!(wear.p05_um.unwrap() <= 2.0 && wear.p95_um.unwrap() < 40.0, "{}", wear.reason);
     }
@@ -300,31 +438,33 @@ mod tests {
         for i in 0..60 {
             let features = seen(&library, f64::from(i), 0.05, &mut rng);
             let mut copy: TrackerState = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
-            let expected = tracker.update(&mut state, &features);
-            assert_eq!(tracker.update(&mut copy, &features), expected);
+            let expected = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features);
+            assert_eq!(tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &features), expected);
             assert_eq!(copy, state);
         }
     }
 
     #[test]
     fn a_record_without_its_mesh_line_is_not_counted_into_the_baseline() {
-        let tracker = Tracker::new(EstimatorSettings { baseline_records: NEED }, None);
+        let tracker = Tracker::new(settings(), None);
         let mut state = tracker.start();
-        let wear = tracker.update(&mut state, &Features::default());
+        let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &Features::default());
         assert_eq!((wear.status, wear.baseline.have), (WearStatus::NoFeatures, 0));
     }
 
     #[test]
     fn without_a_library_the_answer_says_so() {
         let library = made_up_library();
-        let tracker = Tracker::new(EstimatorSettings { baseline_records: NEED }, None);
+        let tracker = Tracker::new(settings(), None);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut state = tracker.start();
         for _ in 0..NEED {
-            tracker.update(&mut state, &seen(&library, 0.0, 0.05, &mut rng));
+            tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
         }
         assert_eq!(
-            tracker.update(&mut state, &seen(&library, 0.0, 0.05, &mut rng)).status,
+            tracker
+                .update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng))
+                .status,
             WearStatus::NoLibrary
         );
     }
@@ -341,9 +481,76 @@ mod tests {
             features
         };
         for _ in 0..NEED {
-            tracker.update(&mut state, &drowned(&mut rng));
+            tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(&mut rng));
         }
-        let wear = tracker.update(&mut state, &drowned(&mut rng));
+        let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(&mut rng));
         assert_eq!((wear.status, wear.median_um), (WearStatus::NotIdentifiable, None));
+    }
+
+    #[test]
+    fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
+        let library = Arc::new(made_up_library());
+        let tracker = tracker(&library);
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let mut state = tracker.start();
+        let at = |state: &mut TrackerState, um: f64, rng: &mut ChaCha8Rng| {
+            tracker.update(state, Timestamp::UNIX_EPOCH, &seen(&library, um, 0.03, rng))
+        };
+        for _ in 0..NEED {
+            at(&mut state, 0.0, &mut rng);
+        }
+        let before = (0..120)
+            .map(|i| at(&mut state, f64::from(i), &mut rng))
+            .last()
+            .unwrap()
+            .median_um
+            .unwrap();
+        let event = |kind| MaintenanceEvent {
+            time: Timestamp::UNIX_EPOCH,
+            kind,
+            by: "Ada".to_owned(),
+            comment: String::new(),
+        };
+        for (kind, truth) in [(MaintenanceKind::SensorReplaced, 119.0), (MaintenanceKind::GearReplaced, 0.0)] {
+            let mut state = state.clone();
+            tracker.event(&mut state, &event(kind));
+            for have in 1..=NEED {
+                let wear = at(&mut state, truth, &mut rng);
+                assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, have));
+            }
+            let after = at(&mut state, truth, &mut rng);
+            let (low, high) = (after.p05_um.unwrap(), after.p95_um.unwrap());
+            assert!(low <= truth && truth <= high, "{kind:?} before {before}: {}", after.reason);
+        }
+    }
+
+    #[test]
+    fn what_wear_does_not_explain_moves_nothing() {
+        let library = Arc::new(made_up_library());
+        let tracker = tracker(&library);
+        let mut rng = ChaCha8Rng::seed_from_u64(13);
+        let mut state = tracker.start();
+        let record = |shift: f64, rng: &mut ChaCha8Rng| {
+            let mut features = seen(&library, 0.0, 0.03, rng);
+            let scatter = Normal::new(0.0, 0.03).unwrap();
+            for band in 1..=4 {
+                features.checks.insert(format!("ln_floor_{band}"), -3.0 + scatter.sample(rng));
+                features
+                    .checks
+                    .insert(format!("ln_rest_{band}"), -2.0 + shift + scatter.sample(rng));
+            }
+            features
+        };
+        let mut take = |state: &mut TrackerState, shift: f64| tracker.update(state, Timestamp::UNIX_EPOCH, &record(shift, &mut rng));
+        for _ in 0..NEED {
+            take(&mut state, 0.0);
+        }
+        let calm = take(&mut state, 0.0);
+        assert!(!calm.novelty.unwrap().outside);
+        let before = state.clone();
+        let other = take(&mut state, 0.8);
+        assert_eq!((other.status, other.median_um), (WearStatus::OutsideLibrary, None));
+        assert!(other.novelty.unwrap().score > 4.0);
+        assert_eq!(state, before);
     }
 }

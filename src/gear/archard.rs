@@ -1,26 +1,26 @@
 //! Wear of both flanks after Archard, Eq. (22), stepped as the flanks change.
 //!
-//! In the turn dφ₁ a contact under the force F per width slides by |u₁ − u₂| dφ₁ and takes K/H · F |u₁ − u₂| dφ₁ off each flank, spread over its Hertz band of
-//! half-width a as the pressure is. On involutes the band sweeps the flank at u_i, so that a point loses k · p̄ · 2a |1 − u_j/u_i| each mesh:
-//! the single-point observation of Flodin and Andersson (Wear 207, 1997). Taking the volume off where the contact stands also holds where wear makes it
-//! linger or stand on a tip's edge.
+//! A place of the flanks under the pressure p that slides by v dφ₁ loses K/H · p v dφ₁, on both flanks ([`super::contact_band`]). On involutes the band
+//! sweeps the flank, so that a point loses k · p̄ · 2a |1 − u_j/u_i| each mesh: the single-point observation of Flodin and Andersson
+//! (Wear 207, 1997). Summing over the rotations also holds where wear makes the contact linger or a tip's edge carry.
 //!
-//! Forces and contacts are worked out anew at every step of wear (Ding and Kahraman, J. Sound Vib. 307, 2007), with the contact rule of the pair. The spreading
-//! over the Hertz band is the only smoothing.
+//! Forces and gaps are worked out anew at every step of wear (Ding and Kahraman, J. Sound Vib. 307, 2007), with the contact rule of the pair.
 
-use std::f64::consts::PI;
-
-use super::contact_load::{ContactLoad, arc_mm, contact_loads};
+use super::contact_band::{ContactBand, Rubbing, alpha_rad, arc_mm};
+use super::contact_load::contact_loads;
 use super::error::within;
+use super::tooth_outline::ToothOutline;
 use super::wear::WearProfile;
 use super::wear_table::DepthCurve;
 use super::{ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair};
 
 /// Cells of each flank's active profile, even in arc length.
 const CELLS: usize = 64;
-/// Greatest change of any depth in mm before forces and contacts are worked out anew: below the backlash that the threshold rule lets pass
-/// (1e-4 rad, 7 µm on the base circle), so that the lead goes to and fro between pairs in small steps.
-const STEP_MM: f64 = 2e-3;
+/// Greatest change of any depth in mm before forces and gaps are worked out anew. A step of a fifth of it changes no depth between root and
+/// tip by more than 3 % of the greatest.
+const STEP_MM: f64 = 2.5e-3;
+/// Places to a cell at which the contact's pressure is worked out.
+const PLACES: f64 = 2.0;
 /// Most steps of one course of wear.
 const MOST_STEPS: usize = 20_000;
 
@@ -89,6 +89,7 @@ struct FlankCells {
 struct Course<'a> {
     pair: &'a GearPair,
     bodies: Option<ElasticBodies>,
+    outlines: [ToothOutline; 2],
     flanks: [FlankCells; 2],
     driving_turns: f64,
     step_mm: f64,
@@ -100,12 +101,15 @@ impl FlankCells {
         let (start, end) = (arc_mm(gear, gear.root_angle_rad), arc_mm(gear, gear.tip_angle_rad));
         let cell_mm = (end - start) / CELLS as f64;
         let arcs_mm: Vec<f64> = (0..=CELLS).map(|cell| start + cell as f64 * cell_mm).collect();
-        let roll = |arc: &f64| (2.0 * arc / gear.base_radius_mm).sqrt();
+        let alphas_rad: Vec<f64> = arcs_mm.iter().map(|arc| alpha_rad(gear, *arc)).collect();
         let spec = &pair.spec.wear;
         let meshes = f64::from(pair.gears[0].teeth) / f64::from(gear.teeth);
         Self {
-            alphas_rad: arcs_mm.iter().map(|arc| roll(arc) - gear.base_half_angle_rad).collect(),
-            radii_mm: arcs_mm.iter().map(|arc| gear.base_radius_mm * 1.0_f64.hypot(roll(arc))).collect(),
+            radii_mm: alphas_rad
+                .iter()
+                .map(|alpha| gear.base_radius_mm * 1.0_f64.hypot(alpha + gear.base_half_angle_rad))
+                .collect(),
+            alphas_rad,
             depths_mm: vec![0.0; arcs_mm.len()],
             arcs_mm,
             cell_mm,
@@ -113,44 +117,32 @@ impl FlankCells {
         }
     }
 
-    /// Growth of the depth along the flank's normal in mm per turn of the driving gear.
-    fn normal_rates(&self, loads: &[ContactLoad], i: usize) -> Vec<f64> {
-        let mut rates = vec![0.0; self.arcs_mm.len()];
-        for load in loads {
-            let slide = (load.rolling_mm_per_rad[0] - load.rolling_mm_per_rad[1]).abs() * load.turn_rad;
-            let area = self.wear_mm2_per_n * load.force_n_per_mm * slide;
-            self.spread(&mut rates, area, load.arc_mm[i], load.half_width_mm);
+    /// Growth of the depth along the flank's normal in mm per turn of the driving gear. What comes off below the start of active profile is
+    /// not followed: the depth there is that of its start.
+    fn normal_rates(&self, rubbings: &[Rubbing], i: usize) -> Vec<f64> {
+        let last = self.arcs_mm.len() - 1;
+        let mut rates = vec![0.0; last + 1];
+        for rubbing in rubbings {
+            let place = (rubbing.arcs_mm[i] - self.arcs_mm[0]) / self.cell_mm;
+            if place < 0.0 {
+                continue;
+            }
+            let before = (place as usize).min(last - 1);
+            let part = (place - before as f64).min(1.0);
+            let area = self.wear_mm2_per_n * rubbing.work_n;
+            rates[before] += area * (1.0 - part);
+            rates[before + 1] += area * part;
+        }
+        // The end cells are cut in half by the flank's ends.
+        for (cell, rate) in rates.iter_mut().enumerate() {
+            *rate /= if cell == 0 || cell == last { 0.5 } else { 1.0 } * self.cell_mm;
         }
         rates
-    }
-
-    /// Takes `area` in mm² off the cells under a Hertz band around `middle`; what would lie beyond the flank's ends is taken off the rest.
-    fn spread(&self, rates: &mut [f64], area: f64, middle: f64, half_width: f64) {
-        let last = self.arcs_mm.len() - 1;
-        let (start, end) = (self.arcs_mm[0], self.arcs_mm[last]);
-        let middle = middle.clamp(start, end);
-        let half_width = half_width.max(0.5 * self.cell_mm);
-        let below = |arc: f64| below_pressure((arc.clamp(start, end) - middle) / half_width);
-        let whole = below(end) - below(start);
-        let place = |arc: f64| ((arc - start) / self.cell_mm).round().clamp(0.0, last as f64) as usize;
-        let (first, after) = (place(middle - half_width), place(middle + half_width) + 1);
-        for (cell, rate) in rates.iter_mut().enumerate().take(after).skip(first) {
-            let part = below(self.arcs_mm[cell] + 0.5 * self.cell_mm) - below(self.arcs_mm[cell] - 0.5 * self.cell_mm);
-            // The end cells are cut in half by the flank's ends.
-            let width = if cell == 0 || cell == last { 0.5 } else { 1.0 } * self.cell_mm;
-            *rate += area * part / (whole * width);
-        }
     }
 
     fn deepest_mm(&self) -> f64 {
         self.depths_mm.iter().copied().fold(0.0, f64::max)
     }
-}
-
-/// Part of a Hertz pressure's force below the place `t` in half-widths from its middle.
-fn below_pressure(t: f64) -> f64 {
-    let t = t.clamp(-1.0, 1.0);
-    0.5 + (t * (1.0 - t * t).sqrt() + t.asin()) / PI
 }
 
 impl<'a> Course<'a> {
@@ -163,6 +155,7 @@ impl<'a> Course<'a> {
         Ok(Self {
             pair,
             bodies,
+            outlines: [0, 1].map(|i| ToothOutline::new(pair, i)),
             flanks: [0, 1].map(|i| FlankCells::new(pair, i)),
             driving_turns: 0.0,
             step_mm,
@@ -175,9 +168,7 @@ impl<'a> Course<'a> {
             WearProfile::Table(DepthCurve::new(&points))
         };
         if self.deepest_mm() > 0.0 {
-            FlankWear {
-                profiles: self.flanks.each_ref().map(profile),
-            }
+            FlankWear::new(self.flanks.each_ref().map(profile))
         } else {
             FlankWear::none()
         }
@@ -194,13 +185,24 @@ impl<'a> Course<'a> {
         self.flanks.iter().map(FlankCells::deepest_mm).fold(0.0, f64::max)
     }
 
+    /// What both flanks rub off each other in a turn of the driving gear, k times as much as this.
+    fn rubbings(&self, wear: &FlankWear) -> Result<Vec<Rubbing>, GearError> {
+        let loads = contact_loads(self.pair, wear, self.bodies.as_ref())?;
+        let band = ContactBand::new(self.pair, wear, &self.outlines, self.flanks[0].cell_mm / PLACES, self.step_mm);
+        let mut rubbings = Vec::new();
+        for load in &loads {
+            band.rub(load, &mut rubbings);
+        }
+        Ok(rubbings)
+    }
+
     /// Growth of the depths along Y in mm per turn of the driving gear.
     fn rates(&self) -> Result<[Vec<f64>; 2], GearError> {
         let wear = self.wear();
-        let loads = contact_loads(self.pair, &wear, self.bodies.as_ref())?;
+        let rubbings = self.rubbings(&wear)?;
         Ok([0, 1].map(|i| {
             let (cells, flank) = (&self.flanks[i], Flank::new(&self.pair.gears[i], &wear, i));
-            let mut rates = cells.normal_rates(&loads, i);
+            let mut rates = cells.normal_rates(&rubbings, i);
             // A flank with its normal at λ from Y moves along Y by 1/cos λ of what it loses along the normal.
             for (rate, alpha) in rates.iter_mut().zip(&cells.alphas_rad) {
                 *rate /= flank.at(*alpha).lambda_sin_cos.1;

@@ -30,10 +30,15 @@ impl BandMatrix {
 
     /// The Cholesky factor; none where the matrix is not positive definite.
     pub(super) fn factor(mut self) -> Option<BandFactor> {
+        // A row of the factor begins where the matrix's own does.
+        let mut first = Vec::with_capacity(self.size);
         for row in 0..self.size {
-            let first = row.saturating_sub(self.half_band);
-            for column in first..=row {
-                let from = first.max(column.saturating_sub(self.half_band));
+            let least = row.saturating_sub(self.half_band);
+            let own = self.part(row, least, row).iter().position(|value| *value != 0.0);
+            let start = own.map_or(row, |own| least + own);
+            first.push(start);
+            for (column, column_start) in first.iter().enumerate().skip(start) {
+                let from = start.max(*column_start);
                 let products = dot(self.part(row, from, column), self.part(column, from, column));
                 let rest = self.part(row, column, column + 1)[0] - products;
                 let value = if column == row {
@@ -47,7 +52,7 @@ impl BandMatrix {
                 self.rows[row * (self.half_band + 1) + column + self.half_band - row] = value;
             }
         }
-        Some(BandFactor { lower: self })
+        Some(BandFactor { lower: self, first })
     }
 }
 
@@ -68,36 +73,53 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 #[derive(Debug, Clone)]
 pub(super) struct BandFactor {
     lower: BandMatrix,
+    /// Column of each row's first entry that may not vanish.
+    first: Vec<usize>,
 }
 
 impl BandFactor {
     /// Solves for `count` right-hand sides in place: `values[row * count + side]`.
     pub(super) fn solve(&self, values: &mut [f64], count: usize) {
         let (size, half_band) = (self.lower.size, self.lower.half_band);
-        for row in 0..size {
-            let first = row.saturating_sub(half_band);
+        // Rows before the first that is loaded stay zero.
+        let loaded = values.iter().position(|value| *value != 0.0).map_or(size, |place| place / count);
+        for row in loaded..size {
+            let first = self.first[row].max(loaded);
             let (before, rest) = values.split_at_mut(row * count);
             let target = &mut rest[..count];
-            let factors = self.lower.part(row, first, row + 1);
-            for (column, factor) in factors[..factors.len() - 1].iter().enumerate() {
-                let source = &before[(first + column) * count..(first + column + 1) * count];
-                target.iter_mut().zip(source).for_each(|(t, s)| *t -= factor * s);
-            }
-            let diagonal = factors[factors.len() - 1];
+            subtract(target, self.lower.part(row, first, row), &before[first * count..]);
+            let diagonal = self.lower.part(row, row, row + 1)[0];
             target.iter_mut().for_each(|t| *t /= diagonal);
         }
+        let mut factors = Vec::with_capacity(half_band);
         for row in (0..size).rev() {
-            let first = row.saturating_sub(half_band);
-            let (before, rest) = values.split_at_mut(row * count);
-            let source = &mut rest[..count];
-            let factors = self.lower.part(row, first, row + 1);
-            let diagonal = factors[factors.len() - 1];
-            source.iter_mut().for_each(|s| *s /= diagonal);
-            for (column, factor) in factors[..factors.len() - 1].iter().enumerate() {
-                let target = &mut before[(first + column) * count..(first + column + 1) * count];
-                target.iter_mut().zip(source.iter()).for_each(|(t, s)| *t -= factor * s);
-            }
+            let (before, after) = values.split_at_mut((row + 1) * count);
+            let target = &mut before[row * count..];
+            factors.clear();
+            let last = (row + half_band).min(size - 1);
+            factors.extend((row + 1..=last).map(|below| self.lower.part(below, row, row + 1)[0]));
+            subtract(target, &factors, after);
+            let diagonal = self.lower.part(row, row, row + 1)[0];
+            target.iter_mut().for_each(|t| *t /= diagonal);
         }
+    }
+}
+
+/// Takes from `target` the sum of factors times rows; `rows` has one of the target's length for each factor.
+fn subtract(target: &mut [f64], factors: &[f64], rows: &[f64]) {
+    let count = target.len();
+    let (fours, rest) = factors.as_chunks::<4>();
+    for (i, [a, b, c, d]) in fours.iter().enumerate() {
+        let four = &rows[4 * i * count..][..4 * count];
+        let (low, high) = four.split_at(2 * count);
+        let ((one, two), (three, four)) = (low.split_at(count), high.split_at(count));
+        for (t, (((one, two), three), four)) in target.iter_mut().zip(one.iter().zip(two).zip(three).zip(four)) {
+            *t -= (a * one + b * two) + (c * three + d * four);
+        }
+    }
+    for (i, factor) in rest.iter().enumerate() {
+        let row = &rows[(4 * fours.len() + i) * count..][..count];
+        target.iter_mut().zip(row).for_each(|(t, value)| *t -= factor * value);
     }
 }
 

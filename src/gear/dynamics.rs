@@ -7,6 +7,7 @@
 //! With loaded contact the teeth only push: in place of x_m stands the closed part of it, x_m above zero, nothing within the backlash, and
 //! x_m plus the backlash where the teeth's backs touch. Spring and damper both act through it.
 
+use super::excitation::LaneExcitation;
 use super::{ContactRule, GearPair, MeshCycle};
 
 /// Numbers of the equations of motion, in SI units.
@@ -22,8 +23,8 @@ pub(super) struct Motion {
     pub(super) support_stiffness: f64,
     /// c₁ = c₂.
     pub(super) support_damping: f64,
-    /// Way along the line of action in m from the teeth's working flanks to their backs, where the teeth can part.
-    pub(super) backlash_m: Option<f64>,
+    /// Way along the line of action in m from the teeth's working flanks to their backs; 0 where the teeth cannot part.
+    pub(super) backlash_m: f64,
 }
 
 /// x, y₁, y₂ and the velocities less the damper's part, in m and m/s.
@@ -34,6 +35,13 @@ pub(super) type State = [f64; 6];
 pub(super) struct Excitation {
     pub(super) stiffness: f64,
     pub(super) error: f64,
+}
+
+/// What differs between lanes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LaneMotion<const LANES: usize> {
+    pub(super) mesh_damping: [f64; LANES],
+    pub(super) backlash_m: [f64; LANES],
 }
 
 impl Motion {
@@ -51,17 +59,19 @@ impl Motion {
             mesh_damping: 2.0 * pair.spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt(),
             support_stiffness: pair.spec.supports.stiffness_n_per_m,
             support_damping: pair.spec.supports.damping_n_s_per_m,
-            backlash_m: (pair.spec.dynamics.contact == ContactRule::Loaded).then(|| backlash_m(pair, cycle)),
+            backlash_m: match pair.spec.dynamics.contact {
+                ContactRule::Loaded => backlash_m(pair, cycle),
+                ContactRule::Threshold => 0.0,
+            },
         }
     }
 
-    /// The part of x_m that spring and damper act through.
-    #[inline]
+    /// The part of x_m that spring and damper act through; without backlash all of it. Without branches, for lanes.
+    #[inline(always)]
     fn closed(&self, mesh: f64) -> f64 {
-        match self.backlash_m {
-            Some(backlash) if mesh < 0.0 => (mesh + backlash).min(0.0),
-            _ => mesh,
-        }
+        let back = mesh + self.backlash_m;
+        let working = if mesh > 0.0 { mesh } else { 0.0 };
+        working + if back < 0.0 { back } else { 0.0 }
     }
 
     /// Static balance under constant excitation.
@@ -75,7 +85,7 @@ impl Motion {
     }
 
     /// ẋ, ẏ₁, ẏ₂ in m/s.
-    #[inline]
+    #[inline(always)]
     pub(super) fn velocities(&self, state: &State, error: f64) -> [f64; 3] {
         let mesh = self.closed(state[0] - state[1] + state[2] - error);
         let damped = self.mesh_damping * mesh;
@@ -86,7 +96,7 @@ impl Motion {
         ]
     }
 
-    #[inline]
+    #[inline(always)]
     fn derivative(&self, state: &State, excitation: Excitation) -> State {
         let velocities = self.velocities(state, excitation.error);
         let push = excitation.stiffness * self.closed(state[0] - state[1] + state[2] - excitation.error);
@@ -102,7 +112,7 @@ impl Motion {
     }
 
     /// One step of the classical Runge–Kutta method over `step` seconds, with the excitation at its start, middle and end.
-    #[inline]
+    #[inline(always)]
     pub(super) fn step(&self, state: &State, excitation: &[Excitation; 3], step: f64) -> State {
         let ahead = |slope: &State, length: f64| -> State { std::array::from_fn(|i| state[i] + length * slope[i]) };
         let k1 = self.derivative(state, excitation[0]);
@@ -110,6 +120,33 @@ impl Motion {
         let k3 = self.derivative(&ahead(&k2, 0.5 * step), excitation[1]);
         let k4 = self.derivative(&ahead(&k3, step), excitation[2]);
         std::array::from_fn(|i| state[i] + step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]))
+    }
+
+    /// One step of several systems side by side, which differ in damping and backlash; `states` has a row for each part of the state, the
+    /// excitations are those at the step's start, middle and end. Every lane is what [`Motion::step`] gives it.
+    #[inline(always)]
+    pub(super) fn step_lanes<const LANES: usize>(
+        &self,
+        differing: &LaneMotion<LANES>,
+        states: &mut [[f64; LANES]; 6],
+        excitation: [&LaneExcitation<LANES>; 3],
+        step: f64,
+    ) {
+        for lane in 0..LANES {
+            let motion = Self {
+                mesh_damping: differing.mesh_damping[lane],
+                backlash_m: differing.backlash_m[lane],
+                ..*self
+            };
+            let three = excitation.map(|[stiffness, error]| Excitation {
+                stiffness: stiffness[lane],
+                error: error[lane],
+            });
+            let after = motion.step(&std::array::from_fn(|i| states[i][lane]), &three, step);
+            for (row, value) in states.iter_mut().zip(after) {
+                row[lane] = value;
+            }
+        }
     }
 
     /// Fastest rate of the linear system with stiffness up to `stiffness`, in rad/s: what the step must resolve.
@@ -165,7 +202,7 @@ mod tests {
             mesh_damping: 2.0 * damping_ratio * (stiffness * mass).sqrt(),
             support_stiffness: 1e8,
             support_damping: 1e3,
-            backlash_m: None,
+            backlash_m: 0.0,
         };
         (motion, Excitation { stiffness, error: 0.0 }, (stiffness / mass).sqrt())
     }
@@ -199,7 +236,7 @@ mod tests {
     fn parted_teeth_fly_freely_and_strike_their_backs() {
         let (mut motion, excitation, omega) = oscillator(0.0);
         let backlash = 20e-6;
-        motion.backlash_m = Some(backlash);
+        motion.backlash_m = backlash;
         let speed = 0.05;
         let start = [0.0, 0.0, 0.0, -speed, 0.0, 0.0];
         let flight = backlash / speed;
@@ -225,7 +262,7 @@ mod tests {
         let (mut motion, excitation, _) = oscillator(0.2);
         let closed = [1e-6, 0.0, 0.0, 0.01, 0.0, 0.0];
         let linear = run(&motion, closed, excitation, 1e-7, 100);
-        motion.backlash_m = Some(20e-6);
+        motion.backlash_m = 20e-6;
         assert_eq!(run(&motion, closed, excitation, 1e-7, 100), linear);
         let parted = run(&motion, [-5e-6, 0.0, 0.0, -0.01, 0.0, 0.0], excitation, 1e-7, 100);
         assert!((parted[0] + 5.1e-6).abs() < 1e-15 && (parted[3] + 0.01).abs() < 1e-15);
@@ -254,7 +291,7 @@ mod tests {
             mesh_damping: 0.0,
             support_stiffness: 6.56e7,
             support_damping: 0.0,
-            backlash_m: None,
+            backlash_m: 0.0,
         };
         let excitation = Excitation {
             stiffness: 6e8,

@@ -40,11 +40,17 @@ pub enum GearError {
         gear: usize,
     },
     /// The worn flanks leave a part of the mesh period without any pair of teeth in contact.
-    #[error("no pair of teeth is in contact at phi1 = {phi1_rad} rad: the worn flanks do not carry the mesh over the whole period")]
+    #[error(
+        "no pair of teeth is in contact at phi1 = {phi1_rad:.5} rad: the flanks are worn too deep to carry the mesh over the whole period, \
+         expected less wear or the contact rule `loaded`, by which tip edges carry too"
+    )]
     NoContact {
         /// Rotational angle φ₁ of the driving gear in rad.
         phi1_rad: f64,
     },
+    /// A simulation was told to stop.
+    #[error("stopped")]
+    Stopped,
 }
 
 impl GearError {

@@ -1,7 +1,9 @@
 //! What numbers a gear pair may have: each refusal names the field, the value and the limit.
 
+use std::f64::consts::FRAC_PI_4;
+
 use super::error::{positive, within};
-use super::{ErrorSpec, GearError, GeometrySpec, MaterialSpec, PairSpec};
+use super::{ErrorSpec, GearError, GeometrySpec, MaterialSpec, PairSpec, wear};
 
 /// Greatest bottom clearance of the basic rack in modules (ISO 53, profile A); the rack's flank is straight above it.
 const RACK_CLEARANCE_MODULES: f64 = 0.25;
@@ -76,7 +78,7 @@ pub(super) fn check_physics(spec: &PairSpec) -> Result<(), GearError> {
     for hardness in spec.wear.hardness_pa {
         within("wear.hardness_pa", hardness, 1e6, 1e12)?;
     }
-    Ok(())
+    wear::check_shape(&spec.wear)
 }
 
 /// The centre distance against the base radii and against `least_mm`, that of zero backlash.
@@ -112,6 +114,7 @@ pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f6
         let expected = format!("more: the tip radius {tip:.4} of gear {number} mm is not above its base and root circles");
         return Err(GearError::field("geometry.addendum", basic.addendum[i], expected));
     }
+    check_rack(basic, i, alpha0)?;
     let bore = basic.bore_radius_mm[i];
     if root <= 0.0 || bore * LEAST_ROOT_TO_BORE > root {
         let expected = format!(
@@ -128,6 +131,16 @@ pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f6
             "at least {least_teeth} teeth on gear {number} or a profile shift of at least {least_shift:.4}, below it the tooth is undercut"
         );
         return Err(GearError::field("geometry.teeth", basic.teeth[i], expected));
+    }
+    Ok(())
+}
+
+/// The rack that cuts gear `i` must have a tooth with a tip: half its thickness is π/4 modules on the rolling line.
+fn check_rack(basic: &GeometrySpec, i: usize, alpha0: f64) -> Result<(), GearError> {
+    let most = FRAC_PI_4 / alpha0.tan();
+    if basic.dedendum[i] >= most {
+        let expected = format!("less than {most:.4}, where the rack that cuts gear {} is pointed", i + 1);
+        return Err(GearError::field("geometry.dedendum", basic.dedendum[i], expected));
     }
     Ok(())
 }
@@ -156,12 +169,12 @@ pub(super) fn check_active_profile(basic: &GeometrySpec, i: usize, sap_length_mm
 #[cfg(test)]
 mod tests {
     use super::super::testing::shen2022_spec;
-    use crate::gear::{GearError, PairSpec};
+    use crate::gear::{GearError, PairSpec, WearShape};
 
     #[test]
     fn values_that_cannot_be_used_are_refused_with_the_field() {
         type Change = fn(&mut PairSpec);
-        let cases: [(&str, Change); 31] = [
+        let cases: [(&str, Change); 36] = [
             ("geometry.teeth", |s| s.geometry.teeth[0] = 0),
             ("geometry.teeth", |s| s.geometry.teeth[1] = 12),
             ("geometry.teeth", |s| s.geometry.profile_shift = [-0.5, 0.5]),
@@ -174,6 +187,11 @@ mod tests {
             ("geometry.addendum", |s| s.geometry.addendum = [0.3, 0.3]),
             ("geometry.addendum", |s| s.geometry.addendum = [1.3, 1.0]),
             ("geometry.dedendum", |s| s.geometry.dedendum[0] = 0.0),
+            ("geometry.dedendum", |s| s.geometry.dedendum[1] = 2.2),
+            ("wear.floor", |s| s.wear.floor = f64::NAN),
+            ("wear.tip_ratio", |s| s.wear.tip_ratio = 1.5),
+            ("wear.exponent", |s| s.wear.exponent = 1.0),
+            ("wear.table", |s| s.wear.shape = WearShape::Table),
             ("geometry.profile_shift", |s| s.geometry.profile_shift[0] = f64::NAN),
             ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[0] = 64.5),
             ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[1] = 0.0),

@@ -49,10 +49,10 @@ impl ElasticBodies {
     /// Works out both gears' compliance.
     ///
     /// # Errors
-    /// [`GearError::Field`] for a dedendum at which the basic rack is pointed; [`GearError::ElasticModel`] for a shape that cannot be meshed.
+    /// [`GearError::ElasticModel`] for a shape that cannot be meshed.
     pub fn new(pair: &GearPair, wear: &FlankWear) -> Result<Self, GearError> {
         let elasticity = PlaneElasticity::new(&pair.spec.material, pair.spec.dynamics.plane);
-        let outlines = [ToothOutline::new(pair, 0)?, ToothOutline::new(pair, 1)?];
+        let outlines = [0, 1].map(|i| ToothOutline::new(pair, i));
         let module = pair.spec.geometry.module_mm;
         let body = |i: usize| {
             let flank = Flank::new(&pair.gears[i], wear, i);

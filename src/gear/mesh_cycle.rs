@@ -55,6 +55,11 @@ struct Carrying {
 
 /// Lead in rad below which two pairs are level: the rounding of perfect flanks.
 const TIE_RAD: f64 = 1e-11;
+/// Lead in rad of worn flanks before perfect ones that is rounding and interpolation.
+const LEAD_ROUNDING_RAD: f64 = 1e-6;
+/// Lag on the base circle over the sum of both depths up to which a contact is believed: across the flank the depths count less than along Y, on
+/// curved flanks a little more.
+const LAG_SLACK: f64 = 1.2;
 
 /// All pairs of teeth.
 pub(super) struct Mesh<'a> {
@@ -64,6 +69,8 @@ pub(super) struct Mesh<'a> {
     perfect_lag_rad: f64,
     /// Most pairs that can touch at once.
     most_pairs: usize,
+    /// Greatest lag in rad that the wear can leave between two teeth.
+    most_lag_rad: f64,
 }
 
 impl MeshCycle {
@@ -127,6 +134,7 @@ impl<'a> Mesh<'a> {
             pair,
             perfect_lag_rad: pair.perfect_lag_rad(),
             most_pairs: (periods.ceil() as usize + 1).min(30),
+            most_lag_rad: LAG_SLACK * wear.greatest_depth_mm(pair).iter().sum::<f64>() / pair.gears[1].base_radius_mm + TIE_RAD,
             curve,
         })
     }
@@ -161,7 +169,10 @@ impl<'a> Mesh<'a> {
                 leader = Some((n, *phi2));
             }
         }
-        let Some((leader, phi2_rad)) = leader else {
+        // Less material never pushes the driven gear further, and a pair behind by more than both depths leaves another one in contact: tables
+        // with steps make edges touch, which the relationship does not have.
+        let believed = -LEAD_ROUNDING_RAD..=self.most_lag_rad;
+        let Some((leader, phi2_rad)) = leader.filter(|(_, phi2)| believed.contains(&self.lag(phi1, *phi2))) else {
             return Err(GearError::NoContact { phi1_rad: phi1 });
         };
         let threshold = self.pair.spec.dynamics.contact_threshold_rad;

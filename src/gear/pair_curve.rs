@@ -44,15 +44,6 @@ impl PairCurve {
         self.cell(phi1).map(|(i, phi1)| self.interpolate(i, phi1))
     }
 
-    /// α₁ and α₁′ in rad of the points that touch at φ₁, linearly between the solved ones.
-    pub(super) fn flank_angles(&self, phi1: f64) -> Option<[f64; 2]> {
-        let (i, phi1) = self.cell(phi1)?;
-        let MeshRelationship { phi1_rad: x, .. } = &self.relationship;
-        let t = (phi1 - x[i]) / (x[i + 1] - x[i]);
-        let both = [&self.relationship.alpha1_rad, &self.relationship.alpha1_prime_rad];
-        Some(both.map(|angles| angles[i] + t * (angles[i + 1] - angles[i])))
-    }
-
     /// The node below φ₁ and φ₁ itself within the range, where the pair touches.
     fn cell(&self, phi1: f64) -> Option<(usize, f64)> {
         if phi1 < self.range.0 - ROUNDING_RAD || phi1 > self.range.1 + ROUNDING_RAD {

@@ -3,7 +3,7 @@
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
-use super::{GearError, GearPair};
+use super::GearPair;
 
 /// Tip radius of the basic rack in modules (ISO 53, profile A).
 const RACK_TIP_RADIUS_MODULES: f64 = 0.38;
@@ -38,21 +38,13 @@ impl ToothOutline {
     /// Outline of gear `i` (0 or 1) of the pair.
     ///
     /// The rack's tip radius is 0.38 modules, or less where the clearance or the width of the rack's tooth leaves no room for it.
-    ///
-    /// # Errors
-    /// [`GearError::Field`] for a dedendum at which the rack's tooth is pointed.
-    pub(super) fn new(pair: &GearPair, i: usize) -> Result<Self, GearError> {
+    pub(super) fn new(pair: &GearPair, i: usize) -> Self {
         let basic = &pair.spec.geometry;
         let gear = &pair.gears[i];
         let module = basic.module_mm;
         let alpha = basic.pressure_angle_deg.to_radians();
         let depth = basic.dedendum[i] * module;
         let half_tip = FRAC_PI_4 * module - depth * alpha.tan();
-        if half_tip <= 0.0 {
-            let most = FRAC_PI_4 / alpha.tan();
-            let expected = format!("less than {most:.4}, where the rack that cuts gear {} is pointed", i + 1);
-            return Err(GearError::field("geometry.dedendum", basic.dedendum[i], expected));
-        }
         let clearance = (basic.dedendum[i] - basic.addendum[1 - i]).clamp(0.0, RACK_CLEARANCE_MODULES);
         // The standard's 0.38 is rounded up from what its clearance gives, hence the hundredth.
         let rounding_mm = (RACK_TIP_RADIUS_MODULES * module)
@@ -73,7 +65,7 @@ impl ToothOutline {
         };
         let [x, y] = outline.fillet(alpha);
         outline.form_radius_mm = x.hypot(y).max(gear.base_radius_mm * (1.0 + 1e-9));
-        Ok(outline)
+        outline
     }
 
     /// Point of the involute at a radius in mm, not below the base circle.
@@ -129,7 +121,7 @@ mod tests {
             .unwrap()
             .resolve()
             .unwrap();
-        let outline = ToothOutline::new(&pair, 0).unwrap();
+        let outline = ToothOutline::new(&pair, 0);
         assert!((outline.form_radius_mm - 68.027_632_593).abs() < 1e-8, "{}", outline.form_radius_mm);
         let [x, y] = outline.fillet(outline.fillet_normal(0.0));
         let [flank_x, flank_y] = outline.flank(outline.form_radius_mm);

@@ -12,6 +12,8 @@ use super::{Flank, FlankPoint, FlankWear, GearPair, root};
 /// Points of the driven flank's table, and of the driving flank looked at for the greatest φ₂.
 const DRIVEN_POINTS: usize = 320;
 const DRIVING_POINTS: usize = 80;
+/// Points of the driving flank from one that is always looked at to the next.
+const SCAN_STEP: usize = 4;
 /// Accuracy of α₁ in rad.
 const TOLERANCE_RAD: f64 = 1e-11;
 /// Half of the length of flank in modules over which the curvature is taken.
@@ -118,6 +120,27 @@ fn involute_points(flank: &Flank<'_>, outline: &ToothOutline, count: usize) -> V
         .collect()
 }
 
+/// Where from 0 to `end` a function is greatest that has few peaks, none much narrower than [`SCAN_STEP`]: looked at in these steps, then all around each
+/// peak that shows.
+fn highest(end: usize, value: impl Fn(usize) -> f64) -> usize {
+    let looked_at: Vec<(usize, f64)> = (0..end).step_by(SCAN_STEP).chain([end]).map(|i| (i, value(i))).collect();
+    let mut best = (0, f64::NEG_INFINITY);
+    for (j, (i, here)) in looked_at.iter().enumerate() {
+        let (before, after) = (j.checked_sub(1).map(|j| looked_at[j]), looked_at.get(j + 1));
+        if before.is_some_and(|(_, value)| value > *here) || after.is_some_and(|(_, value)| value > here) {
+            continue;
+        }
+        let around = before.map_or(0, |(i, _)| i + 1)..after.map_or(end + 1, |(i, _)| *i);
+        for near in around {
+            let value = if near == *i { *here } else { value(near) };
+            if value > best.1 {
+                best = (near, value);
+            }
+        }
+    }
+    best.0
+}
+
 /// The driven tooth against one point of the driving flank.
 #[derive(Debug, Clone, Copy)]
 struct Reach {
@@ -165,20 +188,34 @@ impl<'a> ToothPair<'a> {
         (point.lambda_rad - phi1_rad) - (reach.driven.lambda_rad + reach.phi2_rad)
     }
 
+    /// φ₂ at which the driven tooth reaches a point of the driving flank at φ₁, whose sine and cosine are `turned`, the radius in mm of
+    /// the unworn driven point that does, and the driving point's place in mm before the driven centre and above the line of
+    /// centres; none beyond the driven flank's ends.
+    pub(super) fn meeting(&self, point: &FlankPoint, turned: (f64, f64)) -> Option<(f64, f64, [f64; 2])> {
+        let (squared, beside, above) = self.driven_polar(point, turned);
+        let radius = squared.sqrt();
+        let (least, most) = self.driven.range();
+        if radius < least || radius > most {
+            return None;
+        }
+        let driven = self.driven.at(radius);
+        Some((above.atan2(beside) + driven.gamma_rad, driven.radius_mm, [beside, above]))
+    }
+
     /// The first touch at φ₁ = `phi1_rad` of the driving tooth; none where the teeth cannot reach each other.
     pub(super) fn touch(&self, phi1_rad: f64) -> Option<ToothTouch> {
         let turned = phi1_rad.sin_cos();
         let (least, most) = self.driven.range();
-        let place = |point: &FlankPoint| self.driven_polar(point, turned);
+        let polar = |point: &FlankPoint| self.driven_polar(point, turned);
         // The distance from the driven centre falls along the driving flank.
-        let first = self.points.iter().position(|point| place(point).0 <= most * most)?;
-        let last = self.points.iter().rposition(|point| place(point).0 >= least * least)?;
+        let first = self.points.iter().position(|point| polar(point).0 <= most * most)?;
+        let last = self.points.iter().rposition(|point| polar(point).0 >= least * least)?;
         if last < first {
             return None;
         }
         let alpha = |i: usize| self.points[i].alpha_rad;
         let limit = |inside: usize, outside: usize, wanted: f64| {
-            let value = |alpha: f64| place(&self.driving.at(alpha)).0 - wanted * wanted;
+            let value = |alpha: f64| polar(&self.driving.at(alpha)).0 - wanted * wanted;
             let (low, high) = (alpha(inside.min(outside)), alpha(inside.max(outside)));
             root::find(value, (low, value(low)), (high, value(high)), TOLERANCE_RAD)
         };
@@ -193,24 +230,32 @@ impl<'a> ToothPair<'a> {
             let reach = self.reach(&point, turned);
             (point, reach)
         };
-        let mut places: Vec<(f64, f64)> = Vec::with_capacity(last - first + 3);
-        places.push((low, at(low).1.phi2_rad));
-        let inner = (first..=last).filter(|i| alpha(*i) > low && alpha(*i) < high);
-        places.extend(inner.map(|i| (alpha(i), self.reach(&self.points[i], turned).phi2_rad)));
-        places.push((high, at(high).1.phi2_rad));
-        let best = (0..places.len()).max_by(|a, b| places[*a].1.total_cmp(&places[*b].1))?;
-        let (before, after) = (places[best.saturating_sub(1)].0, places[(best + 1).min(places.len() - 1)].0);
+        // Both limits and the points between them.
+        let inner = first + usize::from(alpha(first) <= low)..last + usize::from(alpha(last) < high);
+        let end = inner.len() + 1;
+        let place = |i: usize| match i {
+            0 => low,
+            i if i == end => high,
+            i => alpha(inner.start + i - 1),
+        };
+        let phi2 = |i: usize| match i {
+            0 => at(low).1.phi2_rad,
+            i if i == end => at(high).1.phi2_rad,
+            i => self.reach(&self.points[inner.start + i - 1], turned).phi2_rad,
+        };
+        let best = highest(end, phi2);
+        let (before, after) = (place(best.saturating_sub(1)), place((best + 1).min(end)));
         let turn = |alpha: f64| {
             let (point, reach) = at(alpha);
             self.turn(&point, &reach, phi1_rad)
         };
         let (rises, falls) = (turn(before), turn(after));
-        let place = if rises < 0.0 && falls > 0.0 {
+        let touching = if rises < 0.0 && falls > 0.0 {
             root::find(turn, (before, rises), (after, falls), TOLERANCE_RAD)
         } else {
-            places[best].0
+            place(best)
         };
-        Some(self.describe(phi1_rad, place, (low, high), first > 0))
+        Some(self.describe(phi1_rad, touching, (low, high), first > 0))
     }
 
     /// The touch at α₁ = `place`, with the part of the driving flank that the driven one reaches and whether it starts at the driven
@@ -293,7 +338,7 @@ mod tests {
     use crate::gear::{Flank, FlankWear, GearPair};
 
     fn outlines(pair: &GearPair) -> [ToothOutline; 2] {
-        [0, 1].map(|i| ToothOutline::new(pair, i).unwrap())
+        [0, 1].map(|i| ToothOutline::new(pair, i))
     }
 
     /// `fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv` has the rotation θ₀ that brings the teeth together outside the nominal

@@ -81,14 +81,25 @@ impl WearProfile {
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlankWear {
     pub(super) profiles: [WearProfile; 2],
+    driving_turns: Option<f64>,
 }
 
 impl FlankWear {
     /// Perfect flanks.
     pub fn none() -> Self {
+        Self::new([WearProfile::None, WearProfile::None])
+    }
+
+    pub(super) fn new(profiles: [WearProfile; 2]) -> Self {
         Self {
-            profiles: [WearProfile::None, WearProfile::None],
+            profiles,
+            driving_turns: None,
         }
+    }
+
+    /// Turns of the driving gear that the wear took, where its shape is that of Archard's law: load cycles of each of its teeth.
+    pub fn driving_turns(&self) -> Option<f64> {
+        self.driving_turns
     }
 
     /// The shape of the pair's [`WearSpec`] with the greatest depth `h_max_mm`.
@@ -101,20 +112,18 @@ impl FlankWear {
         within("wear depth in mm", h_max_mm, 0.0, f64::MAX)?;
         let spec = &pair.spec.wear;
         let profiles = match spec.shape {
-            WearShape::Parabolic => {
-                check_parabola(spec)?;
-                pair.gears
-                    .each_ref()
-                    .map(|gear| WearProfile::Parabolic(parabola(spec, gear, h_max_mm)))
-            }
+            WearShape::Parabolic => pair
+                .gears
+                .each_ref()
+                .map(|gear| WearProfile::Parabolic(parabola(spec, gear, h_max_mm))),
             WearShape::Floor => [WearProfile::Floor(h_max_mm), WearProfile::Floor(h_max_mm)],
             WearShape::Table => wear_table::from_points(&spec.table, h_max_mm)?.map(WearProfile::Table),
             WearShape::Archard => {
-                let states = ArchardWear::at_depths(pair, &[h_max_mm])?;
-                return Ok(states.into_iter().next().expect("one depth gives one state").wear);
+                let states = Self::from_shape_at(pair, &[h_max_mm])?;
+                return Ok(states.into_iter().next().expect("one depth gives one state"));
             }
         };
-        let wear = Self { profiles };
+        let wear = Self::new(profiles);
         wear.check_thickness(pair, h_max_mm)?;
         Ok(wear)
     }
@@ -128,7 +137,10 @@ impl FlankWear {
         match pair.spec.wear.shape {
             WearShape::Archard => Ok(ArchardWear::at_depths(pair, depths_mm)?
                 .into_iter()
-                .map(|state| state.wear)
+                .map(|state| Self {
+                    driving_turns: Some(state.driving_turns),
+                    ..state.wear
+                })
                 .collect()),
             _ => depths_mm.iter().map(|depth| Self::from_shape(pair, *depth)).collect(),
         }
@@ -144,9 +156,7 @@ impl FlankWear {
     pub fn from_table_csv(pair: &GearPair, csv: &str) -> Result<Self, GearError> {
         let curves = wear_table::from_csv(csv, pair)?;
         let deepest = curves.iter().map(DepthCurve::deepest_mm).fold(0.0, f64::max);
-        let wear = Self {
-            profiles: curves.map(WearProfile::Table),
-        };
+        let wear = Self::new(curves.map(WearProfile::Table));
         wear.check_thickness(pair, deepest)?;
         Ok(wear)
     }
@@ -176,6 +186,15 @@ impl FlankWear {
             }
         }
         Ok(())
+    }
+}
+
+/// Refuses what a shape cannot be made from, whatever its depth.
+pub(super) fn check_shape(spec: &WearSpec) -> Result<(), GearError> {
+    match spec.shape {
+        WearShape::Parabolic => check_parabola(spec),
+        WearShape::Table => wear_table::from_points(&spec.table, 1.0).map(drop),
+        WearShape::Floor | WearShape::Archard => Ok(()),
     }
 }
 
@@ -268,12 +287,7 @@ mod tests {
         let mut spec = shen2022_spec();
         for exponent in [1.0, 0.0, f64::NAN, 50.0] {
             spec.wear.exponent = exponent;
-            assert!(
-                FlankWear::from_shape(&spec.resolve().unwrap(), 0.1)
-                    .unwrap_err()
-                    .to_string()
-                    .starts_with("wear.exponent")
-            );
+            assert!(spec.resolve().unwrap_err().to_string().starts_with("wear.exponent"));
         }
     }
 }

@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::body;
-use super::problem::Problem;
+use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters};
 use super::router::App;
 use crate::asset::{AssetId, AssetSpec};
@@ -20,36 +20,64 @@ use crate::store::Asset;
 const RECENT_POINTS: usize = 40;
 
 /// An asset as it is shown.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = Asset)]
 pub(super) struct AssetView {
     #[serde(flatten)]
     spec: AssetSpec,
+    /// When it was made.
     created_at: Timestamp,
+    /// When its description last changed.
     updated_at: Timestamp,
+    /// Its records and its latest wear.
     summary: Summary,
 }
 
 /// What a list of assets shows of each.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = AssetSummary)]
 struct Summary {
+    /// Number of records.
     segments: u64,
+    /// The channels that have records, the one seen first first.
     channels: Vec<String>,
+    /// Start of the earliest record.
     first_start_time: Option<Timestamp>,
+    /// Start of the latest record.
     last_start_time: Option<Timestamp>,
+    /// The library that records are compared with; none without a gear pair.
     library_id: Option<String>,
+    /// `none`, `building`, `ready` or `failed`.
     library_state: &'static str,
+    /// The latest estimate of the channel that speaks for the asset.
     wear: Option<WearEstimate>,
+    /// That channel.
     wear_channel: Option<String>,
+    /// Medians of its wear depth in µm over its whole history, thinned to at most 40.
     recent_wear_um: Vec<f64>,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ListParameters {
+    /// Entries of the page: 1 to 1000, 100 where not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
+    /// `next_cursor` of the page before.
     cursor: Option<String>,
 }
 
+/// Assets
+///
+/// Every asset with a summary: records, latest wear, state of its library.
+#[utoipa::path(
+    get,
+    path = "/v1/assets",
+    tag = "assets",
+    params(ListParameters),
+    responses((status = 200, body = Page<AssetView>)),
+)]
 pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<AssetView>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let assets = app.ingest.store().assets(asked.cursor.as_deref(), limit + 1).await?;
@@ -61,6 +89,14 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<L
     Ok(Json(Page::from_parts(views, next_cursor)))
 }
 
+/// Create an asset
+#[utoipa::path(
+    post,
+    path = "/v1/assets",
+    tag = "assets",
+    request_body(content((AssetSpec = "application/json"), (String = "application/toml")), description = "The asset's description"),
+    responses((status = 201, body = AssetView, headers(("location" = String, description = "Its address"))), (status = 409, body = Details, content_type = "application/problem+json", description = "There is one of that id")),
+)]
 pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
     let spec = description(&app, &headers, body).await?;
     let asset = app.ingest.create_asset(&spec).await?;
@@ -68,11 +104,30 @@ pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Bod
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view(&app, asset).await?)))
 }
 
+/// One asset
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}",
+    tag = "assets",
+    params(("asset" = AssetId, Path, description = "The asset")),
+    responses((status = 200, body = AssetView)),
+)]
 pub(super) async fn show(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<Json<AssetView>, Problem> {
     let asset = app.ingest.store().asset(&id).await?;
     Ok(Json(view(&app, asset).await?))
 }
 
+/// Replace an asset's description
+///
+/// Its wear history is estimated anew in the background where it depends on what changed.
+#[utoipa::path(
+    put,
+    path = "/v1/assets/{asset}",
+    tag = "assets",
+    params(("asset" = AssetId, Path, description = "The asset")),
+    request_body(content((AssetSpec = "application/json"), (String = "application/toml")), description = "The asset's description"),
+    responses((status = 200, body = AssetView)),
+)]
 pub(super) async fn replace(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
@@ -87,6 +142,16 @@ pub(super) async fn replace(
     Ok(Json(view(&app, asset).await?))
 }
 
+/// Delete an asset
+///
+/// Its records, estimates and raw recordings go with it.
+#[utoipa::path(
+    delete,
+    path = "/v1/assets/{asset}",
+    tag = "assets",
+    params(("asset" = AssetId, Path, description = "The asset")),
+    responses((status = 204, description = "Gone")),
+)]
 pub(super) async fn remove(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<StatusCode, Problem> {
     app.ingest.delete_asset(&id).await?;
     Ok(StatusCode::NO_CONTENT)

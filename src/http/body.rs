@@ -4,15 +4,22 @@ use std::future::poll_fn;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use axum::body::{Body, HttpBody};
 use axum::http::{HeaderMap, StatusCode, header};
-use bytes::{Bytes, BytesMut};
+use bytes::Bytes;
 use serde::de::DeserializeOwned;
+use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
+use super::coding::Coding;
 use super::limits::HttpLimits;
 use super::problem::Problem;
+
+/// Most bytes of a refused body that are still taken in, and for how long.
+const POURED_AWAY: usize = 1 << 20;
+const POURING: Duration = Duration::from_secs(1);
 
 /// The media type of a body without its parameters, in lower case; none where the client does not say.
 pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
@@ -29,48 +36,119 @@ pub(super) fn unsupported(found: Option<&str>, expected: &str) -> Problem {
     )
 }
 
-/// The whole body, at most `most` bytes; `take` is told of every piece before it is kept.
+/// Where the pieces of what is read come from.
+pub(super) enum Pieces<'a> {
+    /// A request's body.
+    Body(Body),
+    /// A part of a form.
+    Part(Box<multer::Field<'a>>),
+}
+
+impl Pieces<'_> {
+    /// The next piece; none at the end.
+    pub(super) async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
+        match self {
+            Self::Body(body) => next_piece(body).await,
+            Self::Part(part) => part.chunk().await.map_err(broken_form),
+        }
+    }
+
+    /// Takes in a little more of a body that is refused: a client that is still sending would find the connection closed before it reads why.
+    async fn pour_away(&mut self) {
+        let away = async {
+            let mut rest = POURED_AWAY;
+            while rest > 0
+                && let Ok(Some(piece)) = self.next().await
+            {
+                rest = rest.saturating_sub(piece.len());
+            }
+        };
+        let _ = tokio::time::timeout(POURING, away).await;
+    }
+}
+
+/// The problem of a form that cannot be read.
+pub(super) fn broken_form(error: multer::Error) -> Problem {
+    Problem::new(StatusCode::BAD_REQUEST, format!("the form cannot be read: {error}"))
+}
+
+/// A text field of a form, at most `most` bytes.
+pub(super) async fn text(mut part: multer::Field<'_>, most: usize) -> Result<String, Problem> {
+    let mut text = Vec::new();
+    while let Some(piece) = part.chunk().await.map_err(broken_form)? {
+        if text.len() + piece.len() > most {
+            return Err(Problem::too_large(most as u64));
+        }
+        text.extend_from_slice(&piece);
+    }
+    String::from_utf8(text).map_err(|error| Problem::new(StatusCode::BAD_REQUEST, format!("a field of the form is not UTF-8: {error}")))
+}
+
+/// The whole of what comes, decoded, at most `most` bytes; `take` is told of every piece as it is kept.
 pub(super) async fn read(
     headers: &HeaderMap,
-    mut body: Body,
+    mut pieces: Pieces<'_>,
     most: usize,
     limits: &HttpLimits,
     mut take: impl FnMut(usize) -> Result<(), Problem>,
 ) -> Result<Bytes, Problem> {
-    let announced = announced(headers, most as u64)?;
+    let announced = match announced(headers, most as u64) {
+        Ok(length) => length,
+        Err(problem) => {
+            pieces.pour_away().await;
+            return Err(problem);
+        }
+    };
+    let mut coding = Coding::of(headers)?;
     let all = async {
-        let mut all = BytesMut::with_capacity(usize::try_from(announced.unwrap_or(0)).unwrap_or(0).min(1 << 20));
-        while let Some(piece) = next_piece(&mut body).await? {
-            if all.len() + piece.len() > most {
+        let mut all = Vec::with_capacity(usize::try_from(announced.unwrap_or(0)).unwrap_or(0).min(1 << 20));
+        let mut kept = |all: &Vec<u8>, before: usize| {
+            if all.len() > most {
                 return Err(Problem::too_large(most as u64));
             }
-            take(piece.len())?;
-            all.extend_from_slice(&piece);
+            take(all.len() - before)
+        };
+        while let Some(piece) = pieces.next().await? {
+            for step in coding.steps(&piece) {
+                let before = all.len();
+                coding.decode(step, &mut all)?;
+                kept(&all, before)?;
+            }
         }
-        Ok(all.freeze())
+        let before = all.len();
+        coding.finish(&mut all)?;
+        kept(&all, before)?;
+        Ok(Bytes::from(all))
     };
-    within(limits, all).await
+    let read = within(limits, all).await;
+    if read.is_err() {
+        pieces.pour_away().await;
+    }
+    read
 }
 
 /// The body of a description (JSON or TOML), at most as long as such a body may be.
 pub(super) async fn read_description(headers: &HeaderMap, body: Body, limits: &HttpLimits) -> Result<Bytes, Problem> {
-    read(headers, body, limits.description_bytes, limits, |_| Ok(())).await
+    read(headers, Pieces::Body(body), limits.description_bytes, limits, |_| Ok(())).await
 }
 
 /// A body in a file, removed when dropped.
 pub(super) struct SpooledBody {
     path: PathBuf,
+    sha256: Vec<u8>,
 }
 
 impl SpooledBody {
-    /// Writes the whole body to a file in `folder`.
-    pub(super) async fn receive(headers: &HeaderMap, mut body: Body, folder: &Path, limits: &HttpLimits) -> Result<Self, Problem> {
+    /// Writes the whole of what comes, decoded, to a file in `folder`.
+    pub(super) async fn receive(headers: &HeaderMap, mut pieces: Pieces<'_>, folder: &Path, limits: &HttpLimits) -> Result<Self, Problem> {
         static COUNTER: AtomicU64 = AtomicU64::new(0);
         let most = limits.recording_bytes;
-        announced(headers, most)?;
-        let spooled = Self {
-            path: folder.join(COUNTER.fetch_add(1, Ordering::Relaxed).to_string()),
-        };
+        if let Err(problem) = announced(headers, most) {
+            pieces.pour_away().await;
+            return Err(problem);
+        }
+        let mut coding = Coding::of(headers)?;
+        let mut spooled = Self::at(folder.join(COUNTER.fetch_add(1, Ordering::Relaxed).to_string()));
         let failed = |source| {
             Problem::from(crate::ingest::IngestError::File {
                 action: "write",
@@ -78,21 +156,54 @@ impl SpooledBody {
                 source,
             })
         };
+        let path = spooled.path.clone();
         let write = async {
-            let file = tokio::fs::File::create(&spooled.path).await.map_err(failed)?;
+            let file = tokio::fs::File::create(&path).await.map_err(failed)?;
             let mut file = tokio::io::BufWriter::with_capacity(1 << 20, file);
+            let mut hash = Sha256::new();
             let mut written = 0;
-            while let Some(piece) = next_piece(&mut body).await? {
-                written += piece.len() as u64;
-                if written > most {
-                    return Err(Problem::too_large(most));
+            let mut out = Vec::new();
+            let mut is_over = false;
+            while !is_over {
+                match pieces.next().await? {
+                    Some(piece) => {
+                        for step in coding.steps(&piece) {
+                            out.clear();
+                            coding.decode(step, &mut out)?;
+                            written += out.len() as u64;
+                            if written > most {
+                                return Err(Problem::too_large(most));
+                            }
+                            hash.update(&out);
+                            file.write_all(&out).await.map_err(failed)?;
+                        }
+                    }
+                    None => is_over = true,
                 }
-                file.write_all(&piece).await.map_err(failed)?;
             }
-            file.flush().await.map_err(failed)
+            out.clear();
+            coding.finish(&mut out)?;
+            hash.update(&out);
+            file.write_all(&out).await.map_err(failed)?;
+            file.flush().await.map_err(failed)?;
+            Ok(hash.finalize().to_vec())
         };
-        within(limits, write).await?;
+        let written = within(limits, write).await;
+        if written.is_err() {
+            pieces.pour_away().await;
+        }
+        spooled.sha256 = written?;
         Ok(spooled)
+    }
+
+    /// A file that is there already.
+    pub(super) fn at(path: PathBuf) -> Self {
+        Self { path, sha256: Vec::new() }
+    }
+
+    /// SHA-256 of what was received.
+    pub(super) fn sha256(&self) -> &[u8] {
+        &self.sha256
     }
 
     /// Where it is.
@@ -123,10 +234,6 @@ pub(super) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem>
 
 /// Refuses a body that says itself that it is too long.
 fn announced(headers: &HeaderMap, most: u64) -> Result<Option<u64>, Problem> {
-    if let Some(coding) = headers.get(header::CONTENT_ENCODING) {
-        let detail = format!("content-encoding is {coding:?}, expected none");
-        return Err(Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, detail));
-    }
     let length = headers
         .get(header::CONTENT_LENGTH)
         .and_then(|value| value.to_str().ok()?.parse().ok());

@@ -3,28 +3,68 @@
 use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
-use axum::response::{IntoResponse, Response};
-use serde_json::json;
+use serde::Serialize;
 
 use super::router::App;
 
-pub(super) async fn alive() -> Response {
-    Json(json!({ "status": "ok", "version": env!("CARGO_PKG_VERSION") })).into_response()
+/// That the process lives.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct Alive {
+    /// `ok`.
+    status: &'static str,
+    /// The running version.
+    version: &'static str,
 }
 
-pub(super) async fn ready(State(app): State<App>) -> Response {
+/// Whether the service can take records.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct Ready {
+    /// `ok` or `unavailable`.
+    status: &'static str,
+    /// `ok`, or why the database does not answer.
+    database: String,
+    /// Records being processed or waiting.
+    queue: Queue,
+}
+
+/// The queue of records.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+struct Queue {
+    /// Requests in it now.
+    used: usize,
+    /// Beyond which further ones are refused.
+    limit: usize,
+}
+
+/// Whether the process lives
+#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, body = Alive)))]
+pub(super) async fn alive() -> Json<Alive> {
+    Json(Alive {
+        status: "ok",
+        version: env!("CARGO_PKG_VERSION"),
+    })
+}
+
+/// Whether the service can take records
+#[utoipa::path(
+    get,
+    path = "/readyz",
+    tag = "service",
+    responses((status = 200, body = Ready), (status = 503, body = Ready, description = "Not now")),
+)]
+pub(super) async fn ready(State(app): State<App>) -> (StatusCode, Json<Ready>) {
     let database = app.ingest.store().check().await;
-    let (used, most) = app.ingest.workers().queue();
-    let is_ready = database.is_ok() && used < most;
+    let (used, limit) = app.ingest.workers().queue();
+    let is_ready = database.is_ok() && used < limit;
     let status = if is_ready {
         StatusCode::OK
     } else {
         StatusCode::SERVICE_UNAVAILABLE
     };
-    let parts = json!({
-        "status": if is_ready { "ok" } else { "unavailable" },
-        "database": database.map_or_else(|error| error.to_string(), |()| "ok".to_string()),
-        "queue": { "used": used, "limit": most },
-    });
-    (status, Json(parts)).into_response()
+    let parts = Ready {
+        status: if is_ready { "ok" } else { "unavailable" },
+        database: database.map_or_else(|error| error.to_string(), |()| "ok".to_string()),
+        queue: Queue { used, limit },
+    };
+    (status, Json(parts))
 }

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use axum::Json;
 use axum::extract::State;
+use axum::http::{HeaderMap, Uri};
+use axum::response::Response;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -11,43 +12,70 @@ use serde_json::{Map, Value};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
 use super::router::App;
-use super::{assets, reduction};
+use super::{assets, freshness, reduction, table};
+use crate::asset::AssetId;
+use crate::signal::{Band, Indicators};
 use crate::store::Trend;
 
 /// Points of a trend where the client does not say how many.
 const DEFAULT_POINTS: usize = 2000;
 
-/// Indicators without a unit; all others are in the record's.
-const DIMENSIONLESS: [&str; 2] = ["kurtosis", "crest_factor"];
-
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TrendParameters {
+    /// Names of indicators with commas between them, at most 64; all where not given.
+    #[param(example = "rms,kurtosis")]
     names: Option<String>,
+    /// The channel; the one that speaks for the asset where not given.
     channel: Option<String>,
+    /// Only records that start at this time or later.
     from: Option<Timestamp>,
+    /// Only records that start before this time.
     to: Option<Timestamp>,
+    /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
+    #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
 
 /// Indicators over time.
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
+#[schema(as = Trend)]
 pub(super) struct TrendView {
+    /// The channel; none where the asset has no records.
     channel: Option<String>,
+    /// Unit of each indicator; `1` for one without.
     units: BTreeMap<String, String>,
+    /// One flat row a record in the order of time: `start_time`, `segment_id`, and each indicator by name (null where it has none).
     items: Vec<Map<String, Value>>,
+    /// Rows were left out to keep to `max_points`.
     reduced: bool,
 }
 
+/// Trend of indicators
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/indicators",
+    tag = "trends",
+    params(("asset" = AssetId, Path, description = "The asset"), TrendParameters),
+    responses((status = 200, content((TrendView = "application/json"), (String = "text/csv"))), (status = 304, description = "As the client has it")),
+)]
 pub(super) async fn trend(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
     Parameters(asked): Parameters<TrendParameters>,
-) -> Result<Json<TrendView>, Problem> {
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let (_, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let mark = freshness::mark_of_channel(&asset, channel.as_ref(), &uri, &headers);
+    if freshness::is_known(&headers, &mark) {
+        return Ok(freshness::not_modified(mark));
+    }
+    let wants_csv = table::wants_csv(&headers);
     let Some(channel) = channel else {
-        return Ok(Json(TrendView::default()));
+        return table::answer(mark, wants_csv, TrendView::default(), table_of);
     };
     let trend = app.ingest.store().trend(&channel).await?;
     let names: Vec<String> = match &asked.names {
@@ -61,13 +89,27 @@ pub(super) async fn trend(
     if names.len() > 64 {
         return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
     }
-    let render = move || render(&trend, &names, &asked, most);
+    let render = move || render(&trend, &asset.spec.bands, &names, &asked, most);
     let mut view = app.ingest.workers().run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
-    Ok(Json(view))
+    table::answer(mark, wants_csv, view, table_of)
 }
 
-fn render(trend: &Trend, names: &[String], asked: &TrendParameters, most: usize) -> TrendView {
+fn table_of(view: &TrendView, table: &mut table::Table) -> Result<(), csv::Error> {
+    let names = || view.units.keys().map(String::as_str);
+    table.row(["start_time", "segment_id"].into_iter().chain(names()))?;
+    for row in &view.items {
+        let text = |name: &str| match row.get(name) {
+            Some(Value::String(text)) => text.clone(),
+            Some(Value::Null) | None => String::new(),
+            Some(number) => number.to_string(),
+        };
+        table.row(["start_time", "segment_id"].into_iter().chain(names()).map(text))?;
+    }
+    Ok(())
+}
+
+fn render(trend: &Trend, bands: &[Band], names: &[String], asked: &TrendParameters, most: usize) -> TrendView {
     let range = trend.range(asked.from, asked.to);
     let unknown = vec![f64::NAN; range.len()];
     let columns: Vec<&[f64]> = names
@@ -85,10 +127,7 @@ fn render(trend: &Trend, names: &[String], asked: &TrendParameters, most: usize)
         }
         row
     };
-    let unit = |name: &String| {
-        let is_dimensionless = DIMENSIONLESS.contains(&name.as_str());
-        (name.clone(), if is_dimensionless { "1".to_string() } else { trend.unit.clone() })
-    };
+    let unit = |name: &String| (name.clone(), Indicators::unit(name, &trend.unit, bands));
     TrendView {
         channel: None,
         units: names.iter().map(unit).collect(),

@@ -14,13 +14,25 @@ use crate::ingest::IngestError;
 use crate::library::{FORMAT_VERSION, Library, Manifest};
 use crate::signal::{Features, Indicators};
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ListParameters {
+    /// Entries of the page: 1 to 1000, 100 where not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
+    /// `next_cursor` of the page before.
     cursor: Option<String>,
 }
 
+/// Libraries of simulated wear states
+#[utoipa::path(
+    get,
+    path = "/v1/libraries",
+    tag = "libraries",
+    params(ListParameters),
+    responses((status = 200, body = Page<LibraryRow>)),
+)]
 pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<LibraryRow>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let shelf = app.ingest.libraries().shelf();
@@ -36,17 +48,28 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<L
 }
 
 /// What a library is, in one row.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = LibraryRow)]
 pub(super) struct LibraryRow {
+    /// Hash of everything it was made from.
     id: String,
+    /// The gear pair's name for people.
     pair_name: String,
+    /// Number of wear states.
     states: usize,
+    /// Greatest wear depth in µm.
     max_wear_um: f64,
+    /// Which pairs of teeth carry the load.
     contact: ContactRule,
+    /// Version of the gear model.
     model_version: String,
+    /// Version of the library's file.
     format_version: u32,
+    /// Identifier of the features' preprocessing.
     preprocessing: String,
+    /// Sampling rate of the simulated response in hertz.
     sample_rate_hz: f64,
+    /// Length of the simulated response in seconds.
     seconds: f64,
 }
 
@@ -68,13 +91,23 @@ impl From<&Manifest> for LibraryRow {
 }
 
 /// A library with the gear pair that it was simulated for.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = Library)]
 pub(super) struct LibraryView {
     #[serde(flatten)]
     row: LibraryRow,
+    /// The gear pair.
     pair: PairSpec,
 }
 
+/// What a library was made from
+#[utoipa::path(
+    get,
+    path = "/v1/libraries/{library}",
+    tag = "libraries",
+    params(("library" = String, Path, description = "The library")),
+    responses((status = 200, body = LibraryView)),
+)]
 pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<LibraryView>, Problem> {
     let library = find(&app, &id).await?;
     Ok(Json(LibraryView {
@@ -84,20 +117,40 @@ pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> 
 }
 
 /// One wear state of a library.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = LibraryState)]
 pub(super) struct StateView {
+    /// The library.
     library_id: String,
+    /// Its number, from 0.
     index: usize,
+    /// Greatest wear depth in µm.
     wear_um: f64,
+    /// Turns of the driving gear that this wear took, where Archard's law shaped it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    driving_turns: Option<f64>,
     #[serde(flatten)]
     indicators: Indicators,
+    /// Features of the simulated response.
     features: Features,
+    /// Angle of the driving gear over one mesh period in rad.
     phi1_rad: Vec<f64>,
+    /// Mesh stiffness at each angle in N/m.
     stiffness_n_per_m: Vec<f64>,
+    /// Unloaded static transmission error at each angle in rad.
     uste_rad: Vec<f64>,
+    /// Pairs of teeth in contact at each angle.
     pairs_in_contact: Vec<u32>,
 }
 
+/// One wear state of a library
+#[utoipa::path(
+    get,
+    path = "/v1/libraries/{library}/states/{state}",
+    tag = "libraries",
+    params(("library" = String, Path, description = "The library"), ("state" = String, Path, description = "Number of the state, from 0")),
+    responses((status = 200, body = StateView)),
+)]
 pub(super) async fn state(
     State(app): State<App>,
     path: Result<Path<(String, String)>, axum::extract::rejection::PathRejection>,
@@ -114,6 +167,7 @@ pub(super) async fn state(
         library_id: library.id().to_string(),
         index: state.index,
         wear_um: state.wear_um,
+        driving_turns: state.driving_turns,
         indicators: state.indicators.clone(),
         features: state.features.clone(),
         phi1_rad: cycle.phi1_rad,
@@ -123,7 +177,7 @@ pub(super) async fn state(
     }))
 }
 
-async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
+pub(super) async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
     let unknown = || Problem::not_found(format!("there is no library {id:?}"));
     // It becomes a file's name.
     if !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_') {

@@ -1,5 +1,6 @@
 //! What one request may cost: the one place where the API's limits stand.
 
+use std::num::NonZeroU32;
 use std::time::Duration;
 
 /// Limits on requests.
@@ -11,6 +12,18 @@ pub struct HttpLimits {
     pub recording_bytes: u64,
     /// Bytes of any other body.
     pub description_bytes: usize,
+    /// Connections at once; further ones wait in the system's queue.
+    pub connections: usize,
+    /// Bytes of a request's line and header fields.
+    pub header_bytes: usize,
+    /// How long a client may take to send its request's head, and may keep a connection without asking anything.
+    pub header_timeout: Duration,
+    /// How long a client may read nothing of its answer.
+    pub write_timeout: Duration,
+    /// Requests a second with one token.
+    pub requests_per_s: NonZeroU32,
+    /// Events that are kept for clients that lost their connection.
+    pub events_kept: usize,
     /// How long a body may take to arrive.
     pub body_timeout: Duration,
     /// How long a request may take once its body is there.
@@ -25,6 +38,12 @@ impl Default for HttpLimits {
             record_bytes: 256 << 20,
             recording_bytes: 4 << 30,
             description_bytes: 1 << 20,
+            connections: 1024,
+            header_bytes: 32 << 10,
+            header_timeout: Duration::from_secs(30),
+            write_timeout: Duration::from_secs(60),
+            requests_per_s: NonZeroU32::new(2000).unwrap_or(NonZeroU32::MIN),
+            events_kept: 4096,
             body_timeout: Duration::from_secs(300),
             request_timeout: Duration::from_secs(150),
             grace: Duration::from_secs(10),

@@ -1,11 +1,12 @@
 //! `GET /metrics` in Prometheus' text format.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::http::{Method, StatusCode, header};
 use axum::response::IntoResponse;
 
 use super::problem::Problem;
@@ -17,28 +18,35 @@ const BOUNDS_S: [f64; 12] = [0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5,
 /// Indicators of each asset's latest record that are shown.
 const SHOWN_INDICATORS: [&str; 3] = ["rms", "kurtosis", "omx"];
 
-/// What the API measures of itself.
+/// What the API measures of itself, by method and route.
 #[derive(Debug, Default)]
 pub(super) struct Measurements {
-    /// Uploads no longer than each bound and longer than the one before; the last counts the longer ones.
-    latency: [AtomicU64; BOUNDS_S.len() + 1],
-    latency_sum_us: AtomicU64,
-    client_errors: AtomicU64,
-    server_errors: AtomicU64,
+    by_route: Mutex<BTreeMap<(String, String), RouteMeasurements>>,
+}
+
+/// What is measured of one route under one method.
+#[derive(Debug, Clone, Default)]
+struct RouteMeasurements {
+    /// Requests no longer than each bound and longer than the one before; the last counts the longer ones.
+    latency: [u64; BOUNDS_S.len() + 1],
+    latency_sum_s: f64,
+    /// Answers by the first digit of their status.
+    answers: BTreeMap<u16, u64>,
 }
 
 impl Measurements {
-    /// Counts an upload and how long it took.
-    pub(super) fn upload(&self, took: Duration, status: StatusCode) {
-        let bucket = BOUNDS_S.partition_point(|bound| *bound < took.as_secs_f64());
-        self.latency[bucket].fetch_add(1, Ordering::Relaxed);
-        let micros = u64::try_from(took.as_micros()).unwrap_or(u64::MAX);
-        self.latency_sum_us.fetch_add(micros, Ordering::Relaxed);
-        if status.is_client_error() {
-            self.client_errors.fetch_add(1, Ordering::Relaxed);
-        } else if status.is_server_error() {
-            self.server_errors.fetch_add(1, Ordering::Relaxed);
-        }
+    /// Counts a request and how long it took.
+    pub(super) fn request(&self, method: &Method, route: &str, took: Duration, status: StatusCode) {
+        let took_s = took.as_secs_f64();
+        let mut by_route = self.by_route.lock().unwrap_or_else(PoisonError::into_inner);
+        let measured = by_route.entry((method.to_string(), route.to_string())).or_default();
+        measured.latency[BOUNDS_S.partition_point(|bound| *bound < took_s)] += 1;
+        measured.latency_sum_s += took_s;
+        *measured.answers.entry(status.as_u16() / 100).or_default() += 1;
+    }
+
+    fn snapshot(&self) -> BTreeMap<(String, String), RouteMeasurements> {
+        self.by_route.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -72,6 +80,13 @@ impl Text {
     }
 }
 
+/// Measurements in Prometheus' text format
+#[utoipa::path(
+    get,
+    path = "/metrics",
+    tag = "service",
+    responses((status = 200, body = String, content_type = "text/plain")),
+)]
 pub(super) async fn show(State(app): State<App>) -> Result<impl IntoResponse, Problem> {
     let mut text = Text(String::new());
     service(&app, &mut text).await?;
@@ -106,28 +121,39 @@ async fn service(app: &App, text: &mut Text) -> Result<(), Problem> {
         "Uploads beyond which further ones are refused.",
         most,
     );
-    let measured = &app.measurements;
-    let errors = [("client", &measured.client_errors), ("server", &measured.server_errors)];
-    text.head(
-        "flankwatch_upload_errors_total",
-        "counter",
-        "Uploads answered with an error, by whose it was.",
-    );
-    for (whose, count) in errors {
-        text.line("flankwatch_upload_errors_total", &[("whose", whose)], count.load(Ordering::Relaxed));
-    }
-    let name = "flankwatch_upload_duration_seconds";
-    text.head(name, "histogram", "Time from the head of an upload to its answer.");
-    let mut count = 0;
-    let bounds = BOUNDS_S.iter().map(f64::to_string).chain(["+Inf".to_string()]);
-    for (bound, bucket) in bounds.zip(&measured.latency) {
-        count += bucket.load(Ordering::Relaxed);
-        text.line(&format!("{name}_bucket"), &[("le", &bound)], count);
-    }
-    let sum_s = measured.latency_sum_us.load(Ordering::Relaxed) as f64 / 1e6;
-    text.line(&format!("{name}_sum"), &[], sum_s);
-    text.line(&format!("{name}_count"), &[], count);
+    requests(&app.measurements.snapshot(), text);
     Ok(())
+}
+
+fn requests(by_route: &BTreeMap<(String, String), RouteMeasurements>, text: &mut Text) {
+    text.head(
+        "flankwatch_requests_total",
+        "counter",
+        "Requests answered, by the class of the answer's status.",
+    );
+    for ((method, route), measured) in by_route {
+        for (class, count) in &measured.answers {
+            let class = format!("{class}xx");
+            text.line(
+                "flankwatch_requests_total",
+                &[("method", method), ("route", route), ("status", &class)],
+                count,
+            );
+        }
+    }
+    let name = "flankwatch_request_duration_seconds";
+    text.head(name, "histogram", "Time from the head of a request to the head of its answer.");
+    for ((method, route), measured) in by_route {
+        let labels = [("method", method.as_str()), ("route", route.as_str())];
+        let mut count = 0;
+        let bounds = BOUNDS_S.iter().map(f64::to_string).chain(["+Inf".to_string()]);
+        for (bound, bucket) in bounds.zip(&measured.latency) {
+            count += bucket;
+            text.line(&format!("{name}_bucket"), &[labels[0], labels[1], ("le", &bound)], count);
+        }
+        text.line(&format!("{name}_sum"), &labels, measured.latency_sum_s);
+        text.line(&format!("{name}_count"), &labels, count);
+    }
 }
 
 async fn assets(app: &App, text: &mut Text) -> Result<(), Problem> {

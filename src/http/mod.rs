@@ -3,26 +3,46 @@
 //! Routes stand on one page (`router`), one file a resource; a handler extracts, calls and renders. Everything that goes wrong is
 //! answered as a problem (RFC 9457).
 
+mod access;
+mod angle;
 mod assets;
 mod body;
+mod cepstra;
+mod coding;
+mod connections;
 mod dashboard;
+mod events;
+mod export;
+mod freshness;
 mod health;
 mod indicators;
 mod libraries;
+mod library_states;
 mod limits;
+mod matching;
 mod metrics;
+mod openapi;
 mod plotly;
 mod problem;
 mod query;
+mod recomputations;
 mod reduction;
 mod replays;
+mod reports;
 mod router;
 mod segments;
 mod server;
+mod table;
+mod tokens;
 mod traffic;
+mod tus;
+mod uploads;
+mod waterfall;
 mod waveforms;
 mod wear;
 
+pub use connections::TlsFiles;
 pub use limits::HttpLimits;
 pub use plotly::plotly_js;
 pub use server::{RunningService, ServiceConfig, ServiceError, start};
+pub use tokens::{Scope, Token, TokenError, Tokens};

@@ -15,19 +15,29 @@ const MEDIA_TYPE: &str = "application/problem+json";
 #[derive(Debug, Clone)]
 pub(super) struct Problem(Box<Details>);
 
-/// The problem's members.
-#[derive(Debug, Clone, Serialize)]
-struct Details {
+/// What went wrong with a request (RFC 9457).
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+#[schema(as = Problem)]
+pub(super) struct Details {
+    /// Kind of problem: `about:blank`, the status says it all.
     #[serde(rename = "type")]
     kind: &'static str,
+    /// The status in words.
     title: &'static str,
+    /// The HTTP status.
     #[serde(serialize_with = "as_number")]
+    #[schema(value_type = u16, example = 422)]
     status: StatusCode,
+    /// What is wrong, in words, with the value and what was expected.
+    #[schema(example = "sample_rate_hz is -1, expected a number above 0")]
     detail: String,
+    /// The parameter or field at fault.
     #[serde(skip_serializing_if = "Option::is_none")]
     field: Option<String>,
+    /// Its value.
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<String>,
+    /// What would have been right.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected: Option<String>,
     #[serde(skip)]
@@ -74,9 +84,18 @@ impl Problem {
     }
 
     pub(super) fn busy(detail: impl Into<String>, retry_after_s: u32) -> Self {
-        let mut problem = Self::new(StatusCode::SERVICE_UNAVAILABLE, detail);
-        problem.0.retry_after_s = Some(retry_after_s);
-        problem
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, detail).retry_after(retry_after_s)
+    }
+
+    /// What is wrong, in words.
+    pub(super) fn detail(&self) -> &str {
+        &self.0.detail
+    }
+
+    /// The same request can succeed after this time.
+    pub(super) fn retry_after(mut self, seconds: u32) -> Self {
+        self.0.retry_after_s = Some(seconds);
+        self
     }
 
     fn with_field(mut self, field: &str, value: impl ToString, expected: &str) -> Self {
@@ -140,6 +159,8 @@ impl From<IngestError> for Problem {
             IngestError::Busy { retry_after_s, .. } => Self::busy(error.to_string(), retry_after_s),
             // The description of the asset can be mended, or the cause may pass.
             IngestError::Library { .. } => Self::busy(error.to_string(), 60),
+            IngestError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
+            IngestError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
             IngestError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
             IngestError::Field { field, value, expected } => Self::content(field, value, expected),
             IngestError::ReplayFile { ref file, .. } => {

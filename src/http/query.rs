@@ -80,9 +80,11 @@ async fn text_in_path<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<St
 }
 
 /// One page of a list.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Page<T> {
+    /// The entries.
     items: Vec<T>,
+    /// What to give as `cursor` for the next page; none on the last one.
     next_cursor: Option<String>,
 }
 

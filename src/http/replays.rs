@@ -10,11 +10,21 @@ use axum::response::IntoResponse;
 use serde::Deserialize;
 
 use super::body;
-use super::problem::Problem;
+use super::problem::{Details, Problem};
 use super::query::{self, NameInPath, Page, Parameters};
 use super::router::App;
 use crate::ingest::{Replay, ReplayRequest};
 
+/// Start a replay
+///
+/// Of a recording in the configured folder.
+#[utoipa::path(
+    post,
+    path = "/v1/replays",
+    tag = "replays",
+    request_body(content = ReplayRequest),
+    responses((status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"), (status = 202, body = Replay, headers(("location" = String, description = "Its address")))),
+)]
 pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
     let media_type = body::media_type(&headers);
     if media_type.as_deref() != Some("application/json") {
@@ -27,14 +37,27 @@ pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ListParameters {
+    /// Entries of the page: 1 to 1000, 100 where not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
+    /// `next_cursor` of the page before.
     cursor: Option<String>,
 }
 
-/// The latest first; a cursor is the identifier of the last one shown.
+/// Replays
+///
+/// Since the service started, the latest first.
+#[utoipa::path(
+    get,
+    path = "/v1/replays",
+    tag = "replays",
+    params(ListParameters),
+    responses((status = 200, body = Page<Replay>)),
+)]
 pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<Replay>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let all = app.ingest.replays();
@@ -53,10 +76,26 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<L
     Ok(Json(Page::new(shown, limit, |replay| replay.id.clone())))
 }
 
+/// Progress of a replay
+#[utoipa::path(
+    get,
+    path = "/v1/replays/{replay}",
+    tag = "replays",
+    params(("replay" = String, Path, description = "The replay")),
+    responses((status = 200, body = Replay)),
+)]
 pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<Replay>, Problem> {
     Ok(Json(Arc::unwrap_or_clone(app.ingest.replay(&id)?)))
 }
 
+/// Stop a replay
+#[utoipa::path(
+    delete,
+    path = "/v1/replays/{replay}",
+    tag = "replays",
+    params(("replay" = String, Path, description = "The replay")),
+    responses((status = 200, body = Replay)),
+)]
 pub(super) async fn stop(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<Replay>, Problem> {
     Ok(Json(Arc::unwrap_or_clone(app.ingest.stop_replay(&id).await?)))
 }

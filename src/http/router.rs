@@ -3,18 +3,26 @@
 use std::sync::Arc;
 
 use axum::Router;
-use axum::handler::Handler;
-use axum::http::{HeaderValue, Method, StatusCode, Uri, header};
+use axum::http::{HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::{get, post};
+use axum::routing::get;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::set_header::SetResponseHeaderLayer;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
+use super::access::{self, Access};
+use super::events::{self, Events};
 use super::limits::HttpLimits;
 use super::metrics::Measurements;
 use super::problem::Problem;
-use super::{assets, dashboard, health, indicators, libraries, metrics, replays, segments, traffic, waveforms, wear};
+use super::tus::{self, ResumableUploads};
+use super::waterfall::LineCache;
+use super::{
+    angle, assets, cepstra, dashboard, export, freshness, health, indicators, libraries, library_states, matching, metrics, openapi,
+    recomputations, replays, reports, segments, traffic, uploads, waterfall, waveforms, wear,
+};
 use crate::ingest::Ingest;
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -27,48 +35,81 @@ pub(super) struct App {
     pub(super) ingest: Ingest,
     pub(super) limits: Arc<HttpLimits>,
     pub(super) measurements: Arc<Measurements>,
+    pub(super) events: Arc<Events>,
+    pub(super) access: Arc<Access>,
+    pub(super) resumable: Arc<ResumableUploads>,
     pub(super) uploads: Arc<std::path::Path>,
+    pub(super) lines: Arc<LineCache>,
+}
+
+/// The operations of the API with their description.
+fn operations() -> OpenApiRouter<App> {
+    OpenApiRouter::new()
+        .routes(routes!(assets::list, assets::create))
+        .routes(routes!(assets::show, assets::replace, assets::remove))
+        .routes(routes!(segments::list, uploads::upload))
+        .routes(routes!(indicators::trend))
+        .routes(routes!(wear::latest))
+        .routes(routes!(wear::history))
+        .routes(routes!(export::export))
+        .routes(routes!(waterfall::show))
+        .routes(routes!(reports::show))
+        .routes(routes!(segments::show))
+        .routes(routes!(waveforms::waveform))
+        .routes(routes!(waveforms::spectrum))
+        .routes(routes!(waveforms::envelope))
+        .routes(routes!(angle::orders))
+        .routes(routes!(angle::turn))
+        .routes(routes!(cepstra::cepstrum))
+        .routes(routes!(matching::show))
+        .routes(routes!(tus::create, tus::options))
+        .routes(routes!(tus::offset, tus::show, tus::go_on, tus::give_up))
+        .routes(routes!(replays::start, replays::list))
+        .routes(routes!(replays::show, replays::stop))
+        .routes(routes!(recomputations::list))
+        .routes(routes!(libraries::list))
+        .routes(routes!(libraries::show))
+        .routes(routes!(libraries::state))
+        .routes(routes!(library_states::list))
+        .routes(routes!(library_states::flank))
+        .routes(routes!(events::stream))
+        .routes(routes!(health::alive))
+        .routes(routes!(health::ready))
+        .routes(routes!(metrics::show))
 }
 
 /// The whole service.
 pub(super) fn router(app: App) -> Router {
-    let uploads = segments::upload.layer(from_fn_with_state(app.clone(), traffic::measure_upload));
-    let api = Router::new()
-        .route("/v1/assets", get(assets::list).post(assets::create))
-        .route("/v1/assets/{asset}", get(assets::show).put(assets::replace).delete(assets::remove))
-        .route("/v1/assets/{asset}/segments", get(segments::list).post(uploads))
-        .route("/v1/assets/{asset}/indicators", get(indicators::trend))
-        .route("/v1/assets/{asset}/wear", get(wear::latest))
-        .route("/v1/assets/{asset}/wear/history", get(wear::history))
-        .route("/v1/segments/{segment}", get(segments::show))
-        .route("/v1/segments/{segment}/waveform", get(waveforms::waveform))
-        .route("/v1/segments/{segment}/spectrum", get(waveforms::spectrum))
-        .route("/v1/segments/{segment}/envelope", get(waveforms::envelope))
-        .route("/v1/replays", post(replays::start).get(replays::list))
-        .route("/v1/replays/{replay}", get(replays::show).delete(replays::stop))
-        .route("/v1/libraries", get(libraries::list))
-        .route("/v1/libraries/{library}", get(libraries::show))
-        .route("/v1/libraries/{library}/states/{state}", get(libraries::state))
-        .route("/healthz", get(health::alive))
-        .route("/readyz", get(health::ready))
-        .route("/metrics", get(metrics::show));
+    let (api, description) = operations().split_for_parts();
+    let description = openapi::document(description);
+    let api = api.route_layer(from_fn_with_state(app.clone(), traffic::measure));
     let site = Router::new()
         .route("/", get(dashboard::index))
         .route("/static/{file}", get(dashboard::file));
     api.merge(site)
+        .merge(openapi::routes(&description))
         .fallback(no_such_path)
         .method_not_allowed_fallback(no_such_method)
+        .layer(from_fn(freshness::layer))
+        .layer(from_fn_with_state(Arc::clone(&app.access), access::guard))
         .layer(from_fn_with_state(app.clone(), traffic::time_out))
         .layer(CatchPanicLayer::custom(traffic::panicked))
         .layer(CompressionLayer::new().gzip(true))
         .layer(set(header::CONTENT_SECURITY_POLICY, CONTENT_SECURITY_POLICY))
         .layer(set(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
         .layer(set(header::REFERRER_POLICY, "no-referrer"))
+        .layer(set(header::X_FRAME_OPTIONS, "DENY"))
+        .layer(set(HeaderName::from_static("cross-origin-resource-policy"), "same-origin"))
+        .layer(set(HeaderName::from_static("cross-origin-opener-policy"), "same-origin"))
+        .layer(set(
+            HeaderName::from_static("permissions-policy"),
+            "camera=(), microphone=(), geolocation=()",
+        ))
         .layer(from_fn(traffic::trace))
         .with_state(app)
 }
 
-fn set(name: axum::http::HeaderName, value: &'static str) -> SetResponseHeaderLayer<HeaderValue> {
+fn set(name: HeaderName, value: &'static str) -> SetResponseHeaderLayer<HeaderValue> {
     SetResponseHeaderLayer::overriding(name, HeaderValue::from_static(value))
 }
 

@@ -1,163 +1,73 @@
-//! Uploads, `/v1/assets/{asset}/segments` and `/v1/segments/{segment}`.
+//! `/v1/assets/{asset}/segments` and `/v1/segments/{segment}`.
 
 use axum::Json;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode};
-use axum::response::{IntoResponse, Response};
+use axum::response::IntoResponse;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use super::body::{self, SpooledBody};
-use super::problem::Problem;
+use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
 use super::router::App;
 use crate::asset::{AssetId, RawReference, Segment, SegmentId};
 use crate::estimate::WearEstimate;
-use crate::ingest::{BatchSummary, Given, RecordFormat};
-use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
+use crate::signal::{Basis, Indicators, OperatingPoint, ShaftSpeed};
 use crate::store::{Order, SegmentFilter, SegmentKey};
 
-const MCAP: &str = "application/mcap";
-
-/// What an upload says of the record in its address.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct UploadParameters {
-    start_time: Option<Timestamp>,
-    shaft_speed_hz: Option<f64>,
-    torque_nm: Option<f64>,
-    channel: Option<String>,
-    unit: Option<String>,
-    reference_wear_um: Option<f64>,
-}
-
-pub(super) async fn upload(
-    State(app): State<App>,
-    AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<UploadParameters>,
-    headers: HeaderMap,
-    body: Body,
-) -> Result<Response, Problem> {
-    // Before the body is read: an upload to nowhere, or to a full queue, costs nothing.
-    app.ingest.store().asset(&asset).await?;
-    let media_type = body::media_type(&headers);
-    if media_type.as_deref() == Some(MCAP) {
-        return upload_mcap(&app, &asset, &asked, &headers, body).await;
-    }
-    let format = media_type.as_deref().and_then(RecordFormat::from_media_type).ok_or_else(|| {
-        let expected = "audio/wav, application/x-protobuf, application/json or application/mcap";
-        body::unsupported(media_type.as_deref(), expected)
-    })?;
-    let mut ticket = app.ingest.workers().admit()?;
-    let bytes = body::read(&headers, body, app.limits.record_bytes, &app.limits, |bytes| {
-        ticket.grow(bytes).map_err(Problem::from)
-    })
-    .await?;
-    let mut segments = app.ingest.accept(&asset, format, bytes, asked.given(), ticket).await?;
-    if segments.len() == 1
-        && let Some(segment) = segments.pop()
-    {
-        return Ok((StatusCode::CREATED, Json(segment)).into_response());
-    }
-    Ok((StatusCode::CREATED, Json(serde_json::json!({ "segments": segments }))).into_response())
-}
-
-impl UploadParameters {
-    fn given(self) -> Given {
-        Given {
-            start_time: self.start_time,
-            channel: self.channel,
-            unit: self.unit,
-            operating_point: OperatingPoint {
-                shaft_speed_hz: self.shaft_speed_hz,
-                torque_nm: self.torque_nm,
-            },
-            reference_wear_um: self.reference_wear_um,
-        }
-    }
-
-    fn any(&self) -> Option<&'static str> {
-        [
-            ("start_time", self.start_time.is_some()),
-            ("shaft_speed_hz", self.shaft_speed_hz.is_some()),
-            ("torque_nm", self.torque_nm.is_some()),
-            ("channel", self.channel.is_some()),
-            ("unit", self.unit.is_some()),
-            ("reference_wear_um", self.reference_wear_um.is_some()),
-        ]
-        .into_iter()
-        .find_map(|(name, is_given)| is_given.then_some(name))
-    }
-}
-
-/// The answer to a recording of many records.
-#[derive(Debug, Serialize)]
-struct McapAnswer {
-    #[serde(flatten)]
-    summary: BatchSummary,
-    wear: Option<WearEstimate>,
-}
-
-async fn upload_mcap(app: &App, asset: &AssetId, asked: &UploadParameters, headers: &HeaderMap, body: Body) -> Result<Response, Problem> {
-    if let Some(name) = asked.any() {
-        return Err(Problem::query(
-            name,
-            "given",
-            "nothing: an MCAP file says it for each of its records",
-        ));
-    }
-    let ticket = app.ingest.workers().admit()?;
-    let spooled = SpooledBody::receive(headers, body, &app.uploads, &app.limits).await?;
-    let (ingest, of) = (app.ingest.clone(), asset.clone());
-    // A client that hangs up must not leave half of the work: it goes on by itself.
-    let task = tokio::spawn(async move {
-        let _ticket = ticket;
-        let summary = ingest.accept_mcap(&of, spooled.path()).await;
-        drop(spooled);
-        summary
-    });
-    let summary = task
-        .await
-        .map_err(|_| crate::ingest::IngestError::WorkerLost("read a recording"))??;
-    let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
-    let wear = match channel.and_then(|channel| channel.last_segment) {
-        Some(id) => app.ingest.store().segment(&id).await?.map(|segment| segment.wear),
-        None => None,
-    };
-    Ok((StatusCode::CREATED, Json(McapAnswer { summary, wear })).into_response())
-}
-
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ListParameters {
+    /// Only this channel.
     channel: Option<String>,
+    /// Only records that start at this time or later.
     from: Option<Timestamp>,
+    /// Only records that start before this time.
     to: Option<Timestamp>,
+    /// Entries of the page: 1 to 1000, 100 where not given.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
+    /// `next_cursor` of the page before.
     cursor: Option<String>,
+    /// `asc`: the earliest first; `desc`: the latest first.
     #[serde(default)]
+    #[param(inline, required = false)]
     order: Order,
 }
 
 /// A segment as lists show it: without features and posterior.
-#[derive(Debug, Serialize)]
-struct SegmentRow {
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct SegmentRow {
+    /// Identifier.
     id: SegmentId,
+    /// The asset it belongs to.
     asset_id: AssetId,
+    /// The measuring channel.
     channel: String,
+    /// Time of the first sample.
     start_time: Timestamp,
+    /// When the service took it.
     received_at: Timestamp,
+    /// Sampling rate in hertz.
     sample_rate_hz: f64,
+    /// Number of samples.
     samples: u64,
+    /// Unit of the samples.
     unit: String,
+    /// Operating point as given with the record.
     operating_point: OperatingPoint,
+    /// Shaft speed that was used, and where it came from.
     shaft_speed: Option<ShaftSpeed>,
+    /// Wear depth in µm known from elsewhere.
     #[serde(skip_serializing_if = "Option::is_none")]
     reference_wear_um: Option<f64>,
+    /// Where the raw bytes are.
     raw: RawReference,
     #[serde(flatten)]
+    basis: Basis,
+    #[serde(flatten)]
     indicators: Indicators,
+    /// The wear estimate after this record, without its posterior.
     wear: WearEstimate,
 }
 
@@ -176,6 +86,7 @@ impl From<Segment> for SegmentRow {
             shaft_speed: segment.shaft_speed,
             reference_wear_um: segment.reference_wear_um,
             raw: segment.raw,
+            basis: segment.basis,
             indicators: segment.indicators,
             wear: WearEstimate {
                 posterior: None,
@@ -185,6 +96,14 @@ impl From<Segment> for SegmentRow {
     }
 }
 
+/// Segments of an asset in the order of time
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/segments",
+    tag = "records",
+    params(("asset" = AssetId, Path, description = "The asset"), ListParameters),
+    responses((status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 200, body = Page<SegmentRow>)),
+)]
 pub(super) async fn list(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
@@ -209,6 +128,14 @@ pub(super) async fn list(
     Ok(Json(page.map(SegmentRow::from)))
 }
 
+/// One segment, whole
+#[utoipa::path(
+    get,
+    path = "/v1/segments/{segment}",
+    tag = "records",
+    params(("segment" = String, Path, description = "The segment")),
+    responses((status = 200, body = Segment)),
+)]
 pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<Segment>, Problem> {
     Ok(Json(find(&app, &id).await?))
 }

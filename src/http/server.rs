@@ -9,9 +9,14 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
+use super::access::Access;
+use super::connections::{self, TlsFiles};
+use super::events::Events;
 use super::limits::HttpLimits;
 use super::metrics::Measurements;
 use super::router::{App, router};
+use super::tokens::{TokenError, Tokens};
+use super::tus::ResumableUploads;
 use crate::ingest::{Clock, Ingest, IngestError, IngestFolders, IngestLimits};
 use crate::library::GridSettings;
 use crate::store::{Store, StoreError};
@@ -21,6 +26,10 @@ use crate::store::{Store, StoreError};
 pub struct ServiceConfig {
     /// Address to listen on; port 0 takes a free one.
     pub listen: SocketAddr,
+    /// Certificate and key; without them the service speaks plain HTTP.
+    pub tls: Option<TlsFiles>,
+    /// Nobody is asked for a token, on whatever address.
+    pub insecure_no_tokens: bool,
     /// Where everything is kept.
     pub data_dir: PathBuf,
     /// Recordings that may be replayed; `recordings` in the data folder where not given.
@@ -38,6 +47,8 @@ impl ServiceConfig {
     pub fn new(listen: SocketAddr, data_dir: impl Into<PathBuf>) -> Self {
         Self {
             listen,
+            tls: None,
+            insecure_no_tokens: false,
             data_dir: data_dir.into(),
             replay_dir: None,
             http: HttpLimits::default(),
@@ -69,6 +80,23 @@ pub enum ServiceError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// Everyone could do everything from elsewhere.
+    #[error(
+        "listening on {0} needs tokens, and there are none: make one with `flankwatch token create`, listen on 127.0.0.1, or say \
+         --insecure-no-tokens where everyone who reaches the address may do everything"
+    )]
+    NoTokens(SocketAddr),
+    /// The tokens cannot be read.
+    #[error(transparent)]
+    Tokens(#[from] TokenError),
+    /// Certificate or key cannot be used.
+    #[error("cannot use {path} for TLS: {reason}", path = path.display())]
+    Tls {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
     /// A setting does not go with another.
     #[error("{field} is {value}, expected {expected}")]
     Setting {
@@ -90,7 +118,9 @@ pub struct RunningService {
     ingest: Ingest,
     grace: std::time::Duration,
     stop: oneshot::Sender<()>,
-    server: JoinHandle<std::io::Result<()>>,
+    is_tls: bool,
+    events: Arc<Events>,
+    server: JoinHandle<()>,
 }
 
 /// Starts the service; it runs until [`RunningService::stop`].
@@ -104,6 +134,13 @@ pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<Runni
             expected: format!("at most limits.bytes_at_once, {}", config.ingest.bytes_at_once),
         });
     }
+    let tokens = Tokens::of(&config.data_dir);
+    let is_loopback = config.listen.ip().to_canonical().is_loopback();
+    let has_tokens = tokens.list()?.is_some_and(|tokens| !tokens.is_empty());
+    if !is_loopback && !has_tokens && !config.insecure_no_tokens {
+        return Err(ServiceError::NoTokens(config.listen));
+    }
+    let tls = config.tls.as_ref().map(TlsFiles::load).transpose()?;
     let store = Store::open(&config.data_dir).await.map_err(|source| ServiceError::DataDir {
         path: config.data_dir.clone(),
         source,
@@ -121,26 +158,40 @@ pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<Runni
         uploads: config.data_dir.join("uploads"),
     };
     let uploads = folders.uploads.clone();
-    let ingest = Ingest::new(store, folders, &config.ingest, config.grid, clock)?;
+    let ingest = Ingest::new(store, folders, &config.ingest, config.grid, Arc::clone(&clock))?;
+    let run = format!("{:x}", clock.now().as_nanosecond());
+    let events = Events::follow(ingest.follow(), run, config.http.events_kept);
     ingest.resume().await?;
     let grace = config.http.grace;
+    let folder = config.data_dir.join("resumable");
+    let resumable = ResumableUploads::open(folder.clone(), config.http.recording_bytes).map_err(|source| IngestError::File {
+        action: "read",
+        path: folder,
+        source,
+    })?;
+    let access = Access::new(tokens, !is_loopback, config.insecure_no_tokens, config.http.requests_per_s);
+    let limits = Arc::new(config.http);
     let app = App {
         ingest: ingest.clone(),
-        limits: Arc::new(config.http),
+        limits: Arc::clone(&limits),
+        events: Arc::clone(&events),
+        access: Arc::new(access),
+        resumable: Arc::new(resumable),
         measurements: Arc::new(Measurements::default()),
         uploads: uploads.into(),
+        lines: Arc::default(),
     };
     let (stop, stopped) = oneshot::channel();
-    let server = axum::serve(listener, router(app)).with_graceful_shutdown(async {
-        // An error says that the handle is gone, which also ends the service.
-        let _ = stopped.await;
-    });
+    let is_tls = tls.is_some();
+    let server = connections::serve(listener, router(app), tls, limits, stopped);
     Ok(RunningService {
         address,
         ingest,
         grace,
         stop,
-        server: tokio::spawn(server.into_future()),
+        is_tls,
+        events,
+        server: tokio::spawn(server),
     })
 }
 
@@ -148,6 +199,12 @@ impl RunningService {
     /// The address that it listens on.
     pub fn address(&self) -> SocketAddr {
         self.address
+    }
+
+    /// The address as a URL.
+    pub fn url(&self) -> String {
+        let scheme = if self.is_tls { "https" } else { "http" };
+        format!("{scheme}://{}", self.address)
     }
 
     /// The path of records through the service, for records from inside the process.
@@ -158,6 +215,7 @@ impl RunningService {
     /// Stops taking requests, ends within the time of grace what was begun, and closes the store.
     pub async fn stop(self) -> Result<(), ServiceError> {
         let _ = self.stop.send(());
+        self.events.end();
         let mut server = self.server;
         let end = async {
             self.ingest.stop_replays().await;
@@ -170,8 +228,7 @@ impl RunningService {
         };
         let ended = tokio::time::timeout(self.grace, end).await;
         let ended = match ended {
-            Ok(Ok(Ok(()))) => Ok(()),
-            Ok(Ok(Err(error))) => Err(ServiceError::Stopped(error.to_string())),
+            Ok(Ok(())) => Ok(()),
             Ok(Err(error)) => Err(ServiceError::Stopped(error.to_string())),
             Err(_) => {
                 tracing::warn!("requests were still under way at the end of the time of grace");

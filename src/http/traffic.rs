@@ -29,7 +29,7 @@ pub(super) async fn trace(request: Request, next: Next) -> Response {
 /// Ends a request that takes too long. What an upload has begun goes on by itself and is found by its repeat.
 pub(super) async fn time_out(State(app): State<App>, request: Request, next: Next) -> Response {
     let mut most = app.limits.request_timeout;
-    if request.method() == Method::POST {
+    if matches!(*request.method(), Method::POST | Method::PATCH) {
         most += app.limits.body_timeout;
     }
     match tokio::time::timeout(most, next.run(request)).await {
@@ -44,11 +44,11 @@ pub(super) fn panicked(_: Box<dyn std::any::Any + Send>) -> Response {
     Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the service made a mistake; its log says where").into_response()
 }
 
-/// Measures how long an upload takes, from its head to its answer.
-pub(super) async fn measure_upload(State(app): State<App>, path: MatchedPath, request: Request, next: Next) -> Response {
+/// Measures how long a request takes, from its head to the head of its answer.
+pub(super) async fn measure(State(app): State<App>, path: MatchedPath, request: Request, next: Next) -> Response {
     let began = Instant::now();
+    let method = request.method().clone();
     let response = next.run(request).await;
-    app.measurements.upload(began.elapsed(), response.status());
-    tracing::trace!(path = path.as_str(), "upload answered");
+    app.measurements.request(&method, path.as_str(), began.elapsed(), response.status());
     response
 }

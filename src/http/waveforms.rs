@@ -5,50 +5,86 @@ use axum::extract::State;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use super::problem::Problem;
+use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
 use super::router::App;
 use super::{reduction, segments};
 use crate::asset::{Segment, SegmentId};
-use crate::ingest::IngestError;
-use crate::signal::{BandSource, MeshLine, Spectrum};
+use crate::ingest::{AskedBand, IngestError};
+use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Spectrum};
 
 /// Points of a curve where the client does not say how many.
 const DEFAULT_POINTS: usize = 4000;
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WaveformParameters {
+    /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
+    #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
+    /// Where the part begins, in seconds from the first sample.
+    #[param(minimum = 0.0)]
+    from_s: Option<f64>,
+    /// Where it ends.
+    #[param(exclusive_minimum = 0.0)]
+    to_s: Option<f64>,
 }
 
 /// Samples over time.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Waveform {
+    /// The record.
     segment_id: SegmentId,
+    /// Its channel.
     channel: String,
+    /// Time of its first sample.
     start_time: Timestamp,
+    /// Its sampling rate in hertz.
     sample_rate_hz: f64,
+    /// Unit of `value`.
     unit: String,
+    /// Samples were left out to keep to `max_points`.
     reduced: bool,
+    /// Time since the first sample in seconds.
     time_s: Vec<f64>,
+    /// The samples in `unit`.
     value: Vec<f32>,
 }
 
+/// Samples of a segment
+#[utoipa::path(
+    get,
+    path = "/v1/segments/{segment}/waveform",
+    tag = "records",
+    params(("segment" = String, Path, description = "The segment"), WaveformParameters),
+    responses((status = 200, body = Waveform)),
+)]
 pub(super) async fn waveform(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
     Parameters(asked): Parameters<WaveformParameters>,
 ) -> Result<Json<Waveform>, Problem> {
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
+    let (from_s, to_s) = (asked.from_s.unwrap_or(0.0), asked.to_s.unwrap_or(f64::INFINITY));
+    if !(from_s >= 0.0 && from_s < to_s) {
+        let expected = "seconds from the first sample, from_s at least 0 and below to_s";
+        return Err(Problem::query("from_s, to_s", format!("{from_s} to {to_s}"), expected));
+    }
     let segment = segments::find(&app, &id).await?;
     let _ticket = app.ingest.workers().admit()?;
     let record = app.ingest.recall(&segment).await?;
     let reduce = move || {
-        let samples: Vec<f64> = record.samples().iter().map(|sample| f64::from(*sample)).collect();
+        let rate_hz = record.sample_rate_hz();
+        // One sample more on either side, so that the curve goes on to the edges of what is shown.
+        let low = ((from_s * rate_hz).floor() as usize).min(record.samples().len());
+        let high = ((to_s * rate_hz).ceil() as usize)
+            .saturating_add(1)
+            .clamp(low, record.samples().len());
+        let samples: Vec<f64> = record.samples()[low..high].iter().map(|sample| f64::from(*sample)).collect();
         let kept = reduction::extremes(&[&samples], samples.len(), most);
-        let time_s = kept.iter().map(|n| *n as f64 / record.sample_rate_hz()).collect();
-        let value = kept.iter().map(|n| record.samples()[*n]).collect();
+        let time_s = kept.iter().map(|n| (low + n) as f64 / rate_hz).collect();
+        let value = kept.iter().map(|n| record.samples()[low + *n]).collect();
         (kept.len() < samples.len(), time_s, value)
     };
     let (reduced, time_s, value) = app.ingest.workers().run("reduce a waveform", reduce).await?;
@@ -64,30 +100,56 @@ pub(super) async fn waveform(
     }))
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SpectrumParameters {
+    /// Points at most, 10 to 200000; of each stretch the greatest stays.
+    #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
+    /// Highest frequency shown, in hertz.
+    #[param(exclusive_minimum = 0.0)]
     max_hz: Option<f64>,
 }
 
 /// Amplitude over frequency.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = Spectrum)]
 pub(super) struct SpectrumView {
+    /// The record.
     segment_id: SegmentId,
+    /// What `amplitude` is: `amplitude_peak`.
     quantity: &'static str,
+    /// Unit of `amplitude`.
     unit: String,
+    /// Window that was applied.
     window: &'static str,
+    /// Equivalent noise bandwidth in hertz.
     bandwidth_hz: f64,
+    /// Distance between bins in hertz.
     resolution_hz: f64,
+    /// Bins were left out to keep to `max_points`.
     reduced: bool,
+    /// Frequencies in hertz.
     frequency_hz: Vec<f64>,
+    /// Peak amplitudes in `unit`.
     amplitude: Vec<f64>,
+    /// Shaft speed in hertz; none where none was found.
     shaft_speed_hz: Option<f64>,
+    /// Mesh frequency in hertz.
     mesh_frequency_hz: Option<f64>,
+    /// The mesh harmonics.
     mesh_harmonics: Vec<MeshLine>,
 }
 
+/// Amplitude spectrum of a segment
+#[utoipa::path(
+    get,
+    path = "/v1/segments/{segment}/spectrum",
+    tag = "records",
+    params(("segment" = String, Path, description = "The segment"), SpectrumParameters),
+    responses((status = 200, body = SpectrumView)),
+)]
 pub(super) async fn spectrum(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
@@ -101,24 +163,42 @@ pub(super) async fn spectrum(
     Ok(Json(view(segment, spectrum, lines, most, max_hz)))
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EnvelopeParameters {
+    /// How the band is looked for, where not its ends are given.
+    band: Option<EnvelopeSearch>,
+    /// Lower end of the band in hertz; goes with `band_high_hz`.
     band_low_hz: Option<f64>,
+    /// Upper end of the band in hertz.
     band_high_hz: Option<f64>,
+    /// Points at most, 10 to 200000; of each stretch the greatest stays.
+    #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
+    /// Highest frequency shown, in hertz.
+    #[param(exclusive_minimum = 0.0)]
     max_hz: Option<f64>,
 }
 
 /// Amplitude of the envelope over frequency.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = EnvelopeSpectrum)]
 pub(super) struct EnvelopeView {
     #[serde(flatten)]
     spectrum: SpectrumView,
-    band_hz: [f64; 2],
-    band_source: BandSource,
+    #[serde(flatten)]
+    band: EnvelopeBand,
 }
 
+/// Envelope spectrum of a segment
+#[utoipa::path(
+    get,
+    path = "/v1/segments/{segment}/envelope",
+    tag = "records",
+    params(("segment" = String, Path, description = "The segment"), EnvelopeParameters),
+    responses((status = 200, body = EnvelopeView), (status = 422, body = Details, content_type = "application/problem+json", description = "The record does not resolve the asset's band")),
+)]
 pub(super) async fn envelope(
     State(app): State<App>,
     SegmentInPath(id): SegmentInPath,
@@ -128,10 +208,14 @@ pub(super) async fn envelope(
     let max_hz = max_hz(asked.max_hz)?;
     let segment = segments::find(&app, &id).await?;
     let half_rate_hz = segment.sample_rate_hz / 2.0;
-    let band = match (asked.band_low_hz, asked.band_high_hz) {
-        (None, None) => None,
-        (Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => Some([low, high]),
-        (low, high) => {
+    let band = match (asked.band, asked.band_low_hz, asked.band_high_hz) {
+        (None, None, None) => AskedBand::Nothing,
+        (Some(search), None, None) => AskedBand::Search(search),
+        (Some(_), _, _) => {
+            return Err(Problem::query("band", "given", "nothing beside band_low_hz and band_high_hz"));
+        }
+        (None, Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => AskedBand::Hertz([low, high]),
+        (None, low, high) => {
             let found = format!("{low:?} to {high:?}").replace("Some(", "").replace(')', "");
             let expected = format!("both ends, the lower one first, from 0 to {half_rate_hz} Hz");
             return Err(Problem::query("band_low_hz, band_high_hz", found, &expected));
@@ -139,19 +223,20 @@ pub(super) async fn envelope(
     };
     let _ticket = app.ingest.workers().admit()?;
     let computed = app.ingest.envelope(&segment, band).await;
-    let (spectrum, band_hz, band_source, lines) = computed.map_err(|error| match error {
+    let envelope = computed.map_err(|error| match error {
         // A band that the record does not resolve, and that the address asked for.
-        IngestError::Field { value, expected, .. } if band.is_some() => Problem::query("band_low_hz, band_high_hz", value, expected),
+        IngestError::Field { value, expected, .. } if band != AskedBand::Nothing => {
+            Problem::query("band_low_hz, band_high_hz", value, expected)
+        }
         error => error.into(),
     })?;
     Ok(Json(EnvelopeView {
-        spectrum: view(segment, spectrum, lines, most, max_hz),
-        band_hz,
-        band_source,
+        spectrum: view(segment, envelope.spectrum, envelope.mesh_lines, most, max_hz),
+        band: envelope.band,
     }))
 }
 
-fn max_hz(asked: Option<f64>) -> Result<f64, Problem> {
+pub(super) fn max_hz(asked: Option<f64>) -> Result<f64, Problem> {
     match asked {
         None => Ok(f64::INFINITY),
         Some(hz) if hz > 0.0 => Ok(hz),

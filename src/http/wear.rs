@@ -2,13 +2,15 @@
 
 use axum::Json;
 use axum::extract::State;
+use axum::http::{HeaderMap, Uri, header};
+use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
 use super::router::App;
-use super::{assets, reduction};
+use super::{assets, freshness, reduction, table};
 use crate::asset::{AssetId, AssetSpec, SegmentId, WearLimits};
 use crate::estimate::{BaselineProgress, WearEstimate, WearStatus};
 use crate::signal::{PREPROCESSING, ShaftSpeed};
@@ -17,37 +19,60 @@ use crate::store::Trend;
 /// Points of a history where the client does not say how many.
 const DEFAULT_POINTS: usize = 2000;
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct WearParameters {
+    /// The channel; the one that speaks for the asset where not given.
     channel: Option<String>,
 }
 
 /// The latest wear estimate.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = LatestWear)]
 pub(super) struct WearView {
+    /// The asset.
     asset_id: AssetId,
+    /// The channel; none where the asset has no records.
     channel: Option<String>,
+    /// The latest record.
     segment_id: Option<SegmentId>,
+    /// Time of its first sample.
     start_time: Option<Timestamp>,
+    /// Shaft speed in it.
     shaft_speed: Option<ShaftSpeed>,
+    /// The asset's limits in µm.
     limits: WearLimits,
     #[serde(flatten)]
     wear: WearEstimate,
 }
 
+/// Latest wear estimate
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/wear",
+    tag = "trends",
+    params(("asset" = AssetId, Path, description = "The asset"), WearParameters),
+    responses((status = 200, body = WearView), (status = 304, description = "As the client has it")),
+)]
 pub(super) async fn latest(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
     Parameters(asked): Parameters<WearParameters>,
-) -> Result<Json<WearView>, Problem> {
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
     let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
+    let mark = freshness::mark_of_channel(&asset, channel.as_ref(), &uri, &headers);
+    if freshness::is_known(&headers, &mark) {
+        return Ok(freshness::not_modified(mark));
+    }
     let last = channel.as_ref().and_then(|channel| channel.last_segment.as_ref());
     let segment = match last {
         Some(id) => app.ingest.store().segment(id).await?,
         None => None,
     };
-    Ok(Json(WearView {
+    let view = WearView {
         asset_id: id,
         channel: channel.map(|channel| channel.channel),
         segment_id: segment.as_ref().map(|segment| segment.id.clone()),
@@ -55,74 +80,138 @@ pub(super) async fn latest(
         shaft_speed: segment.as_ref().and_then(|segment| segment.shaft_speed),
         limits: asset.spec.limits,
         wear: segment.map_or_else(|| nothing_yet(&asset.spec), |segment| segment.wear),
-    }))
+    };
+    Ok(([(header::ETAG, mark)], Json(view)).into_response())
 }
 
 /// The answer before the first record.
 fn nothing_yet(spec: &AssetSpec) -> WearEstimate {
     let need = spec.baseline.records;
-    WearEstimate {
-        status: WearStatus::CollectingBaseline,
-        reason: format!("no records yet: collecting baseline, 0 of {need}"),
-        baseline: BaselineProgress { have: 0, need },
-        median_um: None,
-        mean_um: None,
-        p05_um: None,
-        p95_um: None,
-        log_evidence: None,
-        best_state: None,
-        library_id: None,
-        method: PREPROCESSING.to_string(),
-        posterior: None,
-    }
+    let reason = format!("no records yet: collecting baseline, 0 of {need}");
+    WearEstimate::without_number(
+        WearStatus::CollectingBaseline,
+        reason,
+        BaselineProgress { have: 0, need },
+        PREPROCESSING.to_string(),
+    )
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct HistoryParameters {
+    /// The channel; the one that speaks for the asset where not given.
     channel: Option<String>,
+    /// Only records that start at this time or later.
     from: Option<Timestamp>,
+    /// Only records that start before this time.
     to: Option<Timestamp>,
+    /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
+    #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
 
 /// Wear over time.
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
+#[schema(as = WearHistory)]
 pub(super) struct HistoryView {
+    /// The channel; none where the asset has no records.
     channel: Option<String>,
+    /// One flat row a record in the order of time.
     items: Vec<HistoryRow>,
+    /// Rows were left out to keep to `max_points`.
     reduced: bool,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = WearRow)]
 struct HistoryRow {
+    /// Time of the record's first sample.
     start_time: Timestamp,
+    /// The record.
     segment_id: SegmentId,
+    /// What kind of answer it is.
     status: WearStatus,
+    /// The same in words.
     reason: String,
+    /// Median wear depth in µm.
     median_um: Option<f64>,
+    /// Mean wear depth in µm.
     mean_um: Option<f64>,
+    /// 5 % quantile of wear depth in µm.
     p05_um: Option<f64>,
+    /// 95 % quantile of wear depth in µm.
     p95_um: Option<f64>,
+    /// Wear depth in µm known from elsewhere.
     reference_wear_um: Option<f64>,
+    /// Natural logarithm of the record's evidence under the library.
     log_evidence: Option<f64>,
 }
 
+/// Trend of wear
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/wear/history",
+    tag = "trends",
+    params(("asset" = AssetId, Path, description = "The asset"), HistoryParameters),
+    responses((status = 200, content((HistoryView = "application/json"), (String = "text/csv"))), (status = 304, description = "As the client has it")),
+)]
 pub(super) async fn history(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
     Parameters(asked): Parameters<HistoryParameters>,
-) -> Result<Json<HistoryView>, Problem> {
+    uri: Uri,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let (_, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
+    let mark = freshness::mark_of_channel(&asset, channel.as_ref(), &uri, &headers);
+    if freshness::is_known(&headers, &mark) {
+        return Ok(freshness::not_modified(mark));
+    }
+    let wants_csv = table::wants_csv(&headers);
     let Some(channel) = channel else {
-        return Ok(Json(HistoryView::default()));
+        return table::answer(mark, wants_csv, HistoryView::default(), table_of);
     };
     let trend = app.ingest.store().trend(&channel).await?;
     let render = move || render(&trend, asked.from, asked.to, most);
     let mut view = app.ingest.workers().run("reduce a history", render).await?;
     view.channel = Some(channel.channel);
-    Ok(Json(view))
+    table::answer(mark, wants_csv, view, table_of)
+}
+
+fn table_of(view: &HistoryView, table: &mut table::Table) -> Result<(), csv::Error> {
+    table.row([
+        "start_time",
+        "segment_id",
+        "status",
+        "reason",
+        "median_um",
+        "mean_um",
+        "p05_um",
+        "p95_um",
+        "reference_wear_um",
+        "log_evidence",
+    ])?;
+    for row in &view.items {
+        let numbers = [
+            row.median_um,
+            row.mean_um,
+            row.p05_um,
+            row.p95_um,
+            row.reference_wear_um,
+            row.log_evidence,
+        ];
+        let status = serde_json::to_value(row.status).unwrap_or_default();
+        let words = [
+            row.start_time.to_string(),
+            row.segment_id.0.clone(),
+            status.as_str().unwrap_or_default().into(),
+            row.reason.clone(),
+        ];
+        table.row(words.into_iter().chain(numbers.map(table::number)))?;
+    }
+    Ok(())
 }
 
 fn render(trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>, most: usize) -> HistoryView {

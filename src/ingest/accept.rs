@@ -1,17 +1,24 @@
 //! One record, or one recording of several channels, from its bytes to its segments.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
 use jiff::Timestamp;
+use rayon::prelude::*;
 
-use super::fold::Stored;
+use super::group_commit::Stored;
+use super::keys::analysis_keys;
 use super::{Ingest, IngestError, Ticket, with_analyzer};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
-use crate::recording::{BlockEncoding, RecordDefaults, RecordingError, decode_block, decode_wav};
-use crate::signal::{OperatingPoint, Record};
-use crate::store::{NewSegment, Objects};
+use crate::recording::{BlockEncoding, RawLayout, RecordDefaults, RecordingError, decode_block, decode_raw, decode_wav};
+use crate::signal::{Condition, OperatingPoint, Record};
+use crate::store::{Analysed, NewSegment, Objects};
+
+/// How often a record is analysed again because its asset's description changed meanwhile.
+const ANALYSED_AGAIN: u32 = 4;
 
 /// How the bytes of one record are written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RecordFormat {
     /// A WAV file.
     Wav,
@@ -19,6 +26,8 @@ pub enum RecordFormat {
     Protobuf,
     /// A `WaveformBlock` message in JSON.
     Json,
+    /// Bare samples.
+    Raw(RawLayout),
 }
 
 /// What the sender says of a record beside its bytes; the bytes' own word counts first.
@@ -28,6 +37,8 @@ pub struct Given {
     pub start_time: Option<Timestamp>,
     /// The channel's name, for a recording of one channel.
     pub channel: Option<String>,
+    /// The channels' names in their order, for a recording of several; empty where it says itself or does not matter.
+    pub channel_names: Vec<String>,
     /// Unit of the samples.
     pub unit: Option<String>,
     /// Operating point.
@@ -37,22 +48,23 @@ pub struct Given {
 }
 
 impl RecordFormat {
-    /// The media type of such bytes.
-    pub fn media_type(self) -> &'static str {
+    /// The media type of such bytes, with everything that is needed to read them.
+    pub fn media_type(self) -> String {
         match self {
-            Self::Wav => "audio/wav",
-            Self::Protobuf => "application/x-protobuf",
-            Self::Json => "application/json",
+            Self::Wav => "audio/wav".to_string(),
+            Self::Protobuf => "application/x-protobuf".to_string(),
+            Self::Json => "application/json".to_string(),
+            Self::Raw(layout) => layout.to_string(),
         }
     }
 
-    /// The format of a media type, without its parameters.
+    /// The format of a media type: without parameters, or one of bare samples as [`media_type`](Self::media_type) wrote it.
     pub fn from_media_type(media_type: &str) -> Option<Self> {
         match media_type {
             "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => Some(Self::Wav),
             "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
             "application/json" => Some(Self::Json),
-            _ => None,
+            _ => RawLayout::from_media_type(media_type).map(Self::Raw),
         }
     }
 
@@ -69,6 +81,7 @@ impl RecordFormat {
             Self::Wav => decode_wav(bytes, defaults),
             Self::Protobuf => Ok(vec![decode_block(bytes, BlockEncoding::Protobuf, defaults)?]),
             Self::Json => Ok(vec![decode_block(bytes, BlockEncoding::Json, defaults)?]),
+            Self::Raw(layout) => decode_raw(bytes, layout, defaults),
         }
     }
 }
@@ -116,25 +129,35 @@ impl Named {
         })
     }
 
-    /// Everything that the record says by itself. To be called on a worker thread.
-    pub(super) fn analyse(self, spec: &AssetSpec, received_at: Timestamp) -> NewSegment {
-        let analysis = with_analyzer(|analyzer| analyzer.analyze_with_bands(&self.record, &spec.mesh_context(), &spec.bands));
+    /// The segment of the record, with everything that the record says by itself. To be called on a worker thread.
+    fn analyse(&self, spec: &AssetSpec, received_at: Timestamp) -> NewSegment {
+        let record = &self.record;
         NewSegment {
-            id: self.id,
+            id: self.id.clone(),
             asset_id: spec.id.clone(),
-            channel: self.record.channel().to_string(),
-            start_time: self.record.start_time(),
+            channel: record.channel().to_string(),
+            start_time: record.start_time(),
             received_at,
-            sample_rate_hz: self.record.sample_rate_hz(),
-            samples: self.record.samples().len() as u64,
-            unit: self.record.unit().to_string(),
-            operating_point: self.record.operating_point(),
-            shaft_speed: analysis.shaft_speed,
+            sample_rate_hz: record.sample_rate_hz(),
+            samples: record.samples().len() as u64,
+            unit: record.unit().to_string(),
+            operating_point: record.operating_point(),
             reference_wear_um: self.reference_wear_um,
-            raw: self.raw,
-            indicators: analysis.indicators,
-            features: analysis.features,
+            raw: self.raw.clone(),
+            analysed: analyse(record, spec),
         }
+    }
+}
+
+/// Everything that a record says by itself. To be called on a worker thread.
+pub(super) fn analyse(record: &Record, spec: &AssetSpec) -> Analysed {
+    let Condition { analysis, basis } = with_analyzer(|analyzer| analyzer.condition(record, &spec.condition_settings()));
+    Analysed {
+        keys: analysis_keys(spec),
+        shaft_speed: analysis.shaft_speed,
+        basis,
+        indicators: analysis.indicators,
+        features: analysis.features,
     }
 }
 
@@ -182,18 +205,45 @@ impl Ingest {
         self.inner.libraries.tracker(&spec).await?;
         let _keeping = self.inner.keeping.read().await;
         let name = named.first().map(|named| named.raw.sha256.clone()).unwrap_or_default();
-        let store = self.inner.store.clone();
-        let keep = tokio::task::spawn_blocking(move || store.objects().put_all([(name.as_str(), &bytes[..])]));
-        let analyse = self.inner.workers.run("analyse a record", move || {
-            let analysed = named.into_iter().map(|named| named.analyse(&spec, received_at));
-            analysed.collect::<Vec<NewSegment>>()
-        });
-        let (kept, analysed) = tokio::join!(keep, analyse);
-        kept.map_err(|_| IngestError::WorkerLost("keep a record"))??;
-        let stored = self.store_segments(asset, analysed?).await?;
+        let stored = self.analyse_and_store(spec, named, vec![(name, bytes)], received_at).await?;
         let repeated = stored.iter().filter(|stored| stored.repeated).count();
         self.count(stored.len() - repeated, repeated, 0);
         Ok(stored.into_iter().map(|Stored { segment, .. }| segment).collect())
+    }
+
+    /// Keeps raw bytes while their records are analysed, then stores the segments. Answers in the order given.
+    pub(super) async fn analyse_and_store(
+        &self,
+        mut spec: AssetSpec,
+        named: Vec<Named>,
+        raws: Vec<(String, Bytes)>,
+        received_at: Timestamp,
+    ) -> Result<Vec<Stored>, IngestError> {
+        let _keeping = self.inner.keeping.read().await;
+        let store = self.inner.store.clone();
+        let keep = tokio::task::spawn_blocking(move || {
+            let objects = raws.iter().map(|(name, bytes)| (name.as_str(), &bytes[..]));
+            store.objects().put_all(objects)
+        });
+        let named = Arc::new(named);
+        let mut analysed = self.analyse(&spec, &named, received_at).await;
+        keep.await.map_err(|_| IngestError::WorkerLost("keep records"))??;
+        let mut tries = 0;
+        loop {
+            match self.store_segments(&spec.id, analysed?).await {
+                Err(IngestError::DescriptionChanged(_)) if tries < ANALYSED_AGAIN => tries += 1,
+                done => return done,
+            }
+            spec = self.inner.store.asset(&spec.id).await?.spec;
+            self.inner.libraries.tracker(&spec).await?;
+            analysed = self.analyse(&spec, &named, received_at).await;
+        }
+    }
+
+    async fn analyse(&self, spec: &AssetSpec, named: &Arc<Vec<Named>>, received_at: Timestamp) -> Result<Vec<NewSegment>, IngestError> {
+        let (spec, named) = (spec.clone(), Arc::clone(named));
+        let analyse = move || named.par_iter().map(|named| named.analyse(&spec, received_at)).collect();
+        self.inner.workers.run("analyse records", analyse).await
     }
 
     pub(super) fn count(&self, stored: usize, repeated: usize, refused: usize) {
@@ -215,16 +265,38 @@ fn decode_and_name(
     let defaults = RecordDefaults {
         channel: given.channel.clone(),
         start_time: given.start_time.unwrap_or(received_at),
-        unit: given.unit.clone().or_else(|| spec.sensor.unit.clone()),
+        unit: given.unit.clone().or_else(|| spec.unit_of(given.channel.as_deref())),
         operating_point: given.operating_point,
     };
-    let records = format.decode(bytes, &defaults)?;
+    let mut records = format.decode(bytes, &defaults)?;
+    let names = &given.channel_names;
+    if !names.is_empty() {
+        if names.len() != records.len() {
+            return Err(IngestError::Field {
+                field: "channel_names",
+                value: format!("{names:?}"),
+                expected: "as many names as the recording has channels",
+            });
+        }
+        if (1..names.len()).any(|n| names[..n].contains(&names[n])) {
+            return Err(IngestError::Field {
+                field: "channel_names",
+                value: format!("{names:?}"),
+                expected: "every name once",
+            });
+        }
+        records = records
+            .into_iter()
+            .zip(names)
+            .map(|(record, name)| record.with_channel(name))
+            .collect();
+    }
     let sha256 = Objects::name(bytes);
     let named = (0..).zip(records).map(|(channel_index, record)| {
         let raw = RawReference {
             sha256: sha256.clone(),
             bytes: bytes.len() as u64,
-            media_type: format.media_type().to_string(),
+            media_type: format.media_type(),
             channel_index,
         };
         Named::new(&spec.id, record, raw, given.reference_wear_um)

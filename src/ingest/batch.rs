@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+use bytes::Bytes;
 use jiff::Timestamp;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -30,7 +31,7 @@ const READ_AHEAD: usize = 8;
 const MOST_REFUSED_LISTED: usize = 1000;
 
 /// A record of a recording that was not taken.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct Refused {
     /// Which record of the recording, counted from 0.
     pub record: u64,
@@ -41,7 +42,7 @@ pub struct Refused {
 }
 
 /// What became of a recording.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct BatchSummary {
     /// Records read.
     pub records: u64,
@@ -233,26 +234,14 @@ impl Ingest {
         let mut stored = 0;
         if !fresh.is_empty() {
             self.inner.libraries.tracker(&spec).await?;
-            let _keeping = self.inner.keeping.read().await;
-            let (named, raws): (Vec<Named>, Vec<(String, Vec<u8>)>) = fresh
+            let (named, raws) = fresh
                 .into_iter()
                 .map(|(named, raw)| {
                     let name = named.raw.sha256.clone();
-                    (named, (name, raw))
+                    (named, (name, Bytes::from(raw)))
                 })
                 .unzip();
-            let store = self.inner.store.clone();
-            let keep = tokio::task::spawn_blocking(move || {
-                let objects = raws.iter().map(|(name, raw)| (name.as_str(), raw.as_slice()));
-                store.objects().put_all(objects)
-            });
-            let analyse = self.inner.workers.run("analyse records", move || {
-                let analysed = named.into_par_iter().map(|named| named.analyse(&spec, received_at));
-                analysed.collect::<Vec<_>>()
-            });
-            let (kept, analysed) = tokio::join!(keep, analyse);
-            kept.map_err(|_| IngestError::WorkerLost("keep records"))??;
-            let answer = self.store_segments(asset, analysed?).await?;
+            let answer = self.analyse_and_store(spec, named, raws, received_at).await?;
             stored = answer.iter().filter(|stored| !stored.repeated).count();
         }
         summary.stored += stored as u64;
@@ -284,7 +273,7 @@ fn name(spec: &AssetSpec, record: Result<Recorded, RecordingError>) -> NamedOrRe
     let raw = RawReference {
         sha256: Objects::name(&recorded.raw),
         bytes: recorded.raw.len() as u64,
-        media_type: RecordFormat::of_block(recorded.encoding).media_type().to_string(),
+        media_type: RecordFormat::of_block(recorded.encoding).media_type(),
         channel_index: 0,
     };
     match Named::new(&spec.id, recorded.record, raw, recorded.reference_wear_um) {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::asset::{AssetId, SegmentId};
 use crate::recording::RecordingError;
 use crate::store::StoreError;
 
@@ -41,6 +42,12 @@ pub enum IngestError {
         /// Why not.
         reason: String,
     },
+    /// The asset's description changed again and again while a record was analysed.
+    #[error("the description of asset {0} changed while the record was analysed: try again")]
+    DescriptionChanged(AssetId),
+    /// The raw bytes of a record were given up for others.
+    #[error("the raw recording of segment {0} is not kept any more: it was the oldest when the quota was reached; its results are")]
+    RawGivenUp(SegmentId),
     /// The store refused or failed.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -1,280 +1,215 @@
-//! Folding records into the wear estimate of their channel, whatever order they come in.
+//! Folding a channel's records into its wear estimates and run means, in the order of time.
 //!
-//! The estimate of a record is a function of the features of all records of its channel up to it in time. A record later than
-//! all others continues from the stored state; any other makes the fold begin again from the stored features, so that the
-//! answer has the same bits as if all had come in order.
+//! The estimate of a record, and NA4 and NB4, are functions of what all records of its channel up to it in time say. States on the way are kept,
+//! so that a late record folds only what comes after it, and gets the same bits as if all had come in order.
 
-use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::VecDeque;
 
-use tokio::sync::OwnedMutexGuard;
+use serde::{Deserialize, Serialize};
 
 use super::libraries::KeyedTracker;
-use super::{Announcement, Ingest, IngestError};
-use crate::asset::{AssetId, Segment, SegmentId};
-use crate::estimate::{TrackerState, WearEstimate};
-use crate::signal::Features;
-use crate::store::{ChannelSummary, Commit, FoldState, NewSegment, SegmentKey};
+use super::{Ingest, IngestError};
+use crate::estimate::{BaselineProgress, TrackerState, WearEstimate, WearStatus};
+use crate::signal::{Features, Indicators, RunMeans};
+use crate::store::{ChannelSummary, FoldState, RunResult, SEGMENTS_PER_STATE, SegmentKey, StoreError, StoredFeatures};
 
-/// Records folded in one piece when a history is folded again: bounds the memory.
-const FOLDED_AT_ONCE: u32 = 1024;
+/// Latest states held in memory: records of connections side by side come in nearly in order.
+const RECENT: usize = 16;
 
-/// A channel's fold as it stands in memory; none until it is needed.
-type Slot = Option<Fold>;
+/// What is known of a channel after some of its records.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct ChannelState {
+    tracker: TrackerState,
+    run_means: RunMeans,
+}
 
-/// The same behind the channel's lock.
-type LockedSlot = Arc<tokio::sync::Mutex<Slot>>;
-
-/// How far a channel has been folded.
+/// What the fold takes of one record.
 #[derive(Debug, Clone)]
-pub(super) struct Fold {
-    fold_key: String,
-    state: TrackerState,
-    last: SegmentKey,
+pub(super) struct FoldInput {
+    pub(super) key: SegmentKey,
+    /// Features for the wear estimate; empty where they were made in another way than those of the other records.
+    pub(super) features: Features,
+    /// Indicators that the record gives by itself; empty likewise.
+    pub(super) indicators: Indicators,
 }
 
-/// One lock for each (asset, channel), with what only its holder may change.
-#[derive(Debug, Default)]
-pub(super) struct Channels {
-    slots: Mutex<HashMap<(AssetId, String), LockedSlot>>,
+/// The state after one of a channel's records.
+#[derive(Debug, Clone)]
+pub(super) struct FoldPoint {
+    pub(super) last: SegmentKey,
+    /// Number of records that went in.
+    pub(super) position: u64,
+    state: ChannelState,
 }
 
-impl Channels {
-    async fn lock(&self, asset: &AssetId, channel: &str) -> OwnedMutexGuard<Slot> {
-        let slot = {
-            let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
-            Arc::clone(slots.entry((asset.clone(), channel.to_string())).or_default())
-        };
-        slot.lock_owned().await
-    }
-
-    /// Forgets an asset that is gone.
-    pub(super) fn forget(&self, asset: &AssetId) {
-        let mut slots = self.slots.lock().unwrap_or_else(PoisonError::into_inner);
-        slots.retain(|(of, _), _| of != asset);
-    }
+/// The latest states of a channel in memory, the newest last.
+#[derive(Debug, Clone, Default)]
+pub(super) struct RecentPoints {
+    points: VecDeque<FoldPoint>,
 }
 
-/// A segment as it is after storing.
+/// What came of folding some records.
 #[derive(Debug)]
-pub(super) struct Stored {
-    pub(super) segment: Segment,
-    /// It was there before.
-    pub(super) repeated: bool,
+pub(super) struct Folded {
+    /// One result for each record.
+    pub(super) results: Vec<(SegmentKey, RunResult)>,
+    /// States to be kept, the newest last.
+    pub(super) points: Vec<FoldPoint>,
 }
 
-impl Ingest {
-    /// Folds and stores segments of one asset in one transaction, and announces them. The answer is in the order given.
-    pub(super) async fn store_segments(&self, asset: &AssetId, segments: Vec<NewSegment>) -> Result<Vec<Stored>, IngestError> {
-        let order: Vec<SegmentId> = segments.iter().map(|segment| segment.id.clone()).collect();
-        let mut by_channel: BTreeMap<String, BTreeMap<SegmentKey, NewSegment>> = BTreeMap::new();
-        for segment in segments {
-            by_channel
-                .entry(segment.channel.clone())
-                .or_default()
-                .insert(segment.key(), segment);
-        }
-        let mut locked = Vec::with_capacity(by_channel.len());
-        // In the order of names, so that two batches never wait for each other.
-        for (channel, new) in by_channel {
-            let slot = self.inner.channels.lock(asset, &channel).await;
-            locked.push((channel, new, slot));
-        }
-        // Read under the locks: a description that changes later folds the history again behind us.
-        let spec = self.inner.store.asset(asset).await?.spec;
-        let tracker = self.inner.libraries.tracker(&spec).await?;
-        let repeats = self.inner.store.segments_by_id(&order).await?;
-        for segment in &repeats {
-            for (_, new, _) in &mut locked {
-                new.retain(|key, _| key.id != segment.id);
-            }
-        }
-        let mut done: HashMap<SegmentId, Stored> = repeats
-            .into_iter()
-            .map(|segment| {
-                let stored = Stored { segment, repeated: true };
-                (stored.segment.id.clone(), stored)
-            })
-            .collect();
-        locked.retain(|(_, new, _)| !new.is_empty());
-        if !locked.is_empty() {
-            for stored in self.fold_locked(asset, &tracker, &mut locked).await? {
-                self.announce(Announcement::SegmentStored(Arc::new(stored.clone())));
-                let id = stored.id.clone();
-                done.insert(
-                    id,
-                    Stored {
-                        segment: stored,
-                        repeated: false,
-                    },
-                );
-            }
-        }
-        drop(locked);
-        // The same record twice in one batch is stored once and answered once.
-        Ok(order.iter().filter_map(|id| done.remove(id)).collect())
-    }
-
-    async fn fold_locked(
-        &self,
-        asset: &AssetId,
-        tracker: &KeyedTracker,
-        locked: &mut [(String, BTreeMap<SegmentKey, NewSegment>, OwnedMutexGuard<Slot>)],
-    ) -> Result<Vec<Segment>, IngestError> {
-        // What continues from a known state is computed before the transaction, which others wait for.
-        let mut continued = Vec::with_capacity(locked.len());
-        for (channel, new, slot) in locked.iter_mut() {
-            if slot.is_none() {
-                **slot = self.load_fold(asset, channel).await?;
-            }
-            let fits = |fold: &Fold| fold.fold_key == tracker.fold_key && new.keys().next().is_some_and(|first| fold.last < *first);
-            continued.push(match &**slot {
-                Some(fold) if fits(fold) => {
-                    let features = new.iter().map(|(key, segment)| (key.clone(), segment.features.clone())).collect();
-                    Some(self.fold_on(tracker, Some(fold.clone()), features).await?)
-                }
-                _ => None,
-            });
-        }
-        let mut commit = self.inner.store.begin().await?;
-        let mut answer = Vec::new();
-        let mut folds = Vec::with_capacity(locked.len());
-        for ((name, new, _), continued) in locked.iter_mut().zip(continued) {
-            let mut channel = commit.channel(asset, name).await?;
-            for segment in new.values() {
-                commit.insert(&mut channel, segment).await?;
-            }
-            let rewritten = continued.is_none();
-            let (fold, mut wears) = match continued {
-                Some((fold, wears)) => {
-                    for (key, wear) in &wears {
-                        commit.set_wear(&key.id, wear).await?;
-                    }
-                    (fold, wears.into_iter().collect())
-                }
-                None => self.fold_again(&mut commit, &channel, tracker, |key| new.contains_key(key)).await?,
+impl FoldInput {
+    /// A stored record as input of a fold under a feature key.
+    pub(super) fn of(stored: StoredFeatures, feature_key: &str) -> Self {
+        if stored.feature_key != feature_key {
+            return Self {
+                key: stored.key,
+                features: Features::default(),
+                indicators: Indicators::default(),
             };
-            commit.set_fold(&channel, &fold.to_stored()?, rewritten).await?;
-            for (key, segment) in std::mem::take(new) {
-                let wear: Option<WearEstimate> = wears.remove(&key);
-                answer.push(segment.with_wear(wear.ok_or(IngestError::WorkerLost("estimate the wear"))?));
-            }
-            folds.push(fold);
         }
-        commit.finish().await?;
-        for ((_, _, slot), fold) in locked.iter_mut().zip(folds) {
-            **slot = Some(fold);
+        Self {
+            key: stored.key,
+            features: stored.features,
+            indicators: stored.indicators,
         }
-        Ok(answer)
-    }
-
-    /// Folds a channel again where its estimates stand under another key than the asset's present one.
-    pub(super) async fn refold(&self, asset: &AssetId, channel: &str) -> Result<(), IngestError> {
-        let mut slot = self.inner.channels.lock(asset, channel).await;
-        let spec = self.inner.store.asset(asset).await?.spec;
-        let tracker = self.inner.libraries.tracker(&spec).await?;
-        if slot.is_none() {
-            *slot = self.load_fold(asset, channel).await?;
-        }
-        if slot.as_ref().is_some_and(|fold| fold.fold_key == tracker.fold_key) {
-            return Ok(());
-        }
-        let mut commit = self.inner.store.begin().await?;
-        let summary = commit.channel(asset, channel).await?;
-        if summary.segments == 0 {
-            return Ok(());
-        }
-        let (fold, _) = self.fold_again(&mut commit, &summary, &tracker, |_| false).await?;
-        commit.set_fold(&summary, &fold.to_stored()?, true).await?;
-        commit.finish().await?;
-        *slot = Some(fold);
-        tracing::info!(%asset, channel, segments = summary.segments, "wear history folded again");
-        self.announce(Announcement::HistoryFolded {
-            asset: asset.clone(),
-            channel: channel.to_string(),
-        });
-        Ok(())
-    }
-
-    /// Folds all features of a channel from the first one on and stores every estimate; returns those that `wanted` picks.
-    async fn fold_again(
-        &self,
-        commit: &mut Commit,
-        channel: &ChannelSummary,
-        tracker: &KeyedTracker,
-        wanted: impl Fn(&SegmentKey) -> bool,
-    ) -> Result<(Fold, HashMap<SegmentKey, WearEstimate>), IngestError> {
-        let mut picked = HashMap::new();
-        let mut fold: Option<Fold> = None;
-        loop {
-            let features = commit
-                .features(channel, fold.as_ref().map(|fold| &fold.last), FOLDED_AT_ONCE)
-                .await?;
-            if features.is_empty() {
-                break;
-            }
-            let (next, wears) = self.fold_on(tracker, fold.take(), features).await?;
-            fold = Some(next);
-            for (key, wear) in wears {
-                commit.set_wear(&key.id, &wear).await?;
-                if wanted(&key) {
-                    picked.insert(key, wear);
-                }
-            }
-        }
-        Ok((fold.ok_or(IngestError::WorkerLost("fold a history"))?, picked))
-    }
-
-    /// Folds records on from a state, or from the start, on a worker thread.
-    async fn fold_on(
-        &self,
-        tracker: &KeyedTracker,
-        from: Option<Fold>,
-        features: Vec<(SegmentKey, Features)>,
-    ) -> Result<(Fold, Vec<(SegmentKey, WearEstimate)>), IngestError> {
-        let KeyedTracker { tracker, fold_key } = tracker.clone();
-        let folded = self.inner.workers.run("estimate the wear", move || {
-            let mut state = from.map_or_else(|| tracker.start(), |fold| fold.state);
-            let wears: Vec<(SegmentKey, WearEstimate)> = features
-                .into_iter()
-                .map(|(key, features)| {
-                    let wear = tracker.update(&mut state, &features);
-                    (key, wear)
-                })
-                .collect();
-            let last = wears.last().map(|(key, _)| key.clone())?;
-            Some((Fold { fold_key, state, last }, wears))
-        });
-        folded.await?.ok_or(IngestError::WorkerLost("fold no records"))
-    }
-
-    async fn load_fold(&self, asset: &AssetId, channel: &str) -> Result<Option<Fold>, IngestError> {
-        let stored = self.inner.store.fold_state(asset, channel).await?;
-        Ok(stored.and_then(|stored| match serde_json::from_str(&stored.state) {
-            Ok(state) => Some(Fold {
-                fold_key: stored.fold_key,
-                state,
-                last: stored.last,
-            }),
-            Err(error) => {
-                tracing::warn!(%asset, channel, %error, "stored state of the fold cannot be read, the history is folded again");
-                None
-            }
-        }))
     }
 }
 
-impl Fold {
-    fn to_stored(&self) -> Result<FoldState, IngestError> {
-        let state = serde_json::to_string(&self.state).map_err(|source| crate::store::StoreError::Damaged {
+impl FoldPoint {
+    /// From the store.
+    pub(super) fn from_stored(stored: FoldState) -> Result<Self, serde_json::Error> {
+        Ok(Self {
+            state: serde_json::from_str(&stored.state)?,
+            last: stored.last,
+            position: stored.position,
+        })
+    }
+
+    /// For the store.
+    pub(super) fn to_stored(&self) -> Result<FoldState, IngestError> {
+        let state = serde_json::to_string(&self.state).map_err(|source| StoreError::Damaged {
             what: "state",
             of: self.last.id.to_string(),
             source,
         })?;
         Ok(FoldState {
-            fold_key: self.fold_key.clone(),
-            state,
             last: self.last.clone(),
+            position: self.position,
+            state,
         })
+    }
+}
+
+impl RecentPoints {
+    /// With the newest state only.
+    pub(super) fn new(newest: Option<FoldPoint>) -> Self {
+        Self {
+            points: newest.into_iter().collect(),
+        }
+    }
+
+    /// The state after the latest record.
+    pub(super) fn newest(&self) -> Option<&FoldPoint> {
+        self.points.back()
+    }
+
+    /// The latest state in which neither `key` nor any later record is.
+    pub(super) fn before(&self, key: &SegmentKey) -> Option<&FoldPoint> {
+        self.points.iter().rev().find(|point| point.last < *key)
+    }
+
+    /// Replaces what comes after position `after`.
+    pub(super) fn replace(&mut self, after: u64, points: Vec<FoldPoint>) {
+        while self.points.back().is_some_and(|point| point.position > after) {
+            self.points.pop_back();
+        }
+        self.points.extend(points);
+        while self.points.len() > RECENT {
+            self.points.pop_front();
+        }
+    }
+}
+
+/// Folds records, in the order of time, on from a state or from the start. CPU work: for a worker thread.
+fn fold(tracker: &KeyedTracker, from: Option<FoldPoint>, inputs: Vec<FoldInput>) -> Folded {
+    let (mut state, mut position) = match from {
+        Some(point) => (point.state, point.position),
+        None => (
+            ChannelState {
+                tracker: tracker.tracker.start(),
+                run_means: RunMeans::default(),
+            },
+            0,
+        ),
+    };
+    let last = position + inputs.len() as u64;
+    let mut folded = Folded {
+        results: Vec::with_capacity(inputs.len()),
+        points: Vec::new(),
+    };
+    for FoldInput { key, features, indicators } in inputs {
+        let result = RunResult {
+            indicators: state.run_means.update(&indicators),
+            wear: tracker.tracker.update(&mut state.tracker, key.start_time, &features),
+        };
+        position += 1;
+        if position.is_multiple_of(SEGMENTS_PER_STATE) || position + RECENT as u64 > last {
+            folded.points.push(FoldPoint {
+                last: key.clone(),
+                position,
+                state: state.clone(),
+            });
+        }
+        folded.results.push((key, result));
+    }
+    folded
+}
+
+impl Ingest {
+    /// Folds records, in the order of time, on from a state or from the start.
+    pub(super) async fn fold_on(
+        &self,
+        tracker: &KeyedTracker,
+        from: Option<FoldPoint>,
+        inputs: Vec<FoldInput>,
+    ) -> Result<Folded, IngestError> {
+        let tracker = tracker.clone();
+        self.inner
+            .workers
+            .run("estimate the wear", move || fold(&tracker, from, inputs))
+            .await
+    }
+
+    /// The state after a channel's latest record; none before the first one, or where it cannot be read.
+    pub(super) async fn newest_point(&self, channel: &ChannelSummary) -> Result<Option<FoldPoint>, IngestError> {
+        let stored = self.inner.store.newest_state(channel).await?;
+        Ok(stored.and_then(|stored| read_point(channel, stored)))
+    }
+
+    /// The latest kept state in which neither `key` nor any later record is.
+    pub(super) async fn point_before(&self, channel: &ChannelSummary, key: &SegmentKey) -> Result<Option<FoldPoint>, IngestError> {
+        let stored = self.inner.store.state_before(channel, key).await?;
+        Ok(stored.and_then(|stored| read_point(channel, stored)))
+    }
+}
+
+/// A state from the store; one that cannot be read is worth as much as none, since it can be computed again.
+pub(super) fn read_point(channel: &ChannelSummary, stored: FoldState) -> Option<FoldPoint> {
+    let position = stored.position;
+    FoldPoint::from_stored(stored)
+        .inspect_err(|error| {
+            tracing::warn!(asset = %channel.asset_id, channel = channel.channel, position, %error, "a kept state of the fold cannot be read");
+        })
+        .ok()
+}
+
+/// The estimate of a record that came while the history before it is being computed again.
+pub(super) fn while_recomputing(need: u32, method: String) -> RunResult {
+    let reason = "the records before this one are being computed again, its wear follows".to_owned();
+    let baseline = BaselineProgress { have: 0, need };
+    let wear = WearEstimate::without_number(WearStatus::Recomputing, reason, baseline, method);
+    RunResult {
+        indicators: Indicators::default(),
+        wear,
     }
 }

@@ -4,14 +4,20 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use sha2::{Digest, Sha256};
 use tokio::sync::watch;
 
 use super::IngestError;
+use super::keys::{analysis_keys, fold_key};
 use crate::asset::AssetSpec;
 use crate::estimate::{EstimatorSettings, Tracker};
-use crate::library::{GridSettings, Library, LibraryShelf, library_id};
-use crate::signal::PREPROCESSING;
+use crate::gear::PairSpec;
+use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, library_id};
+
+/// The error of an asset whose library is not there yet.
+const SIMULATING: IngestError = IngestError::Busy {
+    what: "the asset's library is being simulated",
+    retry_after_s: 5,
+};
 
 /// How far an asset's library is.
 #[derive(Debug, Clone)]
@@ -49,6 +55,8 @@ pub(super) struct KeyedTracker {
     pub(super) tracker: Arc<Tracker>,
     /// A fold under another key has to begin again.
     pub(super) fold_key: String,
+    /// Features under another key cannot go in.
+    pub(super) feature_key: Arc<str>,
 }
 
 /// The libraries in use.
@@ -59,19 +67,25 @@ pub struct Libraries {
     wait: Duration,
     /// By library id.
     asked: Mutex<HashMap<String, watch::Receiver<Readiness>>>,
-    trackers: Mutex<HashMap<String, Arc<Tracker>>>,
+    /// By fold key, also those of histories that are being computed again.
+    trackers: Mutex<HashMap<String, KeyedTracker>>,
+    variants: EnsembleSettings,
+    /// By the id of the library that they are around.
+    ensembles: Arc<Mutex<HashMap<String, Arc<Ensemble>>>>,
     /// One build at a time: each one uses every core by itself.
     building: Arc<Mutex<()>>,
 }
 
 impl Libraries {
-    pub(super) fn new(shelf: Arc<LibraryShelf>, grid: GridSettings, wait: Duration) -> Self {
+    pub(super) fn new(shelf: Arc<LibraryShelf>, grid: GridSettings, variants: EnsembleSettings, wait: Duration) -> Self {
         Self {
             shelf,
             grid,
             wait,
             asked: Mutex::default(),
             trackers: Mutex::default(),
+            variants,
+            ensembles: Arc::default(),
             building: Arc::default(),
         }
     }
@@ -105,25 +119,41 @@ impl Libraries {
         }
         let (sender, receiver) = watch::channel(Readiness::Building { done: 0, total: 0 });
         asked.insert(id.clone(), receiver.clone());
-        let (shelf, grid, building) = (Arc::clone(&self.shelf), self.grid, Arc::clone(&self.building));
+        let (shelf, grid, building) = (Arc::clone(&self.shelf), self.grid.clone(), Arc::clone(&self.building));
+        let (variants, ensembles) = (self.variants, Arc::clone(&self.ensembles));
         let built_id = id.clone();
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the end of the process.
         let build = move || {
             let _turn = building.lock().unwrap_or_else(PoisonError::into_inner);
             tracing::info!(library = %built_id, "library asked for");
-            let built = shelf.get_or_build(&pair, &grid, &|done, total| {
+            let progress = |done, total| {
                 sender.send_replace(Readiness::Building { done, total });
-            });
-            sender.send_replace(match built {
-                Ok(library) => {
-                    tracing::info!(library = %built_id, "library ready");
-                    Readiness::Ready(library)
-                }
+            };
+            let built = shelf.get_or_build(&pair, &grid, &BuildControl::with_progress(&progress));
+            let library = match built {
+                Ok(library) => library,
                 Err(error) => {
                     tracing::error!(library = %built_id, %error, "library failed");
-                    Readiness::Failed(error.to_string())
+                    sender.send_replace(Readiness::Failed(error.to_string()));
+                    return;
                 }
-            });
+            };
+            tracing::info!(library = %built_id, "library ready");
+            sender.send_replace(Readiness::Ready(Arc::clone(&library)));
+            if variants.libraries() == 1 {
+                return;
+            }
+            // Records need not wait for the variants: when they are there, histories are folded again with them.
+            let shelf = shelf.variants();
+            let get = |pair: &PairSpec, grid: &GridSettings| shelf.get_or_build(pair, grid, &BuildControl::silent());
+            match Ensemble::around(library, &variants, &get, &|_, _| {}) {
+                Ok(ensemble) => {
+                    tracing::info!(library = %built_id, members = ensemble.members().len(), "variants ready");
+                    let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
+                    ensembles.insert(built_id, Arc::new(ensemble));
+                }
+                Err(error) => tracing::error!(library = %built_id, %error, "variants failed"),
+            }
         };
         if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(build) {
             tracing::error!(%error, "no thread for a library");
@@ -133,22 +163,55 @@ impl Libraries {
 
     /// The tracker of an asset, once its library is there.
     pub(super) async fn tracker(&self, spec: &AssetSpec) -> Result<KeyedTracker, IngestError> {
-        let library = match self.ask(spec, false) {
-            Some((id, progress)) => Some(self.wait_for(spec, id, progress).await?),
+        let ensemble = match self.ask(spec, false) {
+            Some((id, progress)) => {
+                let library = self.wait_for(spec, id, progress).await?;
+                Some(self.ensemble(library))
+            }
             None => None,
         };
-        let fold_key = fold_key(spec, library.as_deref());
+        Ok(self.keyed(spec, ensemble))
+    }
+
+    /// The same without waiting: [`IngestError::Busy`] where the library is not there yet.
+    pub(super) fn tracker_now(&self, spec: &AssetSpec) -> Result<KeyedTracker, IngestError> {
+        let ensemble = match self.ask(spec, false) {
+            None => None,
+            Some((_, progress)) => match &*progress.borrow() {
+                Readiness::Ready(library) => Some(self.ensemble(Arc::clone(library))),
+                _ => return Err(SIMULATING),
+            },
+        };
+        Ok(self.keyed(spec, ensemble))
+    }
+
+    /// The tracker of a fold key, where it was in use since the start.
+    pub(super) fn kept(&self, fold_key: &str) -> Option<KeyedTracker> {
+        let trackers = self.trackers.lock().unwrap_or_else(PoisonError::into_inner);
+        trackers.get(fold_key).cloned()
+    }
+
+    fn keyed(&self, spec: &AssetSpec, ensemble: Option<Arc<Ensemble>>) -> KeyedTracker {
+        let settings = EstimatorSettings {
+            baseline_records: spec.baseline.records,
+            limit_um: spec.limits.danger_um.or(spec.limits.warning_um),
+        };
+        let feature_key = analysis_keys(spec).feature;
+        let fold_key = fold_key(&settings, &feature_key, ensemble.as_deref());
         let mut trackers = self.trackers.lock().unwrap_or_else(PoisonError::into_inner);
-        let tracker = trackers.entry(fold_key.clone()).or_insert_with(|| {
-            let settings = EstimatorSettings {
-                baseline_records: spec.baseline.records,
-            };
-            Arc::new(Tracker::new(settings, library))
-        });
-        Ok(KeyedTracker {
-            tracker: Arc::clone(tracker),
+        let keyed = trackers.entry(fold_key.clone()).or_insert_with(|| KeyedTracker {
+            tracker: Arc::new(Tracker::new(settings, ensemble)),
             fold_key,
-        })
+            feature_key,
+        });
+        keyed.clone()
+    }
+
+    /// The library with its variants; alone while they are being simulated.
+    fn ensemble(&self, library: Arc<Library>) -> Arc<Ensemble> {
+        let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);
+        let ensemble = ensembles.get(library.id()).cloned();
+        ensemble.unwrap_or_else(|| Arc::new(Ensemble::of(library)))
     }
 
     async fn wait_for(&self, spec: &AssetSpec, id: String, mut progress: watch::Receiver<Readiness>) -> Result<Arc<Library>, IngestError> {
@@ -159,10 +222,7 @@ impl Libraries {
         };
         let over = progress.wait_for(|readiness| !matches!(readiness, Readiness::Building { .. }));
         match tokio::time::timeout(self.wait, over).await {
-            Err(_) => Err(IngestError::Busy {
-                what: "the asset's library is being simulated",
-                retry_after_s: 5,
-            }),
+            Err(_) => Err(SIMULATING),
             Ok(Err(_)) => Err(failed("its building stopped".into())),
             Ok(Ok(readiness)) => match &*readiness {
                 Readiness::Ready(library) => Ok(Arc::clone(library)),
@@ -171,19 +231,4 @@ impl Libraries {
             },
         }
     }
-}
-
-/// Hash of everything but the features that a channel's estimates depend on.
-fn fold_key(spec: &AssetSpec, library: Option<&Library>) -> String {
-    let mut hash = Sha256::new();
-    for part in [
-        env!("CARGO_PKG_VERSION"),
-        PREPROCESSING,
-        library.map_or("", Library::id),
-        &spec.baseline.records.to_string(),
-    ] {
-        hash.update((part.len() as u64).to_le_bytes());
-        hash.update(part);
-    }
-    hash.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect()
 }

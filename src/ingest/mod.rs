@@ -9,13 +9,18 @@
 
 mod accept;
 mod batch;
+mod channels;
 mod clock;
 mod error;
 mod fold;
+mod group_commit;
+mod keys;
 mod libraries;
 mod recall;
+mod recompute;
 mod replay;
 mod replay_folder;
+mod retention;
 mod workers;
 
 use std::path::PathBuf;
@@ -26,7 +31,7 @@ use std::time::Duration;
 use tokio::sync::{RwLock, Semaphore, broadcast};
 
 use crate::asset::{AssetId, AssetSpec, Segment};
-use crate::library::{GridSettings, LibraryShelf};
+use crate::library::{EnsembleSettings, GridSettings, LibraryShelf};
 use crate::store::{Asset, Store};
 
 pub use accept::{Given, RecordFormat};
@@ -34,7 +39,10 @@ pub use batch::{BatchSummary, Refused};
 pub use clock::{Clock, SystemClock};
 pub use error::IngestError;
 pub use libraries::{Libraries, Readiness};
+pub use recall::{AskedBand, SegmentEnvelope};
+pub use recompute::{Recomputation, RecomputationState};
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
+pub use retention::RawQuotas;
 pub use workers::{Ticket, Workers, with_analyzer};
 
 /// How much the service takes on at once.
@@ -50,6 +58,10 @@ pub struct IngestLimits {
     pub recordings_at_once: usize,
     /// How long a record waits for its asset's library.
     pub library_wait: Duration,
+    /// Which variants of each asset's pair are simulated besides, in the background.
+    pub variants: EnsembleSettings,
+    /// How many raw bytes are kept.
+    pub quotas: RawQuotas,
 }
 
 impl Default for IngestLimits {
@@ -60,6 +72,8 @@ impl Default for IngestLimits {
             bytes_at_once: 512 << 20,
             recordings_at_once: 4,
             library_wait: Duration::from_secs(120),
+            variants: EnsembleSettings::default(),
+            quotas: RawQuotas::default(),
         }
     }
 }
@@ -91,6 +105,8 @@ pub enum Announcement {
         /// The channel.
         channel: String,
     },
+    /// A recomputation of a channel's history went on or ended.
+    RecomputationChanged(Arc<Recomputation>),
     /// A replay went on or ended.
     ReplayChanged(Arc<Replay>),
 }
@@ -130,7 +146,11 @@ struct Inner {
     store: Store,
     workers: Workers,
     libraries: Libraries,
-    channels: fold::Channels,
+    channels: channels::Channels,
+    commits: group_commit::CommitQueue,
+    recomputations: recompute::Recomputations,
+    quotas: RawQuotas,
+    retaining: tokio::sync::Mutex<()>,
     clock: Arc<dyn Clock>,
     folders: IngestFolders,
     announcements: broadcast::Sender<Announcement>,
@@ -158,8 +178,12 @@ impl Ingest {
         Ok(Self {
             inner: Arc::new(Inner {
                 workers: Workers::new(limits)?,
-                libraries: Libraries::new(shelf, grid, limits.library_wait),
-                channels: fold::Channels::default(),
+                libraries: Libraries::new(shelf, grid, limits.variants, limits.library_wait),
+                channels: channels::Channels::default(),
+                commits: group_commit::CommitQueue::default(),
+                recomputations: recompute::Recomputations::default(),
+                quotas: limits.quotas,
+                retaining: tokio::sync::Mutex::default(),
                 announcements: broadcast::channel(1024).0,
                 tally: Tally::default(),
                 replays: replay::Replays::default(),
@@ -192,6 +216,11 @@ impl Ingest {
         &self.inner.tally
     }
 
+    /// The time now, by the clock that the service was started with.
+    pub fn now(&self) -> jiff::Timestamp {
+        self.inner.clock.now()
+    }
+
     /// Follows what happens from now on.
     pub fn follow(&self) -> broadcast::Receiver<Announcement> {
         self.inner.announcements.subscribe()
@@ -205,12 +234,12 @@ impl Ingest {
         Ok(asset)
     }
 
-    /// Replaces an asset's description; its wear history is folded again in the background where it depends on what changed.
+    /// Replaces an asset's description; its history is computed again in the background where it depends on what changed.
     pub async fn update_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
         let asset = self.inner.store.update_asset(spec, self.inner.clock.now()).await?;
         self.inner.libraries.prepare(spec);
         self.announce(Announcement::AssetChanged(spec.id.clone()));
-        self.refold_in_background(vec![spec.id.clone()]);
+        self.recompute_in_background(vec![spec.id.clone()]);
         Ok(asset)
     }
 
@@ -219,15 +248,13 @@ impl Ingest {
         let _nobody_keeps = self.inner.keeping.write().await;
         let orphans = self.inner.store.delete_asset(id).await?;
         self.inner.channels.forget(id);
+        self.forget_recomputations(id);
         self.announce(Announcement::AssetRemoved(id.clone()));
-        let store = self.inner.store.clone();
-        let removed = self.inner.workers.run("remove raw recordings", move || {
-            orphans.iter().try_for_each(|name| store.objects().remove(name))
-        });
-        Ok(removed.await??)
+        self.remove_objects(orphans).await
     }
 
-    /// Starts the library of every asset and folds again what was folded under other settings, in the background.
+    /// Goes on where the process before ended, in the background: starts the library of every asset, computes again what was computed
+    /// under other settings, and removes raw objects that no record refers to.
     pub async fn resume(&self) -> Result<(), IngestError> {
         let mut after: Option<String> = None;
         let mut all = Vec::new();
@@ -240,31 +267,19 @@ impl Ingest {
                 all.push(asset.spec.id);
             }
         }
-        self.refold_in_background(all);
-        Ok(())
-    }
-
-    fn refold_in_background(&self, assets: Vec<AssetId>) {
+        self.recompute_in_background(all);
+        self.resume_replays().await?;
         let ingest = self.clone();
         tokio::spawn(async move {
-            for asset in assets {
-                if let Err(error) = ingest.refold_asset(&asset).await {
-                    tracing::warn!(%asset, %error, "wear history not folded again");
+            match ingest.remove_orphans().await {
+                Ok((0, _)) => {}
+                Ok((objects, bytes)) => {
+                    tracing::info!(objects, bytes, "removed raw objects of an earlier run that no record refers to");
                 }
+                Err(error) => tracing::warn!(%error, "raw objects that no record refers to not removed"),
             }
+            ingest.retain_in_background();
         });
-    }
-
-    async fn refold_asset(&self, asset: &AssetId) -> Result<(), IngestError> {
-        for channel in self.inner.store.channels(asset).await? {
-            while let Err(error) = self.refold(asset, &channel.channel).await {
-                // A library that takes its time; everything else is for the log.
-                let IngestError::Busy { retry_after_s, .. } = error else {
-                    return Err(error);
-                };
-                tokio::time::sleep(Duration::from_secs(retry_after_s.into())).await;
-            }
-        }
         Ok(())
     }
 

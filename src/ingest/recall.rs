@@ -4,19 +4,41 @@ use std::sync::Arc;
 
 use super::accept::RecordFormat;
 use super::{Ingest, IngestError, with_analyzer};
-use crate::asset::Segment;
+use crate::asset::{RawReference, Segment};
 use crate::recording::RecordDefaults;
-use crate::signal::{BandSource, MeshLine, Record, Spectrum};
-use crate::store::StoreError;
+use crate::signal::{Analyzer, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, Record, Spectrum};
+use crate::store::{Store, StoreError};
 
 impl Ingest {
     /// The record that a segment was made of, read from its raw bytes and checked against their hash.
     pub async fn recall(&self, segment: &Segment) -> Result<Record, IngestError> {
-        let (store, segment) = (self.inner.store.clone(), segment.clone());
-        self.inner
-            .workers
-            .run("read a record", move || recall_here(&store, &segment))
-            .await?
+        let (store, raw) = (self.inner.store.clone(), segment.raw.clone());
+        let defaults = RecordDefaults {
+            channel: Some(segment.channel.clone()),
+            start_time: segment.start_time,
+            unit: Some(segment.unit.clone()),
+            operating_point: segment.operating_point,
+        };
+        let read = move || recall_here(&store, &raw, &defaults);
+        match self.inner.workers.run("read a record", read).await? {
+            Err(IngestError::Store(StoreError::ObjectMissing(name))) if !self.inner.store.keeps_raw(&segment.asset_id, &name).await? => {
+                Err(IngestError::RawGivenUp(segment.id.clone()))
+            }
+            read => read,
+        }
+    }
+
+    /// What `analyse` makes of a segment's record and of what is known of its mesh; `task` names it if it is lost.
+    pub async fn analyse_stored<T: Send + 'static>(
+        &self,
+        segment: &Segment,
+        task: &'static str,
+        analyse: impl FnOnce(&mut Analyzer, &Record, &MeshContext) -> T + Send + 'static,
+    ) -> Result<T, IngestError> {
+        let mesh = self.inner.store.asset(&segment.asset_id).await?.spec.mesh_context();
+        let record = self.recall(segment).await?;
+        let analyse = move || with_analyzer(|analyzer| analyse(analyzer, &record, &mesh));
+        self.inner.workers.run(task, analyse).await
     }
 
     /// The amplitude spectrum of a segment and its mesh harmonics.
@@ -32,50 +54,74 @@ impl Ingest {
         self.inner.workers.run("compute a spectrum", analyse).await
     }
 
-    /// The envelope spectrum of a segment: in the band asked for, else in the asset's, else in the one found in the record.
-    pub async fn envelope(
-        &self,
-        segment: &Segment,
-        asked: Option<[f64; 2]>,
-    ) -> Result<(Spectrum, [f64; 2], BandSource, Vec<MeshLine>), IngestError> {
+    /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found in the record.
+    pub async fn envelope(&self, segment: &Segment, asked: AskedBand) -> Result<SegmentEnvelope, IngestError> {
         let spec = self.inner.store.asset(&segment.asset_id).await?.spec;
         let record = self.recall(segment).await?;
         let speed = segment.shaft_speed;
         let analyse = move || {
             with_analyzer(|analyzer| {
-                let (band, source) = match (asked, spec.envelope_band_hz) {
-                    (Some(band), _) => (band, BandSource::Query),
-                    (None, Some(band)) => (band, BandSource::Asset),
-                    (None, None) => analyzer.envelope_band(&record, speed.as_ref()),
+                let given = match asked {
+                    AskedBand::Hertz(band_hz) => Some(EnvelopeBand::given(band_hz, BandSource::Query)),
+                    AskedBand::Nothing => spec.given_envelope_band(),
+                    AskedBand::Search(_) => None,
                 };
-                let lines = analyzer.analyze(&record, &spec.mesh_context()).mesh_lines;
-                let spectrum = analyzer.envelope_spectrum(&record, band).map_err(|error| IngestError::Field {
-                    field: "band_hz",
-                    value: format!("[{}, {}] ({error})", band[0], band[1]),
-                    expected: "a band between 0 and half the sampling rate that the record resolves",
-                })?;
-                Ok((spectrum, band, source, lines))
+                let search = match asked {
+                    AskedBand::Search(search) => search,
+                    _ => spec.envelope_band,
+                };
+                let band = given.unwrap_or_else(|| analyzer.envelope_band(&record, speed.as_ref(), search));
+                let mesh_lines = analyzer.analyze(&record, &spec.mesh_context()).mesh_lines;
+                let [low, high] = band.band_hz;
+                let spectrum = analyzer
+                    .envelope_spectrum(&record, band.band_hz)
+                    .map_err(|error| IngestError::Field {
+                        field: "band_hz",
+                        value: format!("[{low}, {high}] ({error})"),
+                        expected: "a band between 0 and half the sampling rate that the record resolves",
+                    })?;
+                Ok(SegmentEnvelope {
+                    spectrum,
+                    band,
+                    mesh_lines,
+                })
             })
         };
         self.inner.workers.run("compute an envelope spectrum", analyse).await?
     }
 }
 
-fn recall_here(store: &crate::store::Store, segment: &Segment) -> Result<Record, IngestError> {
-    let raw = &segment.raw;
+/// The band that an envelope spectrum is asked for in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AskedBand {
+    /// That of the asset.
+    Nothing,
+    /// The one that is found so.
+    Search(EnvelopeSearch),
+    /// From the first to the second frequency in hertz.
+    Hertz([f64; 2]),
+}
+
+/// The envelope spectrum of a segment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SegmentEnvelope {
+    /// The spectrum.
+    pub spectrum: Spectrum,
+    /// The band, and how it was chosen.
+    pub band: EnvelopeBand,
+    /// The mesh harmonics of the segment's own spectrum.
+    pub mesh_lines: Vec<MeshLine>,
+}
+
+/// A record from its raw bytes, checked against their hash; `defaults` is what was stored of it. Blocks on the disk.
+pub(super) fn recall_here(store: &Store, raw: &RawReference, defaults: &RecordDefaults) -> Result<Record, IngestError> {
     let bytes = store.objects().get(&raw.sha256)?;
     let format = RecordFormat::from_media_type(&raw.media_type).ok_or_else(|| StoreError::Unexpected {
         what: "raw_media_type",
         value: raw.media_type.clone(),
         expected: "a media type of one record",
     })?;
-    let defaults = RecordDefaults {
-        channel: Some(segment.channel.clone()),
-        start_time: segment.start_time,
-        unit: Some(segment.unit.clone()),
-        operating_point: segment.operating_point,
-    };
-    let records = format.decode(&bytes, &defaults)?;
+    let records = format.decode(&bytes, defaults)?;
     let record = records.into_iter().nth(raw.channel_index as usize);
     let record = record.ok_or_else(|| StoreError::Unexpected {
         what: "raw_channel_index",

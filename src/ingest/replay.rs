@@ -1,7 +1,9 @@
 //! Replays: a recording from the replay folder fed through the service as if it happened now.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -11,12 +13,15 @@ use tokio::sync::watch;
 
 use super::batch::{BatchSummary, RecordStream};
 use super::{Announcement, Ingest, IngestError, replay_folder};
-use crate::asset::AssetId;
+use crate::asset::{AssetId, AssetSpec};
 use crate::recording::{RecordDefaults, RecordingFile};
 use crate::signal::OperatingPoint;
 
 /// Ended replays that are remembered.
 const MOST_REMEMBERED: usize = 1000;
+
+/// How often a running replay's progress is saved.
+const SAVED_EVERY: Duration = Duration::from_secs(1);
 
 /// How fast a recording is replayed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -64,15 +69,17 @@ impl From<Pace> for String {
 }
 
 /// What is to be replayed.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReplayRequest {
     /// The asset whose records they become.
     pub asset: AssetId,
     /// The recording, relative to the replay folder.
+    #[schema(example = "run.mcap")]
     pub file: String,
-    /// How fast.
+    /// How fast: `max`, `realtime` or a factor such as `10x`.
     #[serde(default = "Pace::max")]
+    #[schema(value_type = String, example = "max", pattern = r"^(max|realtime|[0-9.]+x)$")]
     pub pace: Pace,
 }
 
@@ -83,7 +90,7 @@ impl Pace {
 }
 
 /// What a replay is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ReplayState {
     /// Under way.
@@ -97,7 +104,7 @@ pub enum ReplayState {
 }
 
 /// A replay and how far it is.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Replay {
     /// Identifier.
     pub id: String,
@@ -105,7 +112,8 @@ pub struct Replay {
     pub asset: AssetId,
     /// The recording, relative to the replay folder.
     pub file: String,
-    /// How fast.
+    /// How fast: `max`, `realtime` or a factor such as `10x`.
+    #[schema(value_type = String, example = "max")]
     pub pace: Pace,
     /// What it is doing.
     pub state: ReplayState,
@@ -135,10 +143,12 @@ pub struct Replay {
     pub times_real_time: Option<f64>,
 }
 
-/// All replays since the start of the service.
+/// All replays that are remembered.
 #[derive(Debug, Default)]
 pub(super) struct Replays {
     held: Mutex<Held>,
+    /// The service ends: replays that are stopped now go on at the next start.
+    is_ending: AtomicBool,
 }
 
 #[derive(Debug, Default)]
@@ -162,53 +172,136 @@ impl Ingest {
         let spec = self.inner.store.asset(&request.asset).await?.spec;
         let path = replay_folder::find(&self.inner.folders.recordings, &request.file)?;
         let turn = self.recording_turn()?;
-        let (stop, stopped) = watch::channel(false);
         let started_at = self.inner.clock.now();
-        let (number, replay) = {
+        let replay = Replay {
+            id: String::new(),
+            asset: request.asset,
+            file: request.file,
+            pace: request.pace,
+            state: ReplayState::Running,
+            error: None,
+            records_total: None,
+            records_done: 0,
+            stored: 0,
+            repeated: 0,
+            refused: 0,
+            started_at,
+            finished_at: None,
+            first_start_time: None,
+            last_start_time: None,
+            record_seconds_done: 0.0,
+            times_real_time: None,
+        };
+        let (number, replay, forgotten) = {
             let mut held = self.inner.replays.lock();
-            held.given_out += 1;
-            let number = held.given_out;
+            let number = held.given_out + 1;
+            held.given_out = number;
             let replay = Replay {
                 id: number.to_string(),
-                asset: request.asset,
-                file: request.file,
-                pace: request.pace,
-                state: ReplayState::Running,
-                error: None,
-                records_total: None,
-                records_done: 0,
-                stored: 0,
-                repeated: 0,
-                refused: 0,
-                started_at,
-                finished_at: None,
-                first_start_time: None,
-                last_start_time: None,
-                record_seconds_done: 0.0,
-                times_real_time: None,
+                ..replay
             };
-            held.by_number.insert(number, (Arc::new(replay.clone()), stop));
+            (number, replay, number.saturating_sub(MOST_REMEMBERED as u64))
+        };
+        self.save_replay(number, &replay).await;
+        if let Err(error) = self.inner.store.forget_replays_before(forgotten).await {
+            tracing::warn!(%error, "old replays not forgotten");
+        }
+        Ok(self.run_in_background(number, replay, spec, path, turn))
+    }
+
+    /// Goes on with the replays that were running when the process before ended, and remembers those that were over.
+    pub(super) async fn resume_replays(&self) -> Result<(), IngestError> {
+        for (number, text) in self.inner.store.saved_replays().await? {
+            let replay: Replay = match serde_json::from_str(&text) {
+                Ok(replay) => replay,
+                Err(error) => {
+                    tracing::warn!(replay = number, %error, "stored replay cannot be read");
+                    continue;
+                }
+            };
+            {
+                let mut held = self.inner.replays.lock();
+                held.given_out = held.given_out.max(number);
+                let over = (Arc::new(replay.clone()), watch::channel(false).0);
+                held.by_number.insert(number, over);
+            }
+            if replay.state == ReplayState::Running {
+                tracing::info!(replay = number, file = replay.file, done = replay.records_done, "replay goes on");
+                self.resume_replay(number, replay).await;
+            }
+        }
+        Ok(())
+    }
+
+    async fn resume_replay(&self, number: u64, mut replay: Replay) {
+        let found = async {
+            let spec = self.inner.store.asset(&replay.asset).await?.spec;
+            let path = replay_folder::find(&self.inner.folders.recordings, &replay.file)?;
+            Ok::<_, IngestError>((spec, path, self.recording_turn()?))
+        };
+        match found.await {
+            Ok((spec, path, turn)) => {
+                self.run_in_background(number, replay, spec, path, turn);
+            }
+            Err(error) => {
+                tracing::warn!(replay = number, %error, "replay cannot go on");
+                replay.state = ReplayState::Failed;
+                replay.error = Some(error.to_string());
+                replay.finished_at = Some(self.inner.clock.now());
+                self.save_replay(number, &replay).await;
+                if let Some((held, _)) = self.inner.replays.lock().by_number.get_mut(&number) {
+                    *held = Arc::new(replay);
+                }
+            }
+        }
+    }
+
+    fn run_in_background(
+        &self,
+        number: u64,
+        replay: Replay,
+        spec: AssetSpec,
+        path: PathBuf,
+        turn: tokio::sync::OwnedSemaphorePermit,
+    ) -> Arc<Replay> {
+        let (stop, stopped) = watch::channel(false);
+        let first = Arc::new(replay.clone());
+        {
+            let mut held = self.inner.replays.lock();
+            held.by_number.insert(number, (Arc::clone(&first), stop));
             while held.by_number.len() > MOST_REMEMBERED {
                 let ended = held.by_number.iter().find(|(_, (replay, _))| replay.state != ReplayState::Running);
                 let Some(number) = ended.map(|(number, _)| *number) else { break };
                 held.by_number.remove(&number);
             }
-            (number, replay)
-        };
+        }
         let defaults = RecordDefaults {
             channel: spec.sensor.channel,
-            start_time: started_at,
+            start_time: replay.started_at,
             unit: spec.sensor.unit,
             operating_point: OperatingPoint::default(),
         };
-        let records = RecordStream::spawn(move || RecordingFile::open(&path, defaults, None));
+        let done = usize::try_from(replay.records_done).unwrap_or(usize::MAX);
+        let records = RecordStream::spawn(move || Ok(RecordingFile::open(&path, defaults, None)?.skip(done)));
         let ingest = self.clone();
-        let first = Arc::new(replay.clone());
         tokio::spawn(async move {
             let _turn = turn;
             ingest.run_replay(number, replay, records, stopped).await;
         });
-        Ok(first)
+        first
+    }
+
+    async fn save_replay(&self, number: u64, replay: &Replay) {
+        let text = match serde_json::to_string(replay) {
+            Ok(text) => text,
+            Err(error) => {
+                tracing::warn!(replay = number, %error, "replay not saved");
+                return;
+            }
+        };
+        if let Err(error) = self.inner.store.save_replay(number, &text).await {
+            tracing::warn!(replay = number, %error, "replay not saved");
+        }
     }
 
     /// All replays, the latest first.
@@ -248,8 +341,9 @@ impl Ingest {
         self.replay(id)
     }
 
-    /// Stops all replays, for the end of the service.
+    /// Stops all replays, for the end of the service: they go on at its next start.
     pub async fn stop_replays(&self) {
+        self.inner.replays.is_ending.store(true, Ordering::SeqCst);
         for replay in self.replays() {
             if let Err(error) = self.stop_replay(&replay.id).await {
                 tracing::warn!(replay = replay.id, %error, "replay not stopped");
@@ -259,8 +353,19 @@ impl Ingest {
 
     async fn run_replay(&self, number: u64, mut replay: Replay, mut records: RecordStream, mut stopped: watch::Receiver<bool>) {
         let began = tokio::time::Instant::now();
-        let mut summary = BatchSummary::default();
+        let mut summary = BatchSummary {
+            records: replay.records_done,
+            stored: replay.stored,
+            repeated: replay.repeated,
+            refused_count: replay.refused,
+            first_start_time: replay.first_start_time,
+            last_start_time: replay.last_start_time,
+            record_seconds: replay.record_seconds_done,
+            ..BatchSummary::default()
+        };
+        let seconds_before = summary.record_seconds;
         let mut first_start = None;
+        let mut saved = began;
         let end = loop {
             let batch = tokio::select! {
                 _ = stopped.wait_for(|stopped| *stopped) => break Ok(ReplayState::Stopped),
@@ -280,8 +385,18 @@ impl Ingest {
             if let Err(error) = self.accept_batch(&replay.asset, batch, &mut summary).await {
                 break Err(error.to_string());
             }
-            self.show_progress(number, &mut replay, &summary, began.elapsed());
+            show(&mut replay, &summary, seconds_before, began.elapsed());
+            self.announce_replay(number, &replay);
+            if saved.elapsed() > SAVED_EVERY {
+                saved = tokio::time::Instant::now();
+                self.save_replay(number, &replay).await;
+            }
         };
+        if matches!(end, Ok(ReplayState::Stopped)) && self.inner.replays.is_ending.load(Ordering::SeqCst) {
+            // Still running, for the next start.
+            self.save_replay(number, &replay).await;
+            return;
+        }
         match end {
             Ok(state) => replay.state = state,
             Err(error) => {
@@ -294,29 +409,36 @@ impl Ingest {
             replay.records_total = Some(summary.records);
         }
         replay.finished_at = Some(self.inner.clock.now());
-        self.show_progress(number, &mut replay, &summary, began.elapsed());
+        show(&mut replay, &summary, seconds_before, began.elapsed());
+        self.save_replay(number, &replay).await;
+        self.announce_replay(number, &replay);
     }
 
-    fn show_progress(&self, number: u64, replay: &mut Replay, summary: &BatchSummary, elapsed: Duration) {
-        replay.records_done = summary.records;
-        replay.stored = summary.stored;
-        replay.repeated = summary.repeated;
-        replay.refused = summary.refused_count;
-        replay.first_start_time = summary.first_start_time;
-        replay.last_start_time = summary.last_start_time;
-        replay.record_seconds_done = summary.record_seconds;
-        replay.times_real_time = (summary.records > 0).then(|| summary.record_seconds / elapsed.as_secs_f64().max(1e-9));
-        if replay.error.is_none() {
-            replay.error = summary
-                .refused
-                .first()
-                .map(|refused| format!("record {}: {}", refused.record, refused.reason));
-        }
+    fn announce_replay(&self, number: u64, replay: &Replay) {
         let shown = Arc::new(replay.clone());
         if let Some((held, _)) = self.inner.replays.lock().by_number.get_mut(&number) {
             *held = Arc::clone(&shown);
         }
         self.announce(Announcement::ReplayChanged(shown));
+    }
+}
+
+/// Puts into a replay what became of its records so far.
+fn show(replay: &mut Replay, summary: &BatchSummary, seconds_before: f64, elapsed: Duration) {
+    replay.records_done = summary.records;
+    replay.stored = summary.stored;
+    replay.repeated = summary.repeated;
+    replay.refused = summary.refused_count;
+    replay.first_start_time = summary.first_start_time;
+    replay.last_start_time = summary.last_start_time;
+    replay.record_seconds_done = summary.record_seconds;
+    let seconds = summary.record_seconds - seconds_before;
+    replay.times_real_time = (summary.records > 0).then(|| seconds / elapsed.as_secs_f64().max(1e-9));
+    if replay.error.is_none() {
+        replay.error = summary
+            .refused
+            .first()
+            .map(|refused| format!("record {}: {}", refused.record, refused.reason));
     }
 }
 

@@ -1,21 +1,29 @@
-//! Simulating the grid: each state's worn geometry, mesh cycle, response, and features.
+//! Simulating the grid: each wear state's geometry, its mesh cycle at each torque, its response at each speed, and the features.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 use jiff::Timestamp;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::checkpoint::{Checkpoint, Part};
+use super::control::{BuildControl, Counter};
 use super::file::{FORMAT_VERSION, hex};
+use super::operating::{FeatureCurves, curves, state_curves};
 use super::{CycleTable, GridSettings, Library, LibraryError, LibraryState, Manifest};
-use crate::gear::{self, FlankWear, GearPair, MODEL_VERSION, MeshCycle, PairSpec, RunSettings};
-use crate::signal::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, PREPROCESSING, Record};
+use crate::gear::{self, ContactRule, ElasticBodies, FlankWear, GearPair, MODEL_VERSION, MeshCycle, PairSpec, RunSettings};
+use crate::signal::{Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, PREPROCESSING, Record, RecordError};
 
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
 
 /// Every how many-th of them is kept in the library for display.
 const KEPT_EVERY: usize = 5;
+
+/// Most wear states of a part, the unit of work that is kept when a build is stopped.
+const PART_STATES: usize = 8;
 
 #[derive(Serialize)]
 struct Inputs<'a> {
@@ -39,101 +47,226 @@ pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
     hex(&bytes)[..16].to_owned()
 }
 
-/// Simulates every state of the grid, in parallel; `progress` is called with the states done and their number.
+/// Simulates every point of the grid, in parallel.
 ///
-/// The result depends on the inputs alone, not on the number of threads.
-pub fn build(spec: &PairSpec, grid: &GridSettings, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Library, LibraryError> {
+/// The result depends on the inputs alone: not on the number of threads, nor on whether the build was stopped and taken up again.
+///
+/// # Errors
+/// [`LibraryError::Grid`] and [`LibraryError::Gear`] for inputs that cannot be simulated, [`LibraryError::Cancelled`], and
+/// [`LibraryError::Io`] for a checkpoint that cannot be written.
+pub fn build(spec: &PairSpec, grid: &GridSettings, control: &BuildControl<'_>) -> Result<Library, LibraryError> {
     grid.validate()?;
     let pair = spec.resolve()?;
     let depths_mm: Vec<f64> = (0..grid.states).map(|index| grid.wear_um(index) * 1e-3).collect();
-    let worn = FlankWear::from_shape_at(&pair, &depths_mm)?;
-    let done = AtomicUsize::new(0);
-    let states = (0..grid.states)
-        .into_par_iter()
-        .map_init(
-            || Analyzer::new(AnalysisSettings::default()),
-            |analyzer, index| {
-                let state = simulate_state(analyzer, spec, &pair, grid, (index, &worn[index]))?;
-                progress(done.fetch_add(1, Ordering::Relaxed) + 1, grid.states);
-                Ok(state)
-            },
-        )
-        .collect::<Result<Vec<_>, LibraryError>>()?;
+    let id = library_id(spec, grid);
+    let (checkpoint, kept) = match control.checkpoint() {
+        Some(path) => Checkpoint::open(path, &id).map(|(checkpoint, parts)| (Some(checkpoint), parts))?,
+        None => (None, Vec::new()),
+    };
+    let build = Build {
+        grid,
+        worn: FlankWear::from_shape_at(&pair, &depths_mm)?,
+        pair,
+        control,
+        checkpoint,
+        counter: Counter::new(control, grid.simulations()),
+        analyzers: Mutex::default(),
+    };
+    let parts = build.parts(kept)?;
     let manifest = Manifest {
-        id: library_id(spec, grid),
+        id,
         model_version: MODEL_VERSION.to_owned(),
         preprocessing: PREPROCESSING.to_owned(),
         pair: spec.clone(),
-        grid: *grid,
+        grid: grid.clone(),
     };
-    Ok(Library::from_parts(manifest, states))
+    Ok(assemble(manifest, parts))
 }
 
-fn simulate_state(
-    analyzer: &mut Analyzer,
-    spec: &PairSpec,
-    pair: &GearPair,
-    grid: &GridSettings,
-    (index, wear): (usize, &FlankWear),
-) -> Result<LibraryState, LibraryError> {
-    let wear_um = grid.wear_um(index);
-    let cycle = MeshCycle::compute(pair, wear, CYCLE_POINTS)?;
-    let run = RunSettings {
-        sample_rate_hz: grid.sample_rate_hz,
-        seconds: grid.seconds,
-        shaft_speed_hz: spec.operation.shaft_speed_hz,
-        torque_nm: spec.operation.torque_nm,
-        seed: grid.seed,
-        start_phase_turns: 0.0,
-    };
-    let response = gear::simulate(pair, &cycle, &run)?;
+struct Build<'a> {
+    grid: &'a GridSettings,
+    pair: GearPair,
+    worn: Vec<FlankWear>,
+    control: &'a BuildControl<'a>,
+    checkpoint: Option<Checkpoint>,
+    counter: Counter<'a>,
+    /// Those not in use: their transforms' plans are worth keeping.
+    analyzers: Mutex<Vec<Analyzer>>,
+}
+
+impl Build<'_> {
+    /// All parts by torque and first state; `kept` are those that an earlier build has finished.
+    fn parts(&self, kept: Vec<Part>) -> Result<Vec<Part>, LibraryError> {
+        let kept: BTreeMap<(usize, usize), Part> = kept.into_iter().map(|part| ((part.first, part.torque), part)).collect();
+        let groups = self.grid.states.div_ceil(PART_STATES);
+        let start = |group: usize| group * self.grid.states / groups;
+        let mut parts: Vec<Part> = (0..groups)
+            .into_par_iter()
+            .map(|group| self.group(start(group)..start(group + 1), &kept))
+            .collect::<Result<Vec<_>, LibraryError>>()?
+            .into_iter()
+            .flatten()
+            .collect();
+        parts.sort_by_key(|part| (part.torque, part.first));
+        Ok(parts)
+    }
+
+    /// The parts of neighbouring wear states, whose bodies are worked out once for all torques.
+    fn group(&self, states: Range<usize>, kept: &BTreeMap<(usize, usize), Part>) -> Result<Vec<Part>, LibraryError> {
+        let mut bodies: Option<Vec<Option<ElasticBodies>>> = None;
+        let mut parts = Vec::with_capacity(self.grid.torque_factors.len());
+        for torque in 0..self.grid.torque_factors.len() {
+            if let Some(part) = kept.get(&(states.start, torque)).filter(|part| self.fits(part, &states)) {
+                self.counter.add(states.len() * self.grid.speed_factors.len());
+                parts.push(part.clone());
+                continue;
+            }
+            let bodies = match &bodies {
+                Some(bodies) => bodies,
+                None => bodies.insert(self.bodies(states.clone())?),
+            };
+            let part = self.part(states.clone(), torque, bodies)?;
+            if let Some(checkpoint) = &self.checkpoint {
+                checkpoint.add(&part)?;
+            }
+            parts.push(part);
+        }
+        Ok(parts)
+    }
+
+    fn fits(&self, part: &Part, states: &Range<usize>) -> bool {
+        let nominal = self.grid.torque_factors[part.torque] == 1.0;
+        part.states.len() == if nominal { states.len() } else { 0 }
+            && part.features.len() == self.grid.speed_factors.len()
+            && part.features.iter().all(|features| features.len() == states.len())
+    }
+
+    fn bodies(&self, states: Range<usize>) -> Result<Vec<Option<ElasticBodies>>, LibraryError> {
+        let loaded = self.pair.spec.dynamics.contact == ContactRule::Loaded;
+        self.worn[states]
+            .par_iter()
+            .map(|wear| {
+                self.control.check()?;
+                Ok(loaded.then(|| ElasticBodies::new(&self.pair, wear)).transpose()?)
+            })
+            .collect()
+    }
+
+    fn part(&self, states: Range<usize>, torque: usize, bodies: &[Option<ElasticBodies>]) -> Result<Part, LibraryError> {
+        let factor = self.grid.torque_factors[torque];
+        let pair = self.at_torque(factor)?;
+        let cycles: Vec<MeshCycle> = self.worn[states.clone()]
+            .par_iter()
+            .zip(bodies)
+            .map(|(wear, bodies)| {
+                self.control.check()?;
+                Ok(match bodies {
+                    Some(bodies) => MeshCycle::loaded(&pair, bodies, wear, CYCLE_POINTS)?,
+                    None => MeshCycle::compute(&pair, wear, CYCLE_POINTS)?,
+                })
+            })
+            .collect::<Result<_, LibraryError>>()?;
+        let mut part = Part {
+            first: states.start,
+            torque,
+            states: Vec::new(),
+            features: Vec::with_capacity(self.grid.speed_factors.len()),
+        };
+        for speed_factor in &self.grid.speed_factors {
+            let run = RunSettings {
+                sample_rate_hz: self.grid.sample_rate_hz,
+                seconds: self.grid.seconds,
+                shaft_speed_hz: pair.spec.operation.shaft_speed_hz * speed_factor,
+                torque_nm: pair.spec.operation.torque_nm,
+                seed: self.grid.seed,
+                start_phase_turns: 0.0,
+            };
+            let analyses = self.analyses(&pair, &cycles, &run, states.start)?;
+            if factor == 1.0 && *speed_factor == 1.0 {
+                let whole = analyses.iter().zip(&cycles).zip(states.clone());
+                part.states = whole
+                    .map(|((analysis, cycle), index)| LibraryState {
+                        index,
+                        wear_um: self.grid.wear_um(index),
+                        driving_turns: self.worn[index].driving_turns(),
+                        indicators: analysis.indicators.clone(),
+                        features: analysis.features.clone(),
+                        cycle: CycleTable::thinned(cycle),
+                    })
+                    .collect();
+            }
+            part.features.push(analyses.into_iter().map(|analysis| analysis.features).collect());
+        }
+        Ok(part)
+    }
+
+    /// The pair at a part of its torque.
+    fn at_torque(&self, factor: f64) -> Result<GearPair, LibraryError> {
+        let mut spec = self.pair.spec.clone();
+        spec.operation.torque_nm *= factor;
+        if let Some(output) = &mut spec.operation.output_torque_nm {
+            *output *= factor;
+        }
+        Ok(spec.resolve()?)
+    }
+
+    /// What the analyzer says of the responses to neighbouring states' cycles, the first of which has the index `first`.
+    fn analyses(&self, pair: &GearPair, cycles: &[MeshCycle], run: &RunSettings, first: usize) -> Result<Vec<Analysis>, LibraryError> {
+        let cycles: Vec<&MeshCycle> = cycles.iter().collect();
+        let responses = gear::simulate_together(pair, &cycles, run, self.control.cancel())?;
+        let analyses = responses
+            .into_par_iter()
+            .enumerate()
+            .map(|(i, response)| self.analyze(run, &response, first + i))
+            .collect::<Result<_, LibraryError>>()?;
+        self.counter.add(cycles.len());
+        Ok(analyses)
+    }
+
+    fn analyze(&self, run: &RunSettings, response: &[f64], index: usize) -> Result<Analysis, LibraryError> {
+        let lock = || self.analyzers.lock().unwrap_or_else(PoisonError::into_inner);
+        let idle = lock().pop();
+        let mut analyzer = idle.unwrap_or_else(|| Analyzer::new(AnalysisSettings::default()));
+        let analysis = analyze(&mut analyzer, self.pair.gears[0].teeth, run, response);
+        lock().push(analyzer);
+        analysis.map_err(|source| LibraryError::Response { index, source })
+    }
+}
+
+/// What the analyzer says of a response in m/s².
+pub(super) fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f64]) -> Result<Analysis, RecordError> {
     let samples = response.iter().map(|&a| a as f32).collect();
-    let unusable = |source| LibraryError::Response { index, source };
-    let speed = OperatingPoint {
+    let point = OperatingPoint {
         shaft_speed_hz: Some(run.shaft_speed_hz),
         torque_nm: Some(run.torque_nm),
     };
-    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, grid.sample_rate_hz, "m/s2", samples)
-        .and_then(|record| record.with_operating_point(speed))
-        .map_err(unusable)?;
+    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?.with_operating_point(point)?;
     let mesh = MeshContext {
-        teeth: spec.geometry.teeth[0],
+        teeth,
         nominal_shaft_speed_hz: run.shaft_speed_hz,
         tolerance: 0.0,
         nominal_is_exact: true,
     };
-    let analysis = analyzer.analyze(&record, &mesh);
-    Ok(LibraryState {
-        index,
-        wear_um,
-        indicators: analysis.indicators,
-        features: analysis.features,
-        cycle: CycleTable::thinned(&cycle),
-    })
+    Ok(analyzer.analyze(&record, &mesh))
 }
 
-impl GridSettings {
-    /// Greatest wear depth of a state in µm.
-    pub fn wear_um(&self, index: usize) -> f64 {
-        self.max_wear_um * index as f64 / (self.states - 1) as f64
+/// Puts the parts, sorted by torque and first state, together.
+fn assemble(manifest: Manifest, parts: Vec<Part>) -> Library {
+    let grid = &manifest.grid;
+    if grid.operating_points() == 1 {
+        let states: Vec<LibraryState> = parts.into_iter().flat_map(|part| part.states).collect();
+        let tables = vec![state_curves(&states)];
+        return Library::from_parts(manifest, states, tables);
     }
-
-    fn validate(&self) -> Result<(), LibraryError> {
-        let refuse = |field, value, expected| Err(LibraryError::Grid { field, value, expected });
-        if !(2..=10_000).contains(&self.states) {
-            return refuse("states", self.states as f64, "a number from 2 to 10000");
+    let mut tables: Vec<FeatureCurves> = Vec::with_capacity(grid.operating_points());
+    for torque in 0..grid.torque_factors.len() {
+        let here: Vec<&Part> = parts.iter().filter(|part| part.torque == torque).collect();
+        for speed in 0..grid.speed_factors.len() {
+            tables.push(curves(here.iter().flat_map(|part| &part.features[speed])));
         }
-        if !(self.max_wear_um > 0.0 && self.max_wear_um.is_finite()) {
-            return refuse("max_wear_um", self.max_wear_um, "a finite depth above 0");
-        }
-        if !(0.1..=600.0).contains(&self.seconds) {
-            return refuse("seconds", self.seconds, "a length from 0.1 to 600 s");
-        }
-        if !(1000.0..=1e6).contains(&self.sample_rate_hz) {
-            return refuse("sample_rate_hz", self.sample_rate_hz, "a rate from 1000 to 1000000 Hz");
-        }
-        Ok(())
     }
+    let states = parts.into_iter().flat_map(|part| part.states).collect();
+    Library::from_parts(manifest, states, tables)
 }
 
 impl CycleTable {

@@ -1,12 +1,14 @@
-//! The library's file: a line that says what follows and its hash, then the manifest and the states as JSON.
+//! The library's file: a line that says what follows and its hash, then the manifest, the states and
+//! the curves as JSON.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::operating::FeatureCurves;
 use super::{Library, LibraryError, LibraryState, Manifest};
 
 /// Version of the file format.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;
 
 /// First word of the first line.
 const MAGIC: &str = "flankwatch-library";
@@ -15,12 +17,15 @@ const MAGIC: &str = "flankwatch-library";
 struct BodyRef<'a> {
     manifest: &'a Manifest,
     states: &'a [LibraryState],
+    tables: &'a [FeatureCurves],
 }
 
 #[derive(Deserialize)]
 struct Body {
     manifest: Manifest,
     states: Vec<LibraryState>,
+    /// Feature curves for each torque and, within it, each speed.
+    tables: Vec<FeatureCurves>,
 }
 
 /// The library as bytes.
@@ -28,6 +33,7 @@ pub fn encode(library: &Library) -> Vec<u8> {
     let body = serde_json::to_vec(&BodyRef {
         manifest: library.manifest(),
         states: library.states(),
+        tables: &library.tables,
     })
     .expect("numbers, strings and lists always serialise");
     let mut bytes = format!("{MAGIC} {FORMAT_VERSION} {}\n", hex(&body)).into_bytes();
@@ -63,14 +69,24 @@ pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
         )));
     }
     let body: Body = serde_json::from_slice(body).map_err(|error| LibraryError::Damaged(error.to_string()))?;
-    if body.states.len() != body.manifest.grid.states {
+    let grid = &body.manifest.grid;
+    for (what, found, expected) in [
+        ("states", body.states.len(), grid.states),
+        ("operating points", body.tables.len(), grid.operating_points()),
+    ] {
+        if found != expected {
+            return Err(LibraryError::Damaged(format!("{found} {what}, expected {expected}")));
+        }
+    }
+    let short = body.tables.iter().flatten().find(|(_, curve)| curve.len() != grid.states);
+    if let Some((name, curve)) = short {
         return Err(LibraryError::Damaged(format!(
-            "{} states, expected {}",
-            body.states.len(),
-            body.manifest.grid.states
+            "{} values of {name}, expected {}",
+            curve.len(),
+            grid.states
         )));
     }
-    Ok(Library::from_parts(body.manifest, body.states))
+    Ok(Library::from_parts(body.manifest, body.states, body.tables))
 }
 
 /// SHA-256 in hexadecimal.
@@ -92,9 +108,11 @@ mod tests {
     }
 
     #[test]
-    fn a_newer_format_is_named() {
-        let error = decode(b"flankwatch-library 99 abc\n{}").unwrap_err();
-        assert!(matches!(error, LibraryError::Version { found: 99 }), "{error}");
+    fn another_format_is_named() {
+        for found in [1, 99] {
+            let error = decode(format!("flankwatch-library {found} abc\n{{}}").as_bytes()).unwrap_err();
+            assert!(error.to_string().contains(&format!("version {found}, expected 2")), "{error}");
+        }
     }
 
     proptest! {

@@ -1,9 +1,16 @@
-//! The grid of simulated wear states: its building and its file format.
+//! The grid of simulated wear states and operating points: its building and its file format.
 //!
 //! A [`Library`] is simulated once for a gear pair and kept on a [`LibraryShelf`] under the hash of everything that it depends on.
 
+#[cfg(test)]
+mod accuracy;
 mod build;
+mod checkpoint;
+mod control;
+mod ensemble;
 mod file;
+mod grid;
+mod operating;
 mod shelf;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -14,40 +21,17 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use build::{build, library_id};
+pub use checkpoint::checkpoint_beside;
+pub use control::BuildControl;
+pub use ensemble::{Ensemble, EnsembleSettings, LibrarySource, MemberCurves};
 pub use file::{FORMAT_VERSION, decode, encode};
-pub use shelf::{LibraryShelf, keep};
+pub use grid::{GridSettings, OperatingRange};
+pub use shelf::{LibraryShelf, build_into, keep};
+
+use operating::FeatureCurves;
 
 use crate::gear::{ContactRule, GearError, PairSpec};
-use crate::signal::{Features, Indicators, RecordError};
-
-/// The grid of wear states and how each is simulated.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct GridSettings {
-    /// Number of wear states, equally spaced from unworn to `max_wear_um`.
-    pub states: usize,
-    /// Greatest wear depth of the last state in µm.
-    pub max_wear_um: f64,
-    /// Length of each simulated record in seconds.
-    pub seconds: f64,
-    /// Sampling rate of each simulated record in hertz.
-    pub sample_rate_hz: f64,
-    /// Seed of the random error.
-    pub seed: u64,
-}
-
-impl Default for GridSettings {
-    /// The paper's grid: 50 states of 5 µm from 0 to 0.245 mm.
-    fn default() -> Self {
-        Self {
-            states: 50,
-            max_wear_um: 245.0,
-            seconds: 2.0,
-            sample_rate_hz: 20_000.0,
-            seed: 1,
-        }
-    }
-}
+use crate::signal::{Features, Indicators, OperatingPoint, RecordError};
 
 /// What a library is and what it was made from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -78,6 +62,9 @@ pub struct LibraryState {
     pub index: usize,
     /// Greatest wear depth in µm.
     pub wear_um: f64,
+    /// Turns of the driving gear that this wear took, where Archard's law shaped it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub driving_turns: Option<f64>,
     /// Indicators of the simulated response.
     #[serde(flatten)]
     pub indicators: Indicators,
@@ -100,17 +87,20 @@ pub struct CycleTable {
     pub pairs_in_contact: Vec<u32>,
 }
 
-/// A grid of simulated wear states of one gear pair.
+/// A grid of simulated wear states of one gear pair. Its states are those at the nominal operating point; of the grid's others it has the
+/// features.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Library {
     manifest: Manifest,
     states: Vec<LibraryState>,
+    /// For each torque and, within it, each speed.
+    tables: Vec<FeatureCurves>,
 }
 
 impl Library {
-    /// Puts a library together; states in rising order of wear, the first unworn.
-    pub(crate) fn from_parts(manifest: Manifest, states: Vec<LibraryState>) -> Self {
-        Self { manifest, states }
+    /// Puts a library together; states in rising order of wear, the first unworn; tables by torque and speed.
+    fn from_parts(manifest: Manifest, states: Vec<LibraryState>, tables: Vec<FeatureCurves>) -> Self {
+        Self { manifest, states, tables }
     }
 
     /// Hash of everything the library depends on.
@@ -128,7 +118,7 @@ impl Library {
         &self.manifest.pair
     }
 
-    /// The states in rising order of wear.
+    /// The states at the nominal operating point in rising order of wear.
     pub fn states(&self) -> &[LibraryState] {
         &self.states
     }
@@ -138,18 +128,27 @@ impl Library {
         self.states.last().map_or(0.0, |state| state.wear_um)
     }
 
-    /// Features that every state has, with their values over the states.
+    /// Features that every state has, with their values over the states, at the nominal operating point.
     pub fn feature_curves(&self) -> BTreeMap<&str, Vec<f64>> {
-        let Some(first) = self.states.first() else { return BTreeMap::new() };
-        first
-            .features
-            .values
-            .keys()
-            .filter_map(|name| {
-                let curve: Option<Vec<f64>> = self.states.iter().map(|state| state.features.values.get(name).copied()).collect();
-                Some((name.as_str(), curve?))
-            })
-            .collect()
+        self.feature_curves_at(&OperatingPoint::default())
+    }
+
+    /// The same at an operating point: interpolated linearly over torque and over speed between the grid's points, and held at the grid's ends.
+    /// Torque or speed that the point does not say are nominal. Left out are features that a grid point around it does not have (a
+    /// harmonic above half the sampling rate).
+    pub fn feature_curves_at(&self, point: &OperatingPoint) -> BTreeMap<&str, Vec<f64>> {
+        operating::at(&self.manifest.grid, self.pair(), &self.tables, point)
+    }
+
+    /// Whether an operating point lies within the grid's torques and speeds, so that [`Library::feature_curves_at`] need not hold it at an end.
+    /// A library of the nominal point alone covers no other.
+    pub fn covers(&self, point: &OperatingPoint) -> bool {
+        operating::covers(&self.manifest.grid, self.pair(), point)
+    }
+
+    /// Torques and speeds that the grid spans.
+    pub fn operating_range(&self) -> OperatingRange {
+        self.manifest.grid.operating_range(self.pair())
     }
 }
 
@@ -162,13 +161,13 @@ pub enum LibraryError {
         /// Which number.
         field: &'static str,
         /// Its value.
-        value: f64,
+        value: String,
         /// What would have been right.
         expected: &'static str,
     },
     /// The gear model refused the pair.
     #[error("the gear pair cannot be simulated: {0}")]
-    Gear(#[from] GearError),
+    Gear(#[source] GearError),
     /// The model's response is not a usable record.
     #[error("the simulated response of wear state {index} is not usable: {source}")]
     Response {
@@ -177,10 +176,13 @@ pub enum LibraryError {
         /// What is wrong with it.
         source: RecordError,
     },
+    /// It was told to stop.
+    #[error("stopped before the library was complete")]
+    Cancelled,
     /// The file is not a library, or not the one that was written.
     #[error("damaged library file: {0}")]
     Damaged(String),
-    /// The file was written by a newer version.
+    /// The file was written by another version.
     #[error("library format version {found}, expected {FORMAT_VERSION}")]
     Version {
         /// The version found.
@@ -194,4 +196,13 @@ pub enum LibraryError {
         /// What it said.
         source: std::io::Error,
     },
+}
+
+impl From<GearError> for LibraryError {
+    fn from(error: GearError) -> Self {
+        match error {
+            GearError::Stopped => Self::Cancelled,
+            error => Self::Gear(error),
+        }
+    }
 }

@@ -5,7 +5,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{GridSettings, Library, LibraryError, Manifest, build, decode, encode, library_id};
+use super::checkpoint::{Checkpoint, checkpoint_beside};
+use super::{BuildControl, GridSettings, Library, LibraryError, Manifest, build, decode, encode, library_id};
 use crate::gear::PairSpec;
 
 /// Ending of library files.
@@ -23,15 +24,16 @@ impl LibraryShelf {
         Self { folder: folder.into() }
     }
 
+    /// A shelf beside this one for the variants of its libraries: they are nobody's own and not listed.
+    pub fn variants(&self) -> Self {
+        Self::new(self.folder.join("variants"))
+    }
+
     /// The library of these inputs: loaded where it is kept and whole, else built and kept.
     ///
-    /// A damaged file, or one of other inputs under this name, is reported, never used, and replaced.
-    pub fn get_or_build(
-        &self,
-        pair: &PairSpec,
-        grid: &GridSettings,
-        progress: &(dyn Fn(usize, usize) + Sync),
-    ) -> Result<Arc<Library>, LibraryError> {
+    /// A damaged file, or one of other inputs under this name, is reported, never used, and replaced. Parts that a stopped build has left
+    /// beside it are taken up.
+    pub fn get_or_build(&self, pair: &PairSpec, grid: &GridSettings, control: &BuildControl<'_>) -> Result<Arc<Library>, LibraryError> {
         let id = library_id(pair, grid);
         match self.get(&id) {
             Ok(Some(library)) if library.pair() == pair && library.manifest().grid == *grid => return Ok(library),
@@ -42,9 +44,7 @@ impl LibraryShelf {
             }
             Err(error) => return Err(error),
         }
-        let library = build(pair, grid, progress)?;
-        keep(&self.path(&id), &library)?;
-        Ok(Arc::new(library))
+        build_into(&self.path(&id), pair, grid, control).map(Arc::new)
     }
 
     /// The library with this name, where it is kept.
@@ -108,6 +108,18 @@ impl LibraryShelf {
     fn path(&self, id: &str) -> PathBuf {
         self.folder.join(id).with_extension(EXTENSION)
     }
+}
+
+/// Builds a library into a file; a build that is stopped goes on from the parts that are kept beside the file until then.
+///
+/// # Errors
+/// Those of [`build`] and [`keep`].
+pub fn build_into(path: &Path, pair: &PairSpec, grid: &GridSettings, control: &BuildControl<'_>) -> Result<Library, LibraryError> {
+    let checkpoint = checkpoint_beside(path);
+    let library = build(pair, grid, &control.resumed_from(&checkpoint))?;
+    keep(path, &library)?;
+    Checkpoint::remove(&checkpoint)?;
+    Ok(library)
 }
 
 /// Writes a library to a file so that a reader sees all of it or none.

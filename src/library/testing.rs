@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::operating::state_curves;
 use super::{CycleTable, GridSettings, Library, LibraryState, Manifest};
 use crate::gear::{GeometrySpec, OperationSpec, PairSpec};
 use crate::signal::{Features, Indicators};
@@ -19,7 +20,7 @@ const CURVES: [(&str, Curve); 4] = [
 /// 50 states from 0 to 245 µm.
 pub(crate) fn made_up_library() -> Library {
     let grid = GridSettings::default();
-    let states = (0..grid.states)
+    let states: Vec<LibraryState> = (0..grid.states)
         .map(|index| {
             let wear_um = grid.wear_um(index);
             let values: BTreeMap<String, f64> = CURVES
@@ -33,10 +34,11 @@ pub(crate) fn made_up_library() -> Library {
             LibraryState {
                 index,
                 wear_um,
+                driving_turns: None,
                 indicators,
                 features: Features {
                     values,
-                    background: BTreeMap::new(),
+                    ..Features::default()
                 },
                 cycle: CycleTable::default(),
             }
@@ -49,7 +51,8 @@ pub(crate) fn made_up_library() -> Library {
         pair: made_up_pair(),
         grid,
     };
-    Library::from_parts(manifest, states)
+    let tables = vec![state_curves(&states)];
+    Library::from_parts(manifest, states, tables)
 }
 
 fn made_up_pair() -> PairSpec {

@@ -6,7 +6,8 @@ use prost::Message;
 use super::RecordingError;
 use super::json::JsonBlock;
 use super::message::{self, WaveformBlock};
-use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
+use super::pulses::Pulses;
+use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError};
 
 /// Longest unit taken, in bytes.
 const MAX_UNIT_BYTES: usize = 64;
@@ -64,7 +65,7 @@ pub fn decode_block(bytes: &[u8], encoding: BlockEncoding, defaults: &RecordDefa
 
 /// Writes one block.
 ///
-/// Every sample, the rate and the operating point come back exactly; the start time does for years 1678 to 2261 (the range of 64-bit
+/// Every sample, the rate, the operating point and the quality come back exactly, pulse times to a nanosecond; the start time does for years 1678 to 2261 (the range of 64-bit
 /// nanoseconds), and is held at the range's end in protobuf beyond it.
 pub fn encode_block(record: &Record, encoding: BlockEncoding) -> Vec<u8> {
     match encoding {
@@ -82,6 +83,8 @@ pub(crate) struct DecodedBlock {
     pub(crate) channel: String,
     pub(crate) samples: Vec<f32>,
     pub(crate) operating_point: OperatingPoint,
+    pub(crate) quality: Quality,
+    pub(crate) pulses: Option<Pulses>,
 }
 
 /// Decodes without checking fields against each other.
@@ -105,6 +108,11 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                 channel: block.channel,
                 samples: block.samples,
                 operating_point: block.operating_point.as_ref().map(operating_point_of).unwrap_or_default(),
+                quality: block.quality.map_or_else(Quality::default, |quality| Quality {
+                    clipped: quality.clipped,
+                    gap: quality.gap,
+                }),
+                pulses: block.tachometer.map(Pulses::from),
             })
         }
         BlockEncoding::Json => JsonBlock::decode(bytes)?.into_block(),
@@ -140,7 +148,9 @@ impl DecodedBlock {
         }
         let start_time = self.start_time.unwrap_or(defaults.start_time);
         let operating_point = filled(self.operating_point, defaults.operating_point);
-        Ok(Record::new(channel, start_time, self.sample_rate_hz, unit, self.samples)?.with_operating_point(operating_point)?)
+        let record = Record::new(channel, start_time, self.sample_rate_hz, unit, self.samples)?.with_operating_point(operating_point)?;
+        let tachometer = self.pulses.and_then(|pulses| pulses.of(start_time));
+        Ok(record.with_quality(self.quality).with_tachometer(tachometer))
     }
 }
 
@@ -152,7 +162,7 @@ pub(crate) fn filled(own: OperatingPoint, other: OperatingPoint) -> OperatingPoi
     }
 }
 
-/// A record as a protobuf message, without an index and quality flags.
+/// A record as a protobuf message, without an index.
 pub(crate) fn message_of(record: &Record) -> WaveformBlock {
     let point = record.operating_point();
     WaveformBlock {
@@ -161,7 +171,10 @@ pub(crate) fn message_of(record: &Record) -> WaveformBlock {
         first_sample_index: 0,
         unit: record.unit().to_owned(),
         samples: record.samples().to_vec(),
-        quality: None,
+        quality: (record.quality() != Quality::default()).then_some(message::Quality {
+            clipped: record.quality().clipped,
+            gap: record.quality().gap,
+        }),
         channel: record.channel().to_owned(),
         operating_point: (point != OperatingPoint::default()).then_some(message::OperatingPoint {
             start_time_ns: 0,
@@ -169,6 +182,7 @@ pub(crate) fn message_of(record: &Record) -> WaveformBlock {
             torque_nm: point.torque_nm,
             temperature_c: None,
         }),
+        tachometer: Pulses::of_record(record).map(message::Tachometer::from),
     }
 }
 
@@ -223,13 +237,15 @@ mod tests {
             prop::collection::vec(finite, 1..200),
             prop::option::of(1e-6f64..1e4),
             prop::option::of(-1e6f64..1e6),
+            any::<[bool; 2]>(),
         )
-            .prop_map(|(channel, time, rate, unit, samples, shaft_speed_hz, torque_nm)| {
+            .prop_map(|(channel, time, rate, unit, samples, shaft_speed_hz, torque_nm, [clipped, gap])| {
                 let time = Timestamp::from_nanosecond(time.into()).unwrap();
                 Record::new(channel, time, rate, unit, samples)
                     .unwrap()
                     .with_operating_point(OperatingPoint { shaft_speed_hz, torque_nm })
                     .unwrap()
+                    .with_quality(Quality { clipped, gap })
             })
     }
 

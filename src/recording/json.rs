@@ -8,52 +8,113 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::RecordingError;
 use super::block::DecodedBlock;
-use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record};
+use super::pulses::Pulses;
+use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record};
 
-/// The block as it stands in JSON; other fields are refused by name.
-#[derive(Debug, Serialize, Deserialize)]
+/// One stretch of vibration of one channel (`flankwatch.v1.WaveformBlock` as JSON); other fields are refused by name.
+#[derive(Debug, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = WaveformBlock)]
 pub(crate) struct JsonBlock {
+    /// Time of the first sample; the time of receipt where nothing says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     start_time: Option<Timestamp>,
+    /// The same in nanoseconds UTC since 1970, instead of `start_time`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     start_time_ns: Option<i64>,
+    /// Measured sampling rate in hertz.
+    #[schema(example = 12800.0)]
     sample_rate_hz: f64,
+    /// Index of the first sample since the acquisition began.
     #[serde(default)]
     first_sample_index: u64,
+    /// Unit of the samples, `m/s2` or `g`; the asset's where empty.
     #[serde(default)]
+    #[schema(example = "m/s2")]
     unit: String,
+    /// The samples in `unit`, at most 2²⁴.
     #[serde(deserialize_with = "samples")]
     samples: Vec<f32>,
+    /// What the acquisition knows of the samples.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    quality: Option<JsonQuality>,
+    quality: Option<Quality>,
+    /// Measuring channel.
     #[serde(default)]
+    #[schema(example = "a1")]
     channel: String,
+    /// What the machine was doing meanwhile.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     operating_point: Option<JsonOperatingPoint>,
+    /// Pulses of a tachometer on the driving shaft.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    tachometer: Option<JsonTachometer>,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+/// A tachometer message in JSON.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
-struct JsonQuality {
+#[schema(as = Tachometer)]
+pub(crate) struct JsonTachometer {
+    /// Time of each pulse in nanoseconds UTC since 1970.
     #[serde(default)]
-    clipped: bool,
-    #[serde(default)]
-    gap: bool,
+    pulse_time_ns: Vec<i64>,
+    /// Pulses in one revolution.
+    pulses_per_revolution: u32,
+    /// The shaft's name.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    shaft: String,
+}
+
+impl JsonTachometer {
+    /// Reads one message.
+    pub(crate) fn decode(bytes: &[u8]) -> Result<Pulses, RecordingError> {
+        Ok(serde_json::from_slice::<Self>(bytes)?.into())
+    }
+
+    /// Writes one message.
+    pub(crate) fn encode(pulses: &Pulses) -> Vec<u8> {
+        serde_json::to_vec(&Self::from(pulses)).expect("plain fields are JSON")
+    }
+}
+
+impl From<JsonTachometer> for Pulses {
+    fn from(message: JsonTachometer) -> Self {
+        Self {
+            time_ns: message.pulse_time_ns,
+            per_revolution: message.pulses_per_revolution,
+            shaft: message.shaft,
+        }
+    }
+}
+
+impl From<&Pulses> for JsonTachometer {
+    fn from(pulses: &Pulses) -> Self {
+        Self {
+            pulse_time_ns: pulses.time_ns.clone(),
+            pulses_per_revolution: pulses.per_revolution,
+            shaft: pulses.shaft.clone(),
+        }
+    }
 }
 
 /// An operating point message in JSON.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = GivenOperatingPoint)]
 pub(crate) struct JsonOperatingPoint {
+    /// Time from which it holds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     start_time: Option<Timestamp>,
+    /// The same in nanoseconds UTC since 1970.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     start_time_ns: Option<i64>,
+    /// Rotational frequency of the driving shaft in hertz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     shaft_speed_hz: Option<f64>,
+    /// Torque on the driving shaft in newton metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     torque_nm: Option<f64>,
+    /// Oil or housing temperature in degrees Celsius.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     temperature_c: Option<f64>,
 }
@@ -94,13 +155,14 @@ impl JsonBlock {
             first_sample_index: 0,
             unit: record.unit().to_owned(),
             samples: record.samples().to_vec(),
-            quality: None,
+            quality: (record.quality() != Quality::default()).then_some(record.quality()),
             channel: record.channel().to_owned(),
             operating_point: (point != OperatingPoint::default()).then_some(JsonOperatingPoint {
                 shaft_speed_hz: point.shaft_speed_hz,
                 torque_nm: point.torque_nm,
                 ..Default::default()
             }),
+            tachometer: Pulses::of_record(record).as_ref().map(JsonTachometer::from),
         }
     }
 
@@ -131,6 +193,8 @@ impl JsonBlock {
                 .as_ref()
                 .map(JsonOperatingPoint::operating_point)
                 .unwrap_or_default(),
+            quality: self.quality.unwrap_or_default(),
+            pulses: self.tachometer.map(Pulses::from),
         })
     }
 }

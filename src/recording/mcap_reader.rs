@@ -1,16 +1,17 @@
 //! MCAP recordings: vibration out of a stream of bytes.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::io::Read;
 
 use jiff::Timestamp;
 use prost::Message;
 
 use super::block::{decode_message, filled, operating_point_of};
-use super::json::JsonOperatingPoint;
+use super::json::{JsonOperatingPoint, JsonTachometer};
 use super::mcap_frames::McapFrames;
 use super::mcap_record::{ChannelView, Damage, MessageView, MetadataView, SchemaView, opcode};
-use super::message::{self, OPERATING_POINT_SCHEMA, WAVEFORM_SCHEMA};
+use super::message::{self, OPERATING_POINT_SCHEMA, TACHOMETER_SCHEMA, WAVEFORM_SCHEMA};
+use super::pulses::{PulseTrain, Pulses, end_ns};
 use super::{BlockEncoding, RecordDefaults, RecordingError};
 use crate::signal::{OperatingPoint, Record};
 
@@ -23,6 +24,12 @@ const MAX_DECLARATIONS: usize = 4096;
 /// Most entries of reference wear taken.
 const MAX_REFERENCES: usize = 1 << 20;
 
+/// Samples held while their tachometer's pulses are waited for, beyond which the earliest record goes without the missing ones.
+const MAX_HELD_SAMPLES: usize = 1 << 22;
+
+/// Records held at most for the same reason.
+const MAX_HELD_RECORDS: usize = 64;
+
 /// Most topics named when a recording without vibration is refused.
 const NAMED_TOPICS: usize = 20;
 
@@ -31,7 +38,8 @@ const NAMED_TOPICS: usize = 20;
 pub struct Recorded {
     /// The record.
     pub record: Record,
-    /// The block's bytes as they came; a cut of a WAV recording is encoded anew.
+    /// The block's bytes as they came, followed by the pulses of tachometer messages where they belong to it; a cut of a WAV recording is
+    /// encoded anew.
     pub raw: Vec<u8>,
     /// How `raw` is encoded.
     pub encoding: BlockEncoding,
@@ -44,6 +52,8 @@ pub struct Recorded {
 /// A waveform is a message of schema `flankwatch.v1.WaveformBlock` in protobuf or JSON, or any JSON message on a topic that ends in `/waveform`. The
 /// record's channel is the topic `/{asset}/{channel}/waveform` without its first and last part, so `/pump/gearbox/x/waveform` is
 /// `gearbox/x`; another topic is taken whole. Messages on `/{asset}/operating_point` hold for the asset's following waveforms where these say nothing themselves.
+/// Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same time, before or after them in the file, where these bring none
+/// of their own; a waveform waits for pulses past its end while no more than 64 records or 4 million samples wait.
 /// A start time of 0 stands for the message's publish time.
 ///
 /// A bad message is an `Err` and reading goes on. Damage is an `Err` that says at which byte, and the last item: the records before it are whole, those
@@ -51,13 +61,22 @@ pub struct Recorded {
 pub struct McapReader {
     frames: McapFrames,
     contents: Contents,
+    /// Records in the order of the file that wait for pulses, or behind one that does.
+    held: VecDeque<Held>,
     ended: bool,
+}
+
+/// An item to come and, where it waits for pulses, whose.
+struct Held {
+    item: Result<Recorded, RecordingError>,
+    waits_for: Option<String>,
 }
 
 /// What a channel of the file carries.
 enum Kind {
     Waveform(BlockEncoding),
     OperatingPoint(BlockEncoding),
+    Tachometer(BlockEncoding),
     Other,
 }
 
@@ -73,6 +92,9 @@ struct Contents {
     schemas: HashMap<u16, String>,
     channels: HashMap<u16, Channel>,
     operating_points: HashMap<String, OperatingPoint>,
+    /// Assets whose tachometer has been declared.
+    tachometers: HashSet<String>,
+    pulses: HashMap<String, PulseTrain>,
     reference_wear: BTreeMap<i64, f64>,
     other_topics: BTreeSet<String>,
     waveforms: u64,
@@ -82,6 +104,8 @@ struct Contents {
 enum Outcome {
     Nothing,
     Item(Result<Recorded, RecordingError>),
+    /// A record that the tachometer of this asset may have pulses for.
+    Waiting(Recorded, String),
     Damage(Damage),
 }
 
@@ -99,8 +123,37 @@ impl McapReader {
                 defaults,
                 ..Default::default()
             },
+            held: VecDeque::new(),
             ended: false,
         }
+    }
+
+    /// The next item that waits for nothing more.
+    fn ready(&mut self) -> Option<Result<Recorded, RecordingError>> {
+        let first = self.held.front()?;
+        if let (Some(asset), Ok(recorded)) = (&first.waits_for, &first.item) {
+            let there = self.contents.pulses.get(asset);
+            let complete = there.is_some_and(|pulses| pulses.reaches_past(end_ns(&recorded.record)));
+            let samples: usize = self
+                .held
+                .iter()
+                .flat_map(|held| &held.item)
+                .map(|held| held.record.samples().len())
+                .sum();
+            let full = self.held.len() > MAX_HELD_RECORDS || samples > MAX_HELD_SAMPLES;
+            if !(complete || full || self.ended) {
+                return None;
+            }
+        }
+        let Held { item, waits_for } = self.held.pop_front()?;
+        Some(match (item, waits_for) {
+            (Ok(recorded), Some(asset)) => Ok(self.contents.with_pulses(recorded, &asset)),
+            (item, _) => item,
+        })
+    }
+
+    fn hold(&mut self, item: Result<Recorded, RecordingError>, waits_for: Option<String>) {
+        self.held.push_back(Held { item, waits_for });
     }
 }
 
@@ -108,29 +161,35 @@ impl Iterator for McapReader {
     type Item = Result<Recorded, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        while !self.ended {
+        loop {
+            if let Some(item) = self.ready() {
+                return Some(item);
+            }
+            if self.ended {
+                return None;
+            }
             let contents = &mut self.contents;
             match self.frames.next_record(|opcode, data| contents.take(opcode, data)) {
                 Ok(Some(Outcome::Nothing)) => {}
-                Ok(Some(Outcome::Item(item))) => return Some(item),
+                Ok(Some(Outcome::Item(item))) => self.hold(item, None),
+                Ok(Some(Outcome::Waiting(recorded, asset))) => self.hold(Ok(recorded), Some(asset)),
                 Ok(Some(Outcome::Damage(what))) => {
                     self.ended = true;
                     let byte = self.frames.record_start();
-                    return Some(Err(RecordingError::McapDamaged { byte, what }));
+                    self.hold(Err(RecordingError::McapDamaged { byte, what }), None);
                 }
                 Ok(None) => {
                     self.ended = true;
                     if self.contents.waveforms == 0 {
-                        return Some(Err(self.contents.no_vibration()));
+                        self.hold(Err(self.contents.no_vibration()), None);
                     }
                 }
                 Err(error) => {
                     self.ended = true;
-                    return Some(Err(error));
+                    self.hold(Err(error), None);
                 }
             }
         }
-        None
     }
 }
 
@@ -168,10 +227,13 @@ impl Contents {
         let kind = match (channel.encoding, schema) {
             ("protobuf", WAVEFORM_SCHEMA) => Kind::Waveform(BlockEncoding::Protobuf),
             ("protobuf", OPERATING_POINT_SCHEMA) => Kind::OperatingPoint(BlockEncoding::Protobuf),
+            ("protobuf", TACHOMETER_SCHEMA) => Kind::Tachometer(BlockEncoding::Protobuf),
             ("json", WAVEFORM_SCHEMA) => Kind::Waveform(BlockEncoding::Json),
             ("json", OPERATING_POINT_SCHEMA) => Kind::OperatingPoint(BlockEncoding::Json),
+            ("json", TACHOMETER_SCHEMA) => Kind::Tachometer(BlockEncoding::Json),
             ("json", _) if channel.topic.ends_with("/waveform") => Kind::Waveform(BlockEncoding::Json),
             ("json", _) if channel.topic.ends_with("/operating_point") => Kind::OperatingPoint(BlockEncoding::Json),
+            ("json", _) if channel.topic.ends_with("/tachometer") => Kind::Tachometer(BlockEncoding::Json),
             (encoding, schema) => {
                 let schema = if schema.is_empty() { "no schema" } else { schema };
                 self.other_topics.insert(format!("{} ({encoding}, {schema})", channel.topic));
@@ -179,6 +241,9 @@ impl Contents {
             }
         };
         let topic = channel.topic.to_owned();
+        if matches!(kind, Kind::Tachometer(_)) {
+            self.tachometers.insert(asset_of(&topic).to_owned());
+        }
         self.channels.insert(channel.id, Channel { topic, kind });
         limited("channels", self.channels.len().max(self.other_topics.len()))
     }
@@ -231,8 +296,20 @@ impl Contents {
             Kind::Other => Outcome::Nothing,
             Kind::Waveform(encoding) => {
                 self.waveforms += 1;
-                Outcome::Item(self.waveform(&channel.topic, encoding, message).map_err(failed))
+                match self.waveform(&channel.topic, encoding, message).map_err(failed) {
+                    Ok(recorded) if recorded.record.tachometer().is_none() && self.tachometers.contains(asset_of(&channel.topic)) => {
+                        Outcome::Waiting(recorded, asset_of(&channel.topic).to_owned())
+                    }
+                    item => Outcome::Item(item),
+                }
             }
+            Kind::Tachometer(encoding) => match decode_tachometer(message.data, encoding) {
+                Ok(pulses) => {
+                    self.pulses.entry(asset_of(&channel.topic).to_owned()).or_default().take(&pulses);
+                    Outcome::Nothing
+                }
+                Err(error) => Outcome::Item(Err(failed(error))),
+            },
             Kind::OperatingPoint(encoding) => match decode_operating_point(message.data, encoding) {
                 Ok(point) => {
                     self.operating_points.insert(asset_of(&channel.topic).to_owned(), point);
@@ -264,6 +341,20 @@ impl Contents {
         })
     }
 
+    /// The record with what its asset's tachometer has for it.
+    fn with_pulses(&mut self, mut recorded: Recorded, asset: &str) -> Recorded {
+        let Some(train) = self.pulses.get_mut(asset) else {
+            return recorded;
+        };
+        let start = recorded.record.start_time();
+        if let Some(pulses) = train.during(&recorded.record) {
+            append_pulses(&mut recorded.raw, recorded.encoding, &pulses);
+            recorded.record = recorded.record.with_tachometer(pulses.of(start));
+        }
+        train.forget_before(start);
+        recorded
+    }
+
     fn no_vibration(&self) -> RecordingError {
         let mut named: Vec<&str> = self.other_topics.iter().take(NAMED_TOPICS).map(String::as_str).collect();
         let more = self.other_topics.len().saturating_sub(NAMED_TOPICS);
@@ -292,6 +383,41 @@ fn decode_operating_point(bytes: &[u8], encoding: BlockEncoding) -> Result<Opera
         BlockEncoding::Protobuf => operating_point_of(&message::OperatingPoint::decode(bytes)?),
         BlockEncoding::Json => JsonOperatingPoint::decode(bytes)?.operating_point(),
     })
+}
+
+fn decode_tachometer(bytes: &[u8], encoding: BlockEncoding) -> Result<Pulses, RecordingError> {
+    Ok(match encoding {
+        BlockEncoding::Protobuf => message::Tachometer::decode(bytes)?.into(),
+        BlockEncoding::Json => JsonTachometer::decode(bytes)?,
+    })
+}
+
+/// Adds pulses to the bytes of a block that was read from them and has none, so that they are kept together.
+fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: &Pulses) {
+    match encoding {
+        // Messages in protobuf are merged by writing one after the other.
+        BlockEncoding::Protobuf => {
+            let block = message::WaveformBlock {
+                tachometer: Some(pulses.clone().into()),
+                ..Default::default()
+            };
+            raw.extend(block.encode_to_vec());
+        }
+        BlockEncoding::Json => {
+            const KEY: &[u8] = b"\"tachometer\"";
+            let Some(end) = raw.iter().rposition(|byte| *byte == b'}') else {
+                return;
+            };
+            // A block that says it has none keeps saying so.
+            if raw.windows(KEY.len()).any(|window| window == KEY) {
+                return;
+            }
+            raw.truncate(end);
+            raw.extend_from_slice(b",\"tachometer\":");
+            raw.extend(JsonTachometer::encode(pulses));
+            raw.push(b'}');
+        }
+    }
 }
 
 /// The first part of a topic.

@@ -103,7 +103,7 @@ impl<W: Write + Seek> McapWriter<W> {
         let mut block = message_of(record);
         block.first_sample_index = (since_first * record.sample_rate_hz()).round().max(0.0) as u64;
         if block.first_sample_index != state.next_sample_index {
-            block.quality = Some(Quality { clipped: false, gap: true });
+            block.quality.get_or_insert_with(Quality::default).gap = true;
         }
         state.next_sample_index = block.first_sample_index + record.samples().len() as u64;
         state.sequence = state.sequence.wrapping_add(1);
@@ -135,6 +135,7 @@ impl<W: Write + Seek> McapWriter<W> {
     }
 }
 
-fn mcap_time(field: &'static str, time: Timestamp) -> Result<u64, RecordingError> {
+/// A time as MCAP writes it.
+pub(super) fn mcap_time(field: &'static str, time: Timestamp) -> Result<u64, RecordingError> {
     u64::try_from(time.as_nanosecond()).map_err(|_| RecordingError::field(field, time, "a time from 1970 to 2554, the range of MCAP"))
 }

@@ -6,6 +6,9 @@ pub(crate) const WAVEFORM_SCHEMA: &str = "flankwatch.v1.WaveformBlock";
 /// Full name of the operating point message's schema.
 pub(crate) const OPERATING_POINT_SCHEMA: &str = "flankwatch.v1.OperatingPoint";
 
+/// Full name of the tachometer message's schema.
+pub(crate) const TACHOMETER_SCHEMA: &str = "flankwatch.v1.Tachometer";
+
 /// The encoded `google.protobuf.FileDescriptorSet`: the schema that MCAP files carry.
 pub(crate) const DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/vibration.fds"));
 

@@ -1,15 +1,21 @@
 //! One record's analysis: a single transform of the whole record serves everything.
 
+use super::angle_record::Kernel;
 use super::band::Band;
-use super::envelope::{BandError, BandSource, band_bins};
+use super::checks::insert_checks;
+use super::envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch, band_bins};
+use super::faults::fault;
 use super::features::Features;
 use super::indicators::{Absence, Indicators};
+use super::kurtogram::KurtogramWork;
 use super::line::read_line;
 use super::mesh_lines::{MeshLine, MeshPositions};
-use super::record::Record;
+use super::moments::Moments;
+use super::record::{OperatingPoint, Record};
 use super::record_spectrum::RecordSpectrum;
 use super::spectrum::Spectrum;
-use super::speed::{MeshContext, ShaftSpeed, locate};
+use super::speed::{LocatedMesh, MeshContext, ShaftSpeed, SpeedSource, given_speed, locate};
+use super::steadying::{Mesh, steady};
 use super::transform::spectrum_length;
 
 /// The default envelope band's reach around a mesh harmonic in mesh frequencies.
@@ -49,6 +55,11 @@ pub struct Analysis {
 pub struct Analyzer {
     pub(super) settings: AnalysisSettings,
     pub(super) work: RecordSpectrum,
+    /// Interpolation's weights, made when first needed.
+    pub(super) kernel: Option<Kernel>,
+    pub(super) kurtogram: KurtogramWork,
+    /// Mesh lines of the last [`read`](Self::read).
+    pub(super) lines: Vec<MeshLine>,
 }
 
 impl Analyzer {
@@ -57,23 +68,46 @@ impl Analyzer {
         Self {
             settings,
             work: RecordSpectrum::default(),
+            kernel: None,
+            kurtogram: KurtogramWork::default(),
+            lines: Vec::new(),
         }
     }
 
-    /// Indicators and features of a record. Its shaft speed is that of its operating point, else the asset's where that is
-    /// exact, else the one found from the mesh comb. What cannot be computed is absent with its reason.
+    /// Indicators and features of a record. Its shaft speed is that of its operating point, else that of its tachometer, else the
+    /// asset's where that is exact, else the one found from the mesh comb. What cannot be computed is absent with its reason.
     pub fn analyze(&mut self, record: &Record, mesh: &MeshContext) -> Analysis {
         self.analyze_with_bands(record, mesh, &[])
     }
 
     /// The same with the values of `bands` among the indicators.
     pub fn analyze_with_bands(&mut self, record: &Record, mesh: &MeshContext, bands: &[Band]) -> Analysis {
+        let located = self.locate(record, mesh);
+        let analysis = self.analyze_located(record, mesh, bands, &located);
+        self.give_back(record);
+        analysis
+    }
+
+    /// Transforms a record and finds the mesh in it.
+    pub(super) fn locate(&mut self, record: &Record, mesh: &MeshContext) -> (Moments, LocatedMesh) {
         let work = &mut self.work;
         let moments = work.transform(record);
         let resolution_hz = work.resolution_hz(record);
-        let given_hz = record.operating_point().shaft_speed_hz;
-        let located = locate(&work.amplitude, resolution_hz, given_hz, mesh, moments.constant, &mut work.sorting);
+        let given = given_speed(record);
+        let located = locate(&work.amplitude, resolution_hz, given, mesh, moments.constant, &mut work.sorting);
+        (moments, located)
+    }
 
+    /// The analysis of the record that was transformed last.
+    pub(super) fn analyze_located(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        bands: &[Band],
+        (moments, located): &(Moments, LocatedMesh),
+    ) -> Analysis {
+        let work = &mut self.work;
+        let resolution_hz = work.resolution_hz(record);
         let mut indicators = Indicators::default();
         moments.indicate(&mut indicators);
         for band in bands {
@@ -96,25 +130,50 @@ impl Analyzer {
             if order == 1 {
                 indicators.insert("omx", amplitude);
             }
-            let Ok((line, noise)) = line else { continue };
+            let Ok((line, _)) = line else { continue };
             mesh_lines.push(MeshLine {
                 order: order as u32,
                 frequency_hz: line.position * resolution_hz,
                 amplitude: line.amplitude,
             });
-            if let Ok(deviation) = deviation {
-                features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
-            }
         }
-        if let (Ok(lines), Ok(deviation)) = (lines, deviation) {
+        let mut speed = located.speed;
+        if let (Ok(mesh_bins), Ok(deviation)) = (located.mesh, deviation) {
+            insert_checks(work, mesh_bins, mesh.teeth, deviation, &mut features);
+            let place = Mesh {
+                bins: mesh_bins,
+                teeth: mesh.teeth,
+                sample_rate_hz: record.sample_rate_hz(),
+            };
+            let steadied = steady(work, place, self.settings.harmonics);
+            if let (Some(steadied), Some(found)) = (&steadied, &mut speed)
+                && found.source == SpeedSource::MeshComb
+            {
+                found.mesh_frequency_hz = steadied.mesh_bins * resolution_hz;
+                found.shaft_speed_hz = found.mesh_frequency_hz / f64::from(mesh.teeth);
+            }
+            let lines = MeshPositions::new(steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins), mesh.teeth);
+            for order in 1..=self.settings.harmonics {
+                if let Some((line, noise)) = lines.read(work, order as f64) {
+                    features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
+                }
+            }
             lines.sidebands(work, deviation, &mut features);
             lines.envelopes(work, deviation, &mut features);
+            if let Some(steadied) = steadied {
+                steadied.undo(work);
+            }
         }
-        self.give_back(record);
+        features.operating_point = OperatingPoint {
+            shaft_speed_hz: speed.map(|speed| speed.shaft_speed_hz),
+            torque_nm: record.operating_point().torque_nm,
+        };
+        let flagged = record.quality().clipped.then_some(Absence::Clipped);
+        features.fault = fault(record.samples(), moments.range).or(flagged);
         Analysis {
             indicators,
             features,
-            shaft_speed: located.speed,
+            shaft_speed: speed,
             mesh_lines,
         }
     }
@@ -145,30 +204,44 @@ impl Analyzer {
         Ok(spectrum)
     }
 
-    /// The envelope's band in hertz where none is asked for: one and a half mesh frequencies to either side of the strongest mesh
-    /// harmonic (not below half the mesh frequency), so that lines at the shaft rates and at the mesh frequency show; the whole
-    /// spectrum where there is no shaft speed or no harmonic to be read.
-    pub fn envelope_band(&mut self, record: &Record, speed: Option<&ShaftSpeed>) -> ([f64; 2], BandSource) {
-        let nyquist_hz = 0.5 * record.sample_rate_hz();
-        let whole = ([0.0, nyquist_hz], BandSource::Whole);
-        let Some(speed) = speed else { return whole };
+    /// The envelope's band where none is given. By the mesh: one and a half mesh frequencies to either side of the strongest mesh harmonic
+    /// (not below half the mesh frequency), so that lines at the shaft rates and at the mesh frequency show; the whole spectrum where
+    /// there is no shaft speed or no harmonic to be read. By the kurtogram: its best band; the whole spectrum where there is none.
+    pub fn envelope_band(&mut self, record: &Record, speed: Option<&ShaftSpeed>, search: EnvelopeSearch) -> EnvelopeBand {
+        let whole = EnvelopeBand::given([0.0, 0.5 * record.sample_rate_hz()], BandSource::Whole);
+        match search {
+            EnvelopeSearch::Kurtogram => self.kurtogram(record).map_or(whole, |kurtogram| EnvelopeBand {
+                band_hz: kurtogram.best.band_hz,
+                source: BandSource::Kurtogram,
+                spectral_kurtosis: Some(kurtogram.best.kurtosis),
+            }),
+            EnvelopeSearch::MeshHarmonic => {
+                let Some(speed) = speed else { return whole };
+                self.work.transform(record);
+                let band = self.mesh_band(record, speed);
+                self.give_back(record);
+                band.unwrap_or(whole)
+            }
+        }
+    }
+
+    /// The band around the strongest mesh harmonic of the record that was transformed last.
+    pub(super) fn mesh_band(&self, record: &Record, speed: &ShaftSpeed) -> Option<EnvelopeBand> {
         let mesh_hz = speed.mesh_frequency_hz;
-        self.work.transform(record);
         let mesh_bins = mesh_hz / self.work.resolution_hz(record);
-        let strongest = (1..=self.settings.harmonics)
+        let (order, _) = (1..=self.settings.harmonics)
             .filter_map(|order| read_line(&self.work.amplitude, order as f64 * mesh_bins).map(|line| (order as f64, line.amplitude)))
-            .max_by(|a, b| a.1.total_cmp(&b.1));
-        self.give_back(record);
-        let Some((order, _)) = strongest else { return whole };
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
         let low = (order - DEFAULT_BAND_MESHES).max(0.5) * mesh_hz;
-        let high = ((order + DEFAULT_BAND_MESHES) * mesh_hz).min(nyquist_hz);
-        ([low, high], BandSource::StrongestMeshHarmonic)
+        let high = ((order + DEFAULT_BAND_MESHES) * mesh_hz).min(0.5 * record.sample_rate_hz());
+        Some(EnvelopeBand::given([low, high], BandSource::StrongestMeshHarmonic))
     }
 
     /// Drops work space that only a very long record needs.
     pub(super) fn give_back(&mut self, record: &Record) {
         if record.samples().len() > KEPT_SAMPLES {
             self.work = RecordSpectrum::default();
+            self.kurtogram = KurtogramWork::default();
         }
     }
 }
@@ -359,8 +432,8 @@ mod tests {
             assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
             let spectrum = analyzer.amplitude_spectrum(&record);
             assert_eq!(spectrum.amplitude.len(), length / 2 + 1);
-            let (band_hz, _) = analyzer.envelope_band(&record, got.shaft_speed.as_ref());
-            let envelope = analyzer.envelope_spectrum(&record, band_hz);
+            let band = analyzer.envelope_band(&record, got.shaft_speed.as_ref(), EnvelopeSearch::MeshHarmonic);
+            let envelope = analyzer.envelope_spectrum(&record, band.band_hz);
             let too_short = length < 60 && matches!(envelope, Err(BandError::TooNarrow { .. }));
             assert!(envelope.is_ok() || too_short, "{length}: {envelope:?}");
         }
@@ -389,11 +462,11 @@ mod tests {
         let record = gear(20_000, 0.05, 0.0);
         let speed = analyzer.analyze(&record, &MESH).shaft_speed.unwrap();
         let mesh_hz = speed.mesh_frequency_hz;
-        let (band_hz, source) = analyzer.envelope_band(&record, Some(&speed));
+        let mut band = |speed| analyzer.envelope_band(&record, speed, EnvelopeSearch::MeshHarmonic);
         assert_eq!(
-            (band_hz, source),
-            ([0.5 * mesh_hz, 2.5 * mesh_hz], BandSource::StrongestMeshHarmonic)
+            band(Some(&speed)),
+            EnvelopeBand::given([0.5 * mesh_hz, 2.5 * mesh_hz], BandSource::StrongestMeshHarmonic)
         );
-        assert_eq!(analyzer.envelope_band(&record, None), ([0.0, 10_000.0], BandSource::Whole));
+        assert_eq!(band(None), EnvelopeBand::given([0.0, 10_000.0], BandSource::Whole));
     }
 }

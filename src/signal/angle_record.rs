@@ -1,8 +1,12 @@
 //! A record over the angle of a shaft instead of time.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
+
+use realfft::num_complex::Complex;
+use wide::f64x4;
 
 use super::indicators::Absence;
+use super::line::{LineReading, fits, read_line, read_line_in, search_reach};
 use super::record::Record;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::spectrum::hann_amplitude;
@@ -10,6 +14,18 @@ use super::transform::Transforms;
 
 /// Samples to each side of a point that it is interpolated from.
 const REACH: usize = 16;
+
+/// Samples that a point is interpolated from.
+const TAPS: usize = 2 * REACH;
+
+/// Parts of a sampling interval in which the interpolation's weights are polynomials of their own.
+const PHASES: usize = 128;
+
+/// Coefficients of these polynomials: of degree 4, which leaves 2·10⁻¹⁴ of the largest weight.
+const COEFFICIENTS: usize = 5;
+
+/// Bins to each side of a line up to which it costs less to sum these bins than to transform everything.
+const MOST_SUMMED_REACH: usize = 8;
 
 /// The fewest whole turns that are averaged.
 pub(super) const LEAST_TURNS: usize = 4;
@@ -57,7 +73,7 @@ impl AngleRecord {
     /// # Errors
     /// [`Absence::TooFewTurns`] below 4, [`Absence::AboveNyquist`] where `orders` lies above half the sampling rate at the slowest speed,
     /// [`Absence::SpeedVaries`] where the speed varies so much that the record would grow fourfold.
-    pub(super) fn resample(record: &Record, angle: &ShaftAngle, orders: f64) -> Result<Self, Absence> {
+    pub(super) fn resample(record: &Record, angle: &ShaftAngle, orders: f64, kernel: &Kernel) -> Result<Self, Absence> {
         let samples = record.samples();
         let rate_hz = record.sample_rate_hz();
         if samples.len() <= 2 * REACH {
@@ -90,16 +106,21 @@ impl AngleRecord {
         }
         let turns = turns as usize;
         let mean = samples.iter().map(|&x| f64::from(x)).sum::<f64>() / samples.len() as f64;
-        let (kernel, mut interval) = (Kernel::new(), 0);
-        let resampled = (0..turns * samples_per_turn).map(|j| {
-            let position = angle.time_s(first + j as f64 / samples_per_turn as f64, &mut interval) * rate_hz;
-            kernel.interpolate(samples, position) - mean
-        });
+        let centred: Vec<f64> = samples.iter().map(|&x| f64::from(x) - mean).collect();
+        let mut interval = 0;
+        let step = 1.0 / samples_per_turn as f64;
+        let mut resampled = Vec::with_capacity(turns * samples_per_turn);
+        for turn in 0..turns {
+            for j in 0..samples_per_turn {
+                let revolution = first + (turn as f64 + j as f64 * step);
+                resampled.push(kernel.interpolate(&centred, angle.time_s(revolution, &mut interval) * rate_hz));
+            }
+        }
         Ok(Self {
             unit: record.unit().to_owned(),
             samples_per_turn,
             turns,
-            samples: resampled.collect(),
+            samples: resampled,
             angle: angle.source(),
         })
     }
@@ -112,6 +133,67 @@ impl AngleRecord {
         }
         average.iter_mut().for_each(|sum| *sum /= self.turns as f64);
         average
+    }
+
+    /// The line at order `teeth` of the Hann amplitude spectrum over orders, as [`read_line`] finds it there; its position in bins.
+    ///
+    /// Only the bins around it are summed up: the number of samples, another one in each record, may have factors that make its whole
+    /// transform slow, and the plan for it would serve this record alone.
+    pub(super) fn mesh_line(&self, teeth: u32, transforms: &mut Transforms) -> Option<LineReading> {
+        let position = teeth as usize * self.turns;
+        let half = self.samples.len() / 2;
+        if !fits(position as f64, half + 1) {
+            return None;
+        }
+        // The line's neighbours, and those that the window adds to them.
+        let reach = search_reach(position as f64).ceil() as usize + 2;
+        if reach > MOST_SUMMED_REACH || position <= reach || position + reach >= half {
+            return read_line(&self.order_spectrum(transforms).amplitude, position as f64);
+        }
+        let first = position - reach;
+        let bins: Vec<Complex<f64>> = self.bins(first, 2 * reach + 1);
+        let one_sided = 4.0 / self.samples.len() as f64;
+        let amplitude: Vec<f64> = bins
+            .windows(3)
+            .map(|w| one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm())
+            .collect();
+        Some(read_line_in(&amplitude, first + 1, position as f64))
+    }
+
+    /// `count` bins of the unwindowed transform from `first` on, summed term by term: exp(−2πikn/N) at sample j of turn t is
+    /// exp(−2πikt/turns)·exp(−2πikj/N).
+    fn bins(&self, first: usize, count: usize) -> Vec<Complex<f64>> {
+        const LANES: usize = 4;
+        let total = self.samples.len() as f64;
+        let per_turn = self.samples_per_turn;
+        let angle = |k: usize, j: usize, period: usize| -TAU * ((k * j) % period) as f64 / period as f64;
+        let step: Vec<Complex<f64>> = (0..per_turn).map(|j| Complex::from_polar(1.0, -TAU * j as f64 / total)).collect();
+        let mut waves: Vec<Complex<f64>> = (0..per_turn)
+            .map(|j| Complex::from_polar(1.0, angle(first, j, self.samples.len())))
+            .collect();
+        let (mut real, mut imaginary) = (vec![0.0; per_turn], vec![0.0; per_turn]);
+        (first..first + count)
+            .map(|k| {
+                for (wave, (re, im)) in waves.iter().zip(real.iter_mut().zip(&mut imaginary)) {
+                    (*re, *im) = (wave.re, wave.im);
+                }
+                waves.iter_mut().zip(&step).for_each(|(wave, step)| *wave *= step);
+                let turns = self.samples.chunks_exact(per_turn).enumerate();
+                turns
+                    .map(|(t, turn)| {
+                        let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+                        let waves = real.chunks(LANES).zip(imaginary.chunks(LANES));
+                        for (x, (cos, sin)) in turn.chunks(LANES).zip(waves) {
+                            for (lane, ((x, cos), sin)) in x.iter().zip(cos).zip(sin).enumerate() {
+                                re[lane] += x * cos;
+                                im[lane] += x * sin;
+                            }
+                        }
+                        Complex::new(re.iter().sum::<f64>(), im.iter().sum::<f64>()) * Complex::from_polar(1.0, angle(k, t, self.turns))
+                    })
+                    .sum()
+            })
+            .collect()
     }
 
     /// The Hann amplitude spectrum over orders.
@@ -163,39 +245,112 @@ fn smooth_at_least(least: usize) -> usize {
     }
 }
 
-/// Cosine and sine of π·k/16 at the samples around a point: the window between them follows by the addition theorem.
-struct Kernel {
-    window: [(f64, f64); 2 * REACH],
+/// The weights of the 32 samples around a point, as polynomials of its place between two samples.
+pub(super) struct Kernel {
+    /// For each part of the interval and each four samples the coefficients of falling powers.
+    weights: Vec<[[f64x4; COEFFICIENTS]; TAPS / 4]>,
 }
 
 impl Kernel {
-    fn new() -> Self {
-        let angle = |k: usize| PI * (k as f64 + 1.0 - REACH as f64) / REACH as f64;
+    /// Polynomials through the weights at the Chebyshev points of each part.
+    pub(super) fn new() -> Self {
+        let weights = (0..PHASES).map(|phase| {
+            let at = |node: usize| (PI * (node as f64 + 0.5) / COEFFICIENTS as f64).cos();
+            let nodes: [[f64; TAPS]; COEFFICIENTS] =
+                std::array::from_fn(|node| weights((phase as f64 + 0.5 + 0.5 * at(node)) / PHASES as f64));
+            let mut powers = [[0.0; TAPS]; COEFFICIENTS];
+            for tap in 0..TAPS {
+                let chebyshev: [f64; COEFFICIENTS] = std::array::from_fn(|degree| {
+                    let sum: f64 = (0..COEFFICIENTS)
+                        .map(|node| nodes[node][tap] * (PI * degree as f64 * (node as f64 + 0.5) / COEFFICIENTS as f64).cos())
+                        .sum();
+                    sum * if degree == 0 { 1.0 } else { 2.0 } / COEFFICIENTS as f64
+                });
+                let [c0, c1, c2, c3, c4] = chebyshev;
+                // T2 = 2t² − 1, T3 = 4t³ − 3t, T4 = 8t⁴ − 8t² + 1.
+                let monomials = [c0 - c2 + c4, c1 - 3.0 * c3, 2.0 * c2 - 8.0 * c4, 4.0 * c3, 8.0 * c4];
+                for (power, value) in powers.iter_mut().zip(monomials) {
+                    power[tap] = value;
+                }
+            }
+            std::array::from_fn(|four| {
+                std::array::from_fn(|k| {
+                    let power = &powers[COEFFICIENTS - 1 - k];
+                    f64x4::new(std::array::from_fn(|lane| power[4 * four + lane]))
+                })
+            })
+        });
         Self {
-            window: std::array::from_fn(|k| (angle(k).cos(), angle(k).sin())),
+            weights: weights.collect(),
         }
     }
 
     /// The signal at `position`, at least 16 samples from either end.
-    fn interpolate(&self, samples: &[f32], position: f64) -> f64 {
-        let before = position.floor();
-        let fraction = position - before;
-        let centre = before as usize;
-        if fraction < 1e-12 {
-            return f64::from(samples[centre]);
+    fn interpolate(&self, samples: &[f64], position: f64) -> f64 {
+        let before = position as usize;
+        let place = (position - before as f64) * PHASES as f64;
+        let phase = (place as usize).min(PHASES - 1);
+        let t = f64x4::splat(2.0 * (place - phase as f64) - 1.0);
+        let (around, _) = samples[before + 1 - REACH..][..TAPS].as_chunks();
+        let mut sum = f64x4::ZERO;
+        for (&x, &[c4, c3, c2, c1, c0]) in around.iter().zip(&self.weights[phase]) {
+            sum += ((((c4 * t + c3) * t + c2) * t + c1) * t + c0) * f64x4::new(x);
         }
-        let (sine, cosine) = (PI * fraction / REACH as f64).sin_cos();
-        let around = &samples[centre + 1 - REACH..=centre + REACH];
-        let (mut sum, mut weights, mut sign) = (0.0, 0.0, 1.0);
-        for (k, (&sample, &(cos, sin))) in around.iter().zip(&self.window).enumerate() {
-            // cos(π(k − 15 − fraction)/16); sin π(…) has the same size at all samples and turns its sign.
-            let c = cos * cosine + sin * sine;
-            let blackman = 0.42 + 0.5 * c + 0.08 * (2.0 * c * c - 1.0);
-            let weight = sign * blackman / (k as f64 + 1.0 - REACH as f64 - fraction);
-            sum += weight * f64::from(sample);
-            weights += weight;
-            sign = -sign;
+        sum.reduce_add()
+    }
+}
+
+/// sinc·Blackman at the 32 samples around a point this part of an interval after the sixteenth, over their sum.
+fn weights(fraction: f64) -> [f64; TAPS] {
+    let weights: [f64; TAPS] = std::array::from_fn(|k| {
+        let u = k as f64 + 1.0 - REACH as f64 - fraction;
+        let sinc = if u == 0.0 { 1.0 } else { (PI * u).sin() / (PI * u) };
+        let angle = PI * u / REACH as f64;
+        sinc * (0.42 + 0.5 * angle.cos() + 0.08 * (2.0 * angle).cos())
+    });
+    let sum: f64 = weights.iter().sum();
+    weights.map(|weight| weight / sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polynomials_are_the_weights() {
+        let kernel = Kernel::new();
+        for step in 0..=1000 {
+            let fraction = f64::from(step) / 1000.001;
+            let want = weights(fraction);
+            for (tap, want) in want.iter().enumerate() {
+                let mut samples = [0.0; TAPS];
+                samples[tap] = 1.0;
+                let got = kernel.interpolate(&samples, REACH as f64 - 1.0 + fraction);
+                assert!((got - want).abs() < 1e-13, "{fraction} {tap}: {got} {want}");
+            }
         }
-        sum / weights
+    }
+
+    /// The line read from a few bins is the one in the whole spectrum.
+    #[test]
+    fn a_line_summed_up_is_that_of_the_transform() {
+        for (turns, samples_per_turn, teeth) in [(4, 120, 20), (37, 210, 24), (163, 96, 17)] {
+            let samples = (0..turns * samples_per_turn).map(|n| {
+                let turn = TAU * n as f64 / samples_per_turn as f64;
+                0.7 + (f64::from(teeth) * 1.0007 * turn).sin() + 0.4 * (3.3 * turn).cos() + 0.1 * ((n * n % 17) as f64)
+            });
+            let turned = AngleRecord {
+                unit: "g".to_owned(),
+                samples_per_turn,
+                turns,
+                samples: samples.collect(),
+                angle: AngleSource::ConstantSpeed,
+            };
+            let spectrum = turned.order_spectrum(&mut Transforms::default());
+            let want = read_line(&spectrum.amplitude, f64::from(teeth) * turns as f64).unwrap();
+            let got = turned.mesh_line(teeth, &mut Transforms::default()).unwrap();
+            assert!((got.amplitude / want.amplitude - 1.0).abs() < 1e-11, "{got:?} {want:?}");
+            assert!((got.position - want.position).abs() < 1e-9, "{got:?} {want:?}");
+        }
     }
 }

@@ -9,7 +9,7 @@ use super::spectrum::HANN_BANDWIDTH_BINS;
 const GRAVITY_M_PER_S2: f64 = 9.806_65;
 
 /// What is summed up in a band.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BandQuantity {
     /// The record as it is, in its unit.
@@ -20,7 +20,7 @@ pub enum BandQuantity {
 }
 
 /// A band that becomes the indicator `band_` and its name, for example velocity from 10 to 1000 Hz as in ISO 20816.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Band {
     /// Its name: 1 to 32 of `a-z`, `0-9` and `_`.

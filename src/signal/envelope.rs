@@ -15,17 +15,60 @@ const OVERSAMPLING: usize = 4;
 const FEWEST_BINS: usize = 3;
 
 /// Where an envelope's band came from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BandSource {
     /// Given with the asset.
     Asset,
     /// One and a half mesh frequencies to either side of the strongest mesh harmonic.
     StrongestMeshHarmonic,
-    /// All of the spectrum, where no shaft speed is known.
+    /// The most impulsive band of the record's kurtogram.
+    Kurtogram,
+    /// All of the spectrum, where no shaft speed is known, or no kurtogram can be made.
     Whole,
     /// Given with the query.
     Query,
+}
+
+/// How an envelope's band is looked for where none is given.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EnvelopeSearch {
+    /// Around the strongest mesh harmonic.
+    #[default]
+    MeshHarmonic,
+    /// The most impulsive band, by the fast kurtogram.
+    Kurtogram,
+}
+
+impl EnvelopeSearch {
+    /// Whether it is the one that is taken where nobody says.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A band to take the envelope of.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct EnvelopeBand {
+    /// Lowest and highest frequency in hertz.
+    pub band_hz: [f64; 2],
+    /// How it was chosen.
+    #[serde(rename = "band_source")]
+    pub source: BandSource,
+    /// Kurtosis of the band's envelope where the kurtogram chose it: 0 in noise.
+    pub spectral_kurtosis: Option<f64>,
+}
+
+impl EnvelopeBand {
+    /// A band that someone gave.
+    pub fn given(band_hz: [f64; 2], source: BandSource) -> Self {
+        Self {
+            band_hz,
+            source,
+            spectral_kurtosis: None,
+        }
+    }
 }
 
 /// Why a band has no envelope spectrum.
@@ -132,6 +175,8 @@ impl Envelope {
         let mean = sum / samples as f64;
         self.real.iter_mut().for_each(|modulus| *modulus -= mean);
         transforms.forward(&mut self.real, &mut self.bins);
+        // The bins beyond the band's width are not asked for; two more are what the window needs.
+        self.bins.truncate((width + 2).min(samples / 2 + 1));
         hann_amplitude(&self.bins, samples, &mut self.amplitude);
         self.amplitude.truncate(width);
     }

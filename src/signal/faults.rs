@@ -12,16 +12,24 @@ const CLIPPED_SAMPLES: usize = 3;
 /// converter's limit.
 const STEEP_PART: f64 = 0.01;
 
-/// What makes indicators of a record's shape meaningless: a gap filled with one value, or clipping.
-pub(super) fn fault(samples: &[f32]) -> Option<Absence> {
-    let low = samples.iter().copied().fold(f32::INFINITY, f32::min);
-    let high = samples.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+/// This many neighbours are compared at once: equal ones are rare.
+const STRIDE: usize = 64;
+
+/// What makes indicators of a record's shape meaningless: a gap filled with one value, or clipping. `low` and `high` are the samples'
+/// lowest and highest value.
+pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     if low >= high {
         return Some(Absence::Constant);
     }
     let mut clipped = [(0_usize, 0.0); 2];
     let mut first = 0;
     while first < samples.len() {
+        if let Some(stride) = samples.get(first..=first + STRIDE)
+            && !stride.iter().zip(&stride[1..]).fold(false, |equal, (a, b)| equal | (a == b))
+        {
+            first += STRIDE;
+            continue;
+        }
         let value = samples[first];
         let run = samples[first..].iter().take_while(|&&x| x == value).count();
         let past = first + run;
@@ -47,6 +55,12 @@ pub(super) fn fault(samples: &[f32]) -> Option<Absence> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn fault(samples: &[f32]) -> Option<Absence> {
+        let low = samples.iter().copied().fold(f32::INFINITY, f32::min);
+        let high = samples.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        super::fault(samples, [low, high])
+    }
 
     fn sine(period: f64, limit: f32) -> Vec<f32> {
         let levels = 32_767.0;

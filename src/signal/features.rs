@@ -4,8 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::indicators::Absence;
+use super::record::OperatingPoint;
+
 /// Identifier of what the features are made by. Values are comparable only where it is the same.
-pub const PREPROCESSING: &str = "hann-lines-1";
+pub const PREPROCESSING: &str = "steadied-lines-2";
 
 /// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of amplitudes)
 /// and changes relative to a healthy baseline are differences.
@@ -18,13 +21,16 @@ pub const PREPROCESSING: &str = "hann-lines-1";
 /// | `ln_rms` | the root mean square, mean removed |
 /// | `ln_kurtosis` | the kurtosis |
 ///
+/// Where the speed wanders within the record, lines are read after the mesh phase's wander is taken out of the bins around each mesh
+/// harmonic: a line that is smeared over many bins reads as at a constant speed.
+///
 /// All lines are narrow against what a transmission path does to a spectrum, so that the path's gain at that frequency is an offset
 /// too. That is why the envelopes are those of single harmonics: a band over several has lines that depend on the path's phase
 /// between them. `ln_rms` and `ln_kurtosis` mix all frequencies and keep this property only for a path without colour.
 ///
 /// A feature that the record cannot give (a harmonic above half the sampling rate, sidebands closer than 8 bins) is missing
 /// from the map.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Features {
     /// Value by feature name, for example `ln_mesh_1`.
     pub values: BTreeMap<String, f64>,
@@ -35,6 +41,21 @@ pub struct Features {
     /// A line is read at the highest peak within 1.5 bins, so that in pure noise the value lies some tenths above this.
     #[serde(default)]
     pub background: BTreeMap<String, f64>,
+    /// Values that wear of the mesh hardly moves, by name, as natural logarithms too: they tell wear from what is not wear.
+    ///
+    /// | name | natural logarithm of |
+    /// | --- | --- |
+    /// | `ln_floor_b`, b = 1 … 4 | the noise floor (from the median bin) of the band b of four of equal ratio from 2 % to 90 % of half the sampling rate |
+    /// | `ln_rest_b`, b = 1 … 4 | the root mean square bin of the band outside the mesh harmonics and their sidebands |
+    /// | `ln_shaft_k`, k = 1 … 3 | the amplitude at k times the shaft rate, three times the noise beside it added by squares |
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub checks: BTreeMap<String, f64>,
+    /// Where the machine stood: the speed given or found, the torque as far as it is known.
+    #[serde(default)]
+    pub operating_point: OperatingPoint,
+    /// What is wrong with the samples themselves: they do not vary, are clipped, or have gaps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fault: Option<Absence>,
 }
 
 /// The least amplitude as a part of the record's deviation: rounding of 32-bit samples lies above it, and no logarithm of
@@ -49,5 +70,10 @@ impl Features {
             self.background.insert(name.clone(), noise.max(floor).ln());
         }
         self.values.insert(name, amplitude.max(floor).ln());
+    }
+
+    /// Puts down one value that wear hardly moves.
+    pub(super) fn insert_check(&mut self, name: String, amplitude: f64, deviation: f64) {
+        self.checks.insert(name, amplitude.max(AMPLITUDE_FLOOR * deviation).ln());
     }
 }

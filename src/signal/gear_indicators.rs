@@ -2,7 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::angle_record::OrderSpectrum;
 use super::gear_signals::GearSignals;
 use super::indicators::{Absence, Indicators};
 use super::shaft_angle::AngleSource;
@@ -26,15 +25,26 @@ pub(super) const NAMES: [&str; 12] = [
 /// Below this part of the average's deviation a signal is rounding: of 32-bit samples and of the transforms.
 const ROUNDING: f64 = 1e-9;
 
+/// The angle that a record was looked at over.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct AngleUsed {
+    /// Where it came from, and how sure it is.
+    #[serde(flatten)]
+    pub source: AngleSource,
+    /// Whole turns that were averaged.
+    pub turns: usize,
+    /// Why the record's tachometer was not used, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tachometer_refused: Option<String>,
+}
+
 /// What a record says over the angle of its shaft.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GearAnalysis {
     /// The indicators; those that could not be computed are absent with a reason.
     pub indicators: Indicators,
-    /// Where the angle came from, and how sure it is.
-    pub angle: Option<AngleSource>,
-    /// Whole turns that were averaged.
-    pub turns: usize,
+    /// The angle; none where there is none.
+    pub angle: Option<AngleUsed>,
 }
 
 impl GearAnalysis {
@@ -47,14 +57,8 @@ impl GearAnalysis {
         analysis
     }
 
-    /// The indicators of a split average and of the spectrum of all turns, H mesh harmonics in FM0.
-    pub(super) fn of(
-        signals: &GearSignals,
-        tracked: Result<f64, Absence>,
-        spectrum: &OrderSpectrum,
-        turns: usize,
-        harmonics: usize,
-    ) -> Self {
+    /// The indicators of a split average and of the mesh line of all turns, H mesh harmonics in FM0.
+    pub(super) fn of(signals: &GearSignals, tracked: Result<f64, Absence>, angle: AngleUsed, harmonics: usize) -> Self {
         let mut indicators = Indicators::default();
         indicators.insert("omx_tracked", tracked);
         let deviation = mean_power(&signals.average, 2).sqrt();
@@ -89,26 +93,13 @@ impl GearAnalysis {
         indicators.insert("mesh_envelope_fourth_moment", Ok(mean_power(&signals.mesh_envelope, 4)));
         Self {
             indicators,
-            angle: Some(spectrum.angle),
-            turns,
+            angle: Some(angle),
         }
     }
 
-    /// NA4 after this record, or why there is none.
-    pub fn na4(&self, run: &mut RunMean) -> Result<f64, Absence> {
-        self.against_run(run, "residual_variance", "residual_fourth_moment")
-    }
-
-    /// NB4 after this record, or why there is none.
-    pub fn nb4(&self, run: &mut RunMean) -> Result<f64, Absence> {
-        self.against_run(run, "mesh_envelope_variance", "mesh_envelope_fourth_moment")
-    }
-
-    fn against_run(&self, run: &mut RunMean, variance: &str, fourth: &str) -> Result<f64, Absence> {
-        match (self.indicators.get(variance), self.indicators.get(fourth)) {
-            (Some(variance), Some(fourth)) => run.update(variance, fourth),
-            _ => Err(self.indicators.absent.get(variance).copied().unwrap_or(Absence::NoSpeed)),
-        }
+    /// Where the angle came from.
+    pub fn source(&self) -> Option<AngleSource> {
+        self.angle.as_ref().map(|angle| angle.source)
     }
 }
 
@@ -138,6 +129,33 @@ impl RunMean {
     /// Records so far.
     pub fn records(&self) -> u64 {
         self.records
+    }
+}
+
+/// The state of NA4 and NB4 of one channel.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunMeans {
+    residual: RunMean,
+    mesh_envelope: RunMean,
+}
+
+impl RunMeans {
+    /// `na4` and `nb4` after one more record with these indicators, in time order, or why there are none; nothing at all where no indicators
+    /// over the shaft's angle were asked for.
+    pub fn update(&mut self, indicators: &Indicators) -> Indicators {
+        let mut answer = Indicators::default();
+        for (name, run, signal) in [
+            ("na4", &mut self.residual, "residual"),
+            ("nb4", &mut self.mesh_envelope, "mesh_envelope"),
+        ] {
+            let (variance, fourth) = (format!("{signal}_variance"), format!("{signal}_fourth_moment"));
+            match (indicators.get(&variance), indicators.get(&fourth), indicators.absent.get(&variance)) {
+                (Some(variance), Some(fourth), _) => answer.insert(name, run.update(variance, fourth)),
+                (_, _, Some(&reason)) => answer.insert(name, Err(reason)),
+                _ => {}
+            }
+        }
+        answer
     }
 }
 

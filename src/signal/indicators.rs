@@ -4,8 +4,13 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::band::{Band, BandQuantity};
+
+/// Identifier of what the indicators are made by; stored ones made by another are computed again.
+pub const INDICATORS: &str = "indicators-1";
+
 /// Why an indicator could not be computed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Absence {
     /// The shaft speed is neither given nor found in the spectrum.
@@ -55,8 +60,9 @@ pub enum Absence {
 /// | `fm4`, `m6a`, `m8a` | E\[d⁴\]/E\[d²\]², E\[d⁶\]/E\[d²\]³, E\[d⁸\]/E\[d²\]⁴: Gaussian 3, 15, 105 (Martin 1989) | none |
 /// | `energy_ratio` | σ(d)/σ(g); some authors divide by the sidebands too | none |
 /// | `residual_variance`, `residual_fourth_moment` | E\[r²\], E\[r⁴\]: what NA4 is made of (see [`RunMean`](super::RunMean)) | the record's², ⁴ |
+/// | `na4`, `nb4` | E\[r⁴\] over the squared mean of E\[r²\] of all records of the channel up to this one (Zakrajsek 1994), of the residual and of the mesh line's envelope: by [`RunMeans`](super::RunMeans), not from one record alone | none |
 /// | `mesh_envelope_variance`, `mesh_envelope_fourth_moment` | the same of the envelope of orders z − 6 to z + 6, its mean removed: what NB4 is made of | the record's², ⁴ |
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Indicators {
     /// Value by indicator name.
     #[serde(rename = "indicators")]
@@ -76,6 +82,47 @@ impl Indicators {
             Err(absence) => {
                 self.absent.insert(name.into(), absence);
             }
+        }
+    }
+
+    /// Adds those of `others`; where both have one of a name, that of `others` stays.
+    pub fn extend(&mut self, others: Indicators) {
+        for name in others.values.keys() {
+            self.absent.remove(name);
+        }
+        for name in others.absent.keys() {
+            self.values.remove(name);
+        }
+        self.values.extend(others.values);
+        self.absent.extend(others.absent);
+    }
+
+    /// The unit of an indicator of a record in `unit`: `"1"` where it has none. `bands` are those that the user defined.
+    pub fn unit(name: &str, unit: &str, bands: &[Band]) -> String {
+        const DIMENSIONLESS: [&str; 11] = [
+            "kurtosis",
+            "crest_factor",
+            "sideband_energy_ratio",
+            "sideband_level_factor",
+            "fm0",
+            "fm4",
+            "m6a",
+            "m8a",
+            "energy_ratio",
+            "na4",
+            "nb4",
+        ];
+        let is_velocity = |band: &Band| band.quantity == BandQuantity::Velocity && band.indicator() == name;
+        if DIMENSIONLESS.contains(&name) {
+            "1".to_owned()
+        } else if name.ends_with("_variance") {
+            format!("({unit})^2")
+        } else if name.ends_with("_fourth_moment") {
+            format!("({unit})^4")
+        } else if bands.iter().any(is_velocity) {
+            "mm/s".to_owned()
+        } else {
+            unit.to_owned()
         }
     }
 

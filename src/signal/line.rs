@@ -43,12 +43,23 @@ pub(super) fn read_line(amplitude: &[f64], position: f64) -> Option<LineReading>
     if !fits(position, amplitude.len()) {
         return None;
     }
-    let reach = SEARCH_BINS + SEARCH_FRACTION * position;
-    let peak = highest_peak(amplitude, position, reach);
-    Some(peak.unwrap_or(LineReading {
-        position,
-        amplitude: amplitude[position.round() as usize],
-    }))
+    Some(read_line_in(amplitude, 0, position))
+}
+
+/// How far from `position` a line is looked for.
+pub(super) fn search_reach(position: f64) -> f64 {
+    SEARCH_BINS + SEARCH_FRACTION * position
+}
+
+/// The same in the part of a spectrum that begins at bin `first` and holds the bins within reach of `position` and one more on each side.
+pub(super) fn read_line_in(amplitude: &[f64], first: usize, position: f64) -> LineReading {
+    let inside = position - first as f64;
+    let mut line = highest_peak(amplitude, inside, search_reach(position)).unwrap_or(LineReading {
+        position: inside,
+        amplitude: amplitude[inside.round() as usize],
+    });
+    line.position += first as f64;
+    line
 }
 
 /// Reads a mesh line as [`read_line`] does, or the highest peak within 5·10⁻⁴ of its position (at most `reach` bins away) where

@@ -48,11 +48,12 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], teeth: u32, scratch
     if !in_order {
         return None;
     }
-    let noise: Vec<f64> = (1..=ORDERS)
-        .map(|order| order as f64)
-        .take_while(|order| fits(order * high, amplitude.len()))
-        .map(|order| order_noise(amplitude, order, [low, high], scratch))
-        .collect();
+    let orders = (1..=ORDERS).take_while(|order| fits(*order as f64 * high, amplitude.len())).count();
+    let mut noise = [0.0; ORDERS];
+    for (order, noise) in (1..).zip(&mut noise[..orders]) {
+        *noise = order_noise(amplitude, f64::from(order), [low, high], scratch);
+    }
+    let noise = &noise[..orders];
     if noise.is_empty() {
         return None;
     }
@@ -61,7 +62,7 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], teeth: u32, scratch
     let level = detection_level(noise.len(), candidates);
     let score = |mesh: f64, offset: f64| -> f64 {
         let ratio = |(index, noise): (usize, &f64)| {
-            let bin = ((index as f64 + 1.0 + offset) * mesh).round() as usize;
+            let bin = ((index as f64 + 1.0 + offset) * mesh + 0.5) as usize;
             amplitude.get(bin).map_or(0.0, |a| a / noise)
         };
         noise.iter().enumerate().map(ratio).map(compress).sum()
@@ -85,7 +86,7 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], teeth: u32, scratch
             best = Some((mesh, total));
         }
     }
-    best.map(|(mesh, _)| refine(amplitude, mesh, &noise))
+    best.map(|(mesh, _)| refine(amplitude, mesh, noise))
 }
 
 fn compress(ratio: f64) -> f64 {

@@ -17,7 +17,7 @@ const SIDEBANDS: usize = 2;
 const FEATURE_BAND_SHAFTS: f64 = 2.5;
 
 /// One mesh harmonic as it was found.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct MeshLine {
     /// Its order h, from 1.
     pub order: u32,

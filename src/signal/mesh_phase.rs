@@ -149,7 +149,7 @@ impl MeshBand<'_> {
     }
 
     /// The analytic signal of the bins `first` to `last`, moved down to begin at bin 1, at four samples a bin or somewhat more.
-    fn analytic(&self, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
+    pub(super) fn analytic(&self, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
         let samples = (4 * (last - first + 1)).next_power_of_two();
         let scale = 1.0 / self.length as f64;
         let mut part = |factor: Complex<f64>| {

@@ -7,8 +7,12 @@
 
 mod analyzer;
 mod angle_record;
+#[cfg(test)]
+mod any_samples;
 mod band;
 mod cepstrum;
+mod checks;
+mod condition;
 mod envelope;
 mod faults;
 mod features;
@@ -17,6 +21,7 @@ mod gear_indicators;
 mod gear_reference;
 mod gear_signals;
 mod indicators;
+mod kurtogram;
 mod line;
 mod mesh_comb;
 mod mesh_lines;
@@ -24,6 +29,7 @@ mod mesh_phase;
 mod moments;
 mod order_tracking;
 mod pchip;
+mod reading;
 mod record;
 mod record_spectrum;
 #[cfg(test)]
@@ -31,19 +37,23 @@ mod reference;
 mod shaft_angle;
 mod spectrum;
 mod speed;
+mod steadying;
 mod transform;
 
 pub use analyzer::{Analysis, AnalysisSettings, Analyzer};
 pub use angle_record::{AngleRecord, OrderSpectrum};
 pub use band::{Band, BandQuantity};
 pub use cepstrum::Cepstrum;
-pub use envelope::{BandError, BandSource};
+pub use condition::{Basis, Condition, ConditionSettings, GEAR_PREPROCESSING};
+pub use envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch};
 pub use features::{Features, PREPROCESSING};
-pub use gear_indicators::{GearAnalysis, RunMean};
+pub use gear_indicators::{AngleUsed, GearAnalysis, RunMean, RunMeans};
 pub use gear_signals::GearSignals;
-pub use indicators::{Absence, Indicators};
+pub use indicators::{Absence, INDICATORS, Indicators};
+pub use kurtogram::{Kurtogram, KurtogramBand, KurtogramLevel};
 pub use mesh_lines::MeshLine;
-pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
+pub use reading::Reading;
+pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError, Tachometer};
 pub use shaft_angle::{AngleSource, PulseError, ShaftAngle};
 pub use spectrum::Spectrum;
 pub use speed::{MeshContext, ShaftSpeed, SpeedSource};

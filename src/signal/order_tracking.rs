@@ -1,16 +1,16 @@
 //! Analysis over the angle of the driving shaft, for records at any speed.
 
 use super::analyzer::Analyzer;
-use super::angle_record::{AngleRecord, OrderSpectrum};
+use super::angle_record::{AngleRecord, Kernel, LEAST_TURNS, OrderSpectrum};
 use super::faults::fault;
-use super::gear_indicators::GearAnalysis;
+use super::gear_indicators::{AngleUsed, GearAnalysis};
 use super::gear_signals::GearSignals;
 use super::indicators::Absence;
-use super::line::read_line;
 use super::mesh_phase::MeshBand;
+use super::moments::Moments;
 use super::record::Record;
 use super::shaft_angle::ShaftAngle;
-use super::speed::{MeshContext, locate};
+use super::speed::{LocatedMesh, MeshContext, given_speed};
 
 impl Analyzer {
     /// The angle of the driving shaft over a record without a tachometer: the phase of a mesh harmonic near the mesh comb; where the line
@@ -19,12 +19,23 @@ impl Analyzer {
     /// # Errors
     /// Why there is no shaft speed: as for the mesh lines of [`analyze`](Self::analyze).
     pub fn shaft_angle(&mut self, record: &Record, mesh: &MeshContext) -> Result<ShaftAngle, Absence> {
+        let (moments, located) = self.locate(record, mesh);
+        let angle = self.followed_angle(record, mesh, moments.constant, located.mesh);
+        self.give_back(record);
+        angle
+    }
+
+    /// The same for the record that was transformed last, its mesh frequency at `located` bins.
+    fn followed_angle(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        constant: bool,
+        located: Result<f64, Absence>,
+    ) -> Result<ShaftAngle, Absence> {
         let work = &mut self.work;
-        let moments = work.transform(record);
         let resolution_hz = work.resolution_hz(record);
-        let given_hz = record.operating_point().shaft_speed_hz;
-        let located = locate(&work.amplitude, resolution_hz, given_hz, mesh, moments.constant, &mut work.sorting);
-        let speed_hz = given_hz.unwrap_or(mesh.nominal_shaft_speed_hz);
+        let speed_hz = given_speed(record).map_or(mesh.nominal_shaft_speed_hz, |(speed_hz, _)| speed_hz);
         let band = |mesh_hz: f64| MeshBand {
             bins: &work.bins,
             length: work.length,
@@ -32,8 +43,8 @@ impl Analyzer {
             teeth: mesh.teeth,
             mesh_hz,
         };
-        let located_hz = located.mesh.map(|bins| bins * resolution_hz);
-        let usable = mesh.teeth > 0 && speed_hz > 0.0 && speed_hz.is_finite() && !moments.constant;
+        let located_hz = located.map(|bins| bins * resolution_hz);
+        let usable = mesh.teeth > 0 && speed_hz > 0.0 && speed_hz.is_finite() && !constant;
         let mut angle = None;
         if let Ok(mesh_hz) = located_hz
             && usable
@@ -43,7 +54,6 @@ impl Analyzer {
         if angle.is_none() && usable {
             angle = band(f64::from(mesh.teeth) * speed_hz).track_wide(mesh.tolerance.max(0.0), &mut work.transforms);
         }
-        self.give_back(record);
         match (angle, located_hz) {
             (Some(angle), _) => Ok(angle),
             (None, Ok(mesh_hz)) => ShaftAngle::constant(mesh_hz / f64::from(mesh.teeth), record.duration_s()).ok_or(Absence::NoSpeed),
@@ -51,20 +61,39 @@ impl Analyzer {
         }
     }
 
-    /// A record over the angle of the driving shaft: that of a tachometer where `angle` is given, else [`shaft_angle`](Self::shaft_angle).
+    /// A record over the angle of the driving shaft: `angle` where it is given, else that of the record's tachometer where its pulses can be
+    /// used, else [`shaft_angle`](Self::shaft_angle).
     ///
     /// # Errors
     /// Why there is no angle, or [`Absence::TooFewTurns`], [`Absence::AboveNyquist`], [`Absence::SpeedVaries`].
     pub fn angle_record(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<AngleRecord, Absence> {
-        let found;
-        let angle = match angle {
-            Some(angle) => angle,
-            None => {
-                found = self.shaft_angle(record, mesh)?;
-                &found
-            }
-        };
-        AngleRecord::resample(record, angle, f64::from(mesh.teeth) + 1.0)
+        if let Some(angle) = angle {
+            return self.resampled(record, mesh, angle);
+        }
+        if let Some(Ok(turned)) = self.by_tachometer(record, mesh) {
+            return Ok(turned);
+        }
+        let angle = self.shaft_angle(record, mesh)?;
+        self.resampled(record, mesh, &angle)
+    }
+
+    fn resampled(&mut self, record: &Record, mesh: &MeshContext, angle: &ShaftAngle) -> Result<AngleRecord, Absence> {
+        let kernel = self.kernel.get_or_insert_with(Kernel::new);
+        AngleRecord::resample(record, angle, f64::from(mesh.teeth) + 1.0, kernel)
+    }
+
+    /// A record over the angle of its tachometer, or why its pulses cannot be used; none where it has no tachometer.
+    fn by_tachometer(&mut self, record: &Record, mesh: &MeshContext) -> Option<Result<AngleRecord, String>> {
+        let tachometer = record.tachometer()?;
+        let angle = ShaftAngle::from_pulses(&tachometer.pulse_times_s, tachometer.pulses_per_revolution);
+        Some(match angle {
+            Ok(angle) => self.resampled(record, mesh, &angle).map_err(|absence| match absence {
+                Absence::TooFewTurns => format!("its pulses leave fewer than {LEAST_TURNS} whole turns of the record"),
+                Absence::AboveNyquist => "at its speed the mesh lies above half the sampling rate".to_owned(),
+                _ => "its speed varies too much".to_owned(),
+            }),
+            Err(error) => Err(error.to_string()),
+        })
     }
 
     /// The amplitude spectrum over orders of the driving shaft; arguments and errors as for [`angle_record`](Self::angle_record).
@@ -87,25 +116,69 @@ impl Analyzer {
     }
 
     fn try_gear_indicators(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearAnalysis, Absence> {
-        if let Some(fault) = fault(record.samples()) {
-            return Err(fault);
-        }
-        let turned = self.angle_record(record, mesh, angle)?;
+        let (moments, located) = self.locate(record, mesh);
+        let turned = usable(record, &moments).and_then(|()| match angle {
+            Some(angle) => self.resampled(record, mesh, angle).map(|turned| (turned, None)),
+            None => self.turned(record, mesh, &moments, &located),
+        });
+        self.give_back(record);
+        let (turned, refused) = turned?;
+        self.indicate_turned(mesh, &turned, refused)
+    }
+
+    /// The indicators over the angle of the record that was transformed last, and `located`.
+    pub(super) fn gear_indicators_located(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        (moments, located): &(Moments, LocatedMesh),
+    ) -> GearAnalysis {
+        let turned = usable(record, moments).and_then(|()| self.turned(record, mesh, moments, located));
+        turned
+            .and_then(|(turned, refused)| self.indicate_turned(mesh, &turned, refused))
+            .unwrap_or_else(GearAnalysis::absent)
+    }
+
+    /// The record over the best angle there is, and why its tachometer was not used where it was not.
+    fn turned(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        moments: &Moments,
+        located: &LocatedMesh,
+    ) -> Result<(AngleRecord, Option<String>), Absence> {
+        let refused = match self.by_tachometer(record, mesh) {
+            Some(Ok(turned)) => return Ok((turned, None)),
+            Some(Err(reason)) => Some(reason),
+            None => None,
+        };
+        let angle = self.followed_angle(record, mesh, moments.constant, located.mesh)?;
+        Ok((self.resampled(record, mesh, &angle)?, refused))
+    }
+
+    fn indicate_turned(&mut self, mesh: &MeshContext, turned: &AngleRecord, refused: Option<String>) -> Result<GearAnalysis, Absence> {
         let transforms = &mut self.work.transforms;
-        let spectrum = turned.order_spectrum(transforms);
-        let position = f64::from(mesh.teeth) / spectrum.resolution_orders;
-        let tracked = read_line(&spectrum.amplitude, position)
+        let tracked = turned
+            .mesh_line(mesh.teeth, transforms)
             .map(|line| line.amplitude)
             .ok_or(Absence::AboveNyquist);
         let average = turned.synchronous_average();
         let signals = GearSignals::split(&average, mesh.teeth, transforms).ok_or(Absence::AboveNyquist)?;
-        Ok(GearAnalysis::of(
-            &signals,
-            tracked,
-            &spectrum,
-            turned.turns,
-            self.settings.harmonics,
-        ))
+        let angle = AngleUsed {
+            source: turned.angle,
+            turns: turned.turns,
+            tachometer_refused: refused,
+        };
+        Ok(GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics))
+    }
+}
+
+/// Whether a record's shape is the machine's: not that of a converter's limit or of missing samples.
+fn usable(record: &Record, moments: &Moments) -> Result<(), Absence> {
+    let flagged = record.quality().clipped.then_some(Absence::Clipped);
+    match fault(record.samples(), moments.range).or(flagged) {
+        Some(fault) => Err(fault),
+        None => Ok(()),
     }
 }
 
@@ -171,7 +244,7 @@ mod tests {
             let got = tracked(&swept, None);
             let omx = got.indicators.values["omx_tracked"];
             assert!((omx / constant - 1.0).abs() < 0.01, "{swing} {noise}: {omx} {:?}", got.angle);
-            assert!(matches!(got.angle, Some(AngleSource::MeshPhase { .. })));
+            assert!(matches!(got.source(), Some(AngleSource::MeshPhase { .. })));
             let untracked = analyzer().analyze(&swept, &MESH).indicators.get("omx").unwrap_or(0.0);
             assert!(untracked < 0.5, "{untracked}");
         }
@@ -192,7 +265,7 @@ mod tests {
         }
         let angle = ShaftAngle::from_pulses(&pulses, 1).unwrap();
         let got = tracked(&record(0.05, 0.3), Some(&angle));
-        assert_eq!(got.angle, Some(AngleSource::Tachometer { pulses: pulses.len() }));
+        assert!(matches!(got.source(), Some(AngleSource::Tachometer { pulses: count, .. }) if count == pulses.len()));
         let omx = got.indicators.values["omx_tracked"];
         assert!((omx - 1.0).abs() < 0.01, "{omx}");
         // The modulation's phase is that of the pulses: cos at zero angle.
@@ -250,6 +323,6 @@ mod tests {
         );
         // A given speed without a line to follow is taken to be constant, and says so.
         let got = analyzer().gear_indicators(&with(noise), &exact, None);
-        assert_eq!(got.angle, Some(AngleSource::ConstantSpeed));
+        assert_eq!(got.source(), Some(AngleSource::ConstantSpeed));
     }
 }

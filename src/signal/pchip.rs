@@ -55,6 +55,16 @@ impl Pchip {
         Ok(Self { x, y, slope })
     }
 
+    /// The x of all points.
+    pub(super) fn nodes(&self) -> &[f64] {
+        &self.x
+    }
+
+    /// The y of all points.
+    pub(super) fn values(&self) -> &[f64] {
+        &self.y
+    }
+
     /// The first and the last x.
     pub(super) fn range(&self) -> [f64; 2] {
         [self.x[0], self.x[self.x.len() - 1]]

@@ -11,7 +11,7 @@ pub const MAX_RECORD_SAMPLES: usize = 1 << 24;
 const MAX_SAMPLE_RATE_HZ: f64 = 10e6;
 
 /// What the machine was doing while the record was taken, as far as it is known.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct OperatingPoint {
     /// Rotational frequency of the driving (pinion) shaft in hertz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -19,6 +19,25 @@ pub struct OperatingPoint {
     /// Torque on the driving shaft in newton metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torque_nm: Option<f64>,
+}
+
+/// What the acquisition says of a record's samples.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Quality {
+    /// At least one sample stood at the converter's limit.
+    pub clipped: bool,
+    /// Samples are missing between this record and the one before. The record itself is whole.
+    pub gap: bool,
+}
+
+/// The pulses of a tachometer while a record was taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tachometer {
+    /// Seconds after the record's first sample; those before it are negative.
+    pub pulse_times_s: Vec<f64>,
+    /// Pulses in one revolution of the driving shaft.
+    pub pulses_per_revolution: u32,
 }
 
 /// A validated vibration record: at least one sample, all finite, at a plausible rate.
@@ -30,6 +49,8 @@ pub struct Record {
     unit: String,
     samples: Vec<f32>,
     operating_point: OperatingPoint,
+    quality: Quality,
+    tachometer: Option<Tachometer>,
 }
 
 /// Why a stretch of samples is not a record.
@@ -120,6 +141,8 @@ impl Record {
             unit: unit.into(),
             samples,
             operating_point: OperatingPoint::default(),
+            quality: Quality::default(),
+            tachometer: None,
         })
     }
 
@@ -145,6 +168,25 @@ impl Record {
         }
         self.operating_point = operating_point;
         Ok(self)
+    }
+
+    /// The same record under another channel's name.
+    pub fn with_channel(mut self, channel: impl Into<String>) -> Self {
+        self.channel = channel.into();
+        self
+    }
+
+    /// The same record with what its acquisition says of the samples.
+    pub fn with_quality(mut self, quality: Quality) -> Self {
+        self.quality = quality;
+        self
+    }
+
+    /// The same record with the pulses of its tachometer. Pulses that give no angle are no error here: the analysis says why it did
+    /// not use them.
+    pub fn with_tachometer(mut self, tachometer: Option<Tachometer>) -> Self {
+        self.tachometer = tachometer;
+        self
     }
 
     /// The measuring channel, for example `"gearbox/x"` or `"1"`.
@@ -175,6 +217,16 @@ impl Record {
     /// What the machine was doing, as far as it is known.
     pub fn operating_point(&self) -> OperatingPoint {
         self.operating_point
+    }
+
+    /// What the acquisition says of the samples.
+    pub fn quality(&self) -> Quality {
+        self.quality
+    }
+
+    /// The pulses of a tachometer meanwhile, where there was one.
+    pub fn tachometer(&self) -> Option<&Tachometer> {
+        self.tachometer.as_ref()
     }
 
     /// The record's length in seconds.

@@ -12,7 +12,7 @@ use super::transform::{Transforms, spectrum_length};
 #[derive(Default)]
 pub(super) struct RecordSpectrum {
     pub(super) transforms: Transforms,
-    centred: Vec<f64>,
+    samples: Vec<f64>,
     pub(super) bins: Vec<Complex<f64>>,
     pub(super) amplitude: Vec<f64>,
     pub(super) envelope: Envelope,
@@ -23,9 +23,11 @@ pub(super) struct RecordSpectrum {
 impl RecordSpectrum {
     /// Transforms a record, its mean removed: `bins` without a window, `amplitude` with the Hann window.
     pub(super) fn transform(&mut self, record: &Record) -> Moments {
-        let moments = Moments::of(record.samples(), &mut self.centred);
-        self.length = spectrum_length(self.centred.len());
-        self.transforms.forward(&mut self.centred[..self.length], &mut self.bins);
+        let moments = Moments::of(record.samples(), &mut self.samples);
+        self.length = spectrum_length(self.samples.len());
+        self.transforms.forward(&mut self.samples[..self.length], &mut self.bins);
+        // Of an offset the unwindowed transform has nothing in any other bin.
+        self.bins[0] -= self.length as f64 * (moments.mean - moments.shift);
         hann_amplitude(&self.bins, self.length, &mut self.amplitude);
         moments
     }

@@ -2,6 +2,7 @@
 
 use realfft::num_complex::Complex;
 use serde::Serialize;
+use wide::f64x4;
 
 /// Equivalent noise bandwidth of the Hann window in bins.
 pub(super) const HANN_BANDWIDTH_BINS: f64 = 1.5;
@@ -63,25 +64,37 @@ impl Spectrum {
 /// Multiplying by the periodic Hann window 0.5 − 0.5·cos(2πn/N) is the convolution ½X(k) − ¼(X(k−1) + X(k+1)) of the bins, so
 /// that one transform serves the windowed spectrum and the envelope, which must not be windowed.
 pub(super) fn hann_amplitude(bins: &[Complex<f64>], length: usize, amplitude: &mut Vec<f64>) {
-    amplitude.clear();
+    amplitude.resize(bins.len(), 0.0);
     let Some(last) = bins.len().checked_sub(1) else { return };
     let one_sided = 4.0 / length as f64;
     let windowed = |k: usize, before: Complex<f64>, after: Complex<f64>| (bins[k] * 0.5 - (before + after) * 0.25).norm_sqr().sqrt();
     // Beyond the ends lie the conjugates of the bins mirrored there.
     let beyond_zero = bins[last.min(1)].conj();
-    amplitude.push(0.5 * one_sided * windowed(0, beyond_zero, bins[last.min(1)]));
+    amplitude[0] = 0.5 * one_sided * windowed(0, beyond_zero, bins[last.min(1)]);
     if last == 0 {
         return;
     }
-    amplitude.extend(
-        bins.windows(3)
-            .map(|w| one_sided * (w[1] * 0.5 - (w[0] + w[2]) * 0.25).norm_sqr().sqrt()),
-    );
-    amplitude.push(if length.is_multiple_of(2) {
+    let inner = &mut amplitude[1..last];
+    let scale = f64x4::splat(0.25 * one_sided);
+    let two = f64x4::splat(2.0);
+    // Four bins at a time; 4·(½X(k) − ¼(X(k−1) + X(k+1))).
+    let (fours, rest) = inner.as_chunks_mut();
+    for (four, k) in fours.iter_mut().zip((1..).step_by(4)) {
+        let around: &[Complex<f64>; 6] = bins[k - 1..].first_chunk().expect("the last bin lies beyond these");
+        let part = |pick: fn(&Complex<f64>) -> f64, at: usize| f64x4::new(std::array::from_fn(|lane| pick(&around[at + lane])));
+        let windowed = |pick| part(pick, 1) * two - (part(pick, 0) + part(pick, 2));
+        let (re, im) = (windowed(|z| z.re), windowed(|z| z.im));
+        *four = ((re * re + im * im).sqrt() * scale).to_array();
+    }
+    let first_left = last - rest.len();
+    for (k, amplitude) in (first_left..).zip(rest) {
+        *amplitude = one_sided * windowed(k, bins[k - 1], bins[k + 1]);
+    }
+    amplitude[last] = if length.is_multiple_of(2) {
         0.5 * one_sided * windowed(last, bins[last - 1], bins[last - 1].conj())
     } else {
         one_sided * windowed(last, bins[last - 1], bins[last].conj())
-    });
+    };
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::indicators::Absence;
 use super::line::{MAIN_LOBE_BINS, fits};
 use super::mesh_comb::{self, MESH_RESOLVED_BINS};
+use super::record::Record;
+use super::shaft_angle::ShaftAngle;
 
 /// What is known of the mesh before a record is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,11 +34,13 @@ impl MeshContext {
 }
 
 /// Where a shaft speed came from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SpeedSource {
     /// Given with the record.
     Record,
+    /// The mean between the pulses of the record's tachometer.
+    Tachometer,
     /// The asset's nominal speed, declared exact.
     Asset,
     /// Found from the comb of mesh harmonics within the tolerance around nominal.
@@ -44,7 +48,7 @@ pub enum SpeedSource {
 }
 
 /// A record's shaft speed and where it came from.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ShaftSpeed {
     /// Rotational frequency of the driving shaft in hertz.
     pub shaft_speed_hz: f64,
@@ -69,25 +73,32 @@ pub(super) struct LocatedMesh {
     pub(super) mesh: Result<f64, Absence>,
 }
 
-/// Finds the mesh: the record's own speed before the asset's exact one before the comb within the tolerance around nominal.
+/// The speed that comes with a record: what it says itself before the mean of its tachometer.
+pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
+    let own = record.operating_point().shaft_speed_hz.map(|speed| (speed, SpeedSource::Record));
+    own.or_else(|| {
+        let tachometer = record.tachometer()?;
+        let angle = ShaftAngle::from_pulses(&tachometer.pulse_times_s, tachometer.pulses_per_revolution).ok()?;
+        Some((angle.mean_speed_hz(), SpeedSource::Tachometer))
+    })
+}
+
+/// Finds the mesh: the speed that comes with the record before the asset's exact one before the comb within the tolerance around nominal.
 ///
 /// A given speed stays what it is; only its lines are looked for by the comb within ± 0.1 %, as a few digits of a tachometer's mean
 /// are often not exact to a bin. `constant` says that the samples do not vary.
 pub(super) fn locate(
     amplitude: &[f64],
     resolution_hz: f64,
-    given_hz: Option<f64>,
+    given: Option<(f64, SpeedSource)>,
     context: &MeshContext,
     constant: bool,
     scratch: &mut Vec<f64>,
 ) -> LocatedMesh {
     let teeth = f64::from(context.teeth);
     let nominal_hz = context.nominal_shaft_speed_hz;
-    let given = match given_hz {
-        Some(speed) => Some((speed, SpeedSource::Record)),
-        None if context.nominal_is_exact && nominal_hz > 0.0 => Some((nominal_hz, SpeedSource::Asset)),
-        None => None,
-    };
+    let exact = context.nominal_is_exact && nominal_hz > 0.0;
+    let given = given.or(exact.then_some((nominal_hz, SpeedSource::Asset)));
     let (centre_hz, tolerance) = match given {
         Some((speed, _)) => (speed, GIVEN_SPEED_TOLERANCE),
         None => (nominal_hz, context.tolerance.max(0.0)),

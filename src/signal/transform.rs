@@ -39,21 +39,37 @@ fn is_smooth(mut number: usize, primes: &[usize]) -> bool {
 }
 
 /// Plans of real transforms, the latest used first.
-#[derive(Default)]
 pub(super) struct Transforms {
+    kept_plans: usize,
     forward: Vec<Arc<dyn RealToComplex<f64>>>,
     inverse: Vec<Arc<dyn ComplexToReal<f64>>>,
     scratch: Vec<Complex<f64>>,
 }
 
+impl Default for Transforms {
+    fn default() -> Self {
+        Self::keeping(KEPT_PLANS)
+    }
+}
+
 impl Transforms {
+    /// Keeps this many plans of each direction.
+    pub(super) fn keeping(kept_plans: usize) -> Self {
+        Self {
+            kept_plans,
+            forward: Vec::with_capacity(kept_plans),
+            inverse: Vec::with_capacity(kept_plans),
+            scratch: Vec::new(),
+        }
+    }
+
     /// Bins 0 to ⌊N/2⌋ of Σ x·exp(−2πikn/N) of the N samples of `input`, which is overwritten.
     pub(super) fn forward(&mut self, input: &mut [f64], output: &mut Vec<Complex<f64>>) {
         let length = input.len();
         match self.forward.iter().position(|plan| plan.len() == length) {
             Some(index) => self.forward[..=index].rotate_right(1),
             None => {
-                self.forward.truncate(KEPT_PLANS - 1);
+                self.forward.truncate(self.kept_plans - 1);
                 self.forward.insert(0, RealFftPlanner::new().plan_fft_forward(length));
             }
         }
@@ -71,7 +87,7 @@ impl Transforms {
         match self.inverse.iter().position(|plan| plan.len() == length) {
             Some(index) => self.inverse[..=index].rotate_right(1),
             None => {
-                self.inverse.truncate(KEPT_PLANS - 1);
+                self.inverse.truncate(self.kept_plans - 1);
                 self.inverse.insert(0, RealFftPlanner::new().plan_fft_inverse(length));
             }
         }

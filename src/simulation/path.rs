@@ -53,11 +53,22 @@ impl TransmissionPath {
 
     /// What the sensor sees of a vibration; starts from rest.
     pub fn apply(&self, samples: &[f64]) -> Vec<f64> {
-        let mut seen: Vec<f64> = samples.iter().map(|x| self.direct * x).collect();
-        for resonance in &self.resonances {
-            resonance.add_to(samples, &mut seen);
-        }
-        seen
+        // All sections side by side: their recursions do not wait for each other.
+        let mut state = vec![[0.0; 2]; self.resonances.len()];
+        let (mut x1, mut x2) = (0.0, 0.0);
+        samples
+            .iter()
+            .map(|&x| {
+                let rise = x - x2;
+                (x2, x1) = (x1, x);
+                let parts = self.resonances.iter().zip(&mut state).map(|(section, [y1, y2])| {
+                    let y = section.b0 * rise - section.a1 * *y1 - section.a2 * *y2;
+                    (*y2, *y1) = (*y1, y);
+                    section.gain * y
+                });
+                self.direct * x + parts.sum::<f64>()
+            })
+            .collect()
     }
 }
 
@@ -74,15 +85,6 @@ impl Resonance {
             a2: (1.0 - alpha) / a0,
         }
     }
-
-    fn add_to(&self, samples: &[f64], seen: &mut [f64]) {
-        let (mut x1, mut x2, mut y1, mut y2) = (0.0, 0.0, 0.0, 0.0);
-        for (&x, out) in samples.iter().zip(seen) {
-            let y = self.b0 * (x - x2) - self.a1 * y1 - self.a2 * y2;
-            *out += self.gain * y;
-            (x2, x1, y2, y1) = (x1, x, y1, y);
-        }
-    }
 }
 
 #[cfg(test)]
@@ -91,15 +93,16 @@ mod tests {
 
     #[test]
     fn a_resonance_has_its_gain_at_its_frequency_and_none_at_rest() {
-        let resonance = Resonance::new(0.05, 0.02, 3.0);
+        let path = TransmissionPath {
+            direct: 0.0,
+            resonances: vec![Resonance::new(0.05, 0.02, 3.0)],
+        };
         let samples: Vec<f64> = (0..4000).map(|n| (std::f64::consts::TAU * 0.05 * n as f64).sin()).collect();
-        let mut seen = vec![0.0; samples.len()];
-        resonance.add_to(&samples, &mut seen);
+        let seen = path.apply(&samples);
         let peak = seen[3000..].iter().fold(0.0f64, |a, x| a.max(x.abs()));
         // The band-pass prototype has gain 1 at resonance by construction; the sample grid hits the sine's crest.
         assert!((peak - 3.0).abs() < 1e-3, "{peak}");
-        let mut constant = vec![0.0; 4000];
-        resonance.add_to(&vec![1.0; 4000], &mut constant);
+        let constant = path.apply(&vec![1.0; 4000]);
         assert!(constant[3999].abs() < 1e-6);
     }
 }

@@ -1,11 +1,13 @@
 //! Assets and their channels.
 
+use std::sync::Arc;
+
 use jiff::Timestamp;
 use sqlx::Row;
 use sqlx::any::AnyRow;
 
-use super::rows::{from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns};
-use super::{Store, StoreError};
+use super::rows::{from_ns, get, get_count, get_json, get_time, to_json, to_ns};
+use super::{Store, StoreError, raw};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// An asset as it is stored.
@@ -46,9 +48,46 @@ pub struct ChannelSummary {
     pub last_start_time: Option<Timestamp>,
     /// The latest segment.
     pub last_segment: Option<SegmentId>,
+    /// What the history that is served was computed under.
+    pub keys: ChannelKeys,
+    /// Late records wait for the history to be folded again.
+    pub must_fold: bool,
     pub(super) channel_no: i64,
     pub(super) revision: i64,
     pub(super) rewritten_revision: i64,
+    pub(super) analysis_generation: i64,
+    pub(super) wear_generation: i64,
+    /// The greatest generation number given out.
+    pub(super) newest_generation: i64,
+    /// Rows of histories that are not served any more are still there.
+    pub leftovers: bool,
+    /// A generation of analyses that is being made, and under which key.
+    pub(super) next_analysis: Option<(i64, String)>,
+}
+
+/// Identifies everything that a record's analysis depends on beside its raw bytes.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct AnalysisKeys {
+    /// Of the whole analysis: under another one it is done again.
+    pub analysis: Arc<str>,
+    /// Of the features alone: those under different ones cannot be compared.
+    pub feature: Arc<str>,
+}
+
+/// Identifies everything that a channel's history depends on beside its raw records.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ChannelKeys {
+    /// Of the analyses.
+    pub analysed: AnalysisKeys,
+    /// Of the fold.
+    pub fold: String,
+}
+
+impl ChannelSummary {
+    /// Changes whenever a record or an estimate of the channel does, and is never that of another channel.
+    pub fn version(&self) -> (i64, i64) {
+        (self.channel_no, self.revision)
+    }
 }
 
 impl Store {
@@ -121,11 +160,9 @@ impl Store {
     pub async fn delete_asset(&self, id: &AssetId) -> Result<Vec<String>, StoreError> {
         let channels = self.channels(id).await?;
         let mut transaction = self.write().begin().await?;
-        let mine = "SELECT raw_sha256 FROM segments WHERE channel_no IN (SELECT channel_no FROM channels WHERE asset_id = $1)";
+        let mine = "SELECT sha256 FROM raw_objects WHERE asset_id = $1";
         let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut *transaction).await?;
-        let mut objects: Vec<String> = objects.iter().map(|row| get(row, "raw_sha256")).collect::<Result<_, _>>()?;
-        objects.sort_unstable();
-        objects.dedup();
+        let objects: Vec<String> = objects.iter().map(|row| get(row, "sha256")).collect::<Result<_, _>>()?;
         let deleted = sqlx::query("DELETE FROM assets WHERE id = $1")
             .bind(id.as_str())
             .execute(&mut *transaction)
@@ -133,20 +170,8 @@ impl Store {
         if deleted.rows_affected() == 0 {
             return Err(StoreError::AssetUnknown(id.clone()));
         }
-        let mut orphans = Vec::new();
-        for chunk in objects.chunks(500) {
-            let text = format!(
-                "SELECT DISTINCT raw_sha256 FROM segments WHERE raw_sha256 IN ({})",
-                placeholders(1, chunk.len())
-            );
-            let mut query = sqlx::query(sqlx::AssertSqlSafe(text));
-            for name in chunk {
-                query = query.bind(name.as_str());
-            }
-            let kept = query.fetch_all(&mut *transaction).await?;
-            let kept: Vec<String> = kept.iter().map(|row| get(row, "raw_sha256")).collect::<Result<_, _>>()?;
-            orphans.extend(chunk.iter().filter(|name| !kept.contains(name)).cloned());
-        }
+        let kept = raw::kept_among(&mut transaction, &objects).await?;
+        let orphans = objects.into_iter().filter(|name| !kept.contains(name)).collect();
         transaction.commit().await?;
         for channel in channels {
             self.inner.trends.remove(channel.channel_no);
@@ -161,6 +186,16 @@ impl Store {
             .fetch_all(self.read())
             .await?;
         rows.iter().map(channel_of).collect()
+    }
+
+    /// A channel of an asset; none before its first record.
+    pub async fn channel(&self, asset: &AssetId, name: &str) -> Result<Option<ChannelSummary>, StoreError> {
+        let row = sqlx::query("SELECT * FROM channels WHERE asset_id = $1 AND name = $2")
+            .bind(asset.as_str())
+            .bind(name)
+            .fetch_optional(self.read())
+            .await?;
+        row.as_ref().map(channel_of).transpose()
     }
 
     /// Number of segments of all assets.
@@ -197,5 +232,18 @@ pub(super) fn channel_of(row: &AnyRow) -> Result<ChannelSummary, StoreError> {
         channel_no: get(row, "channel_no")?,
         revision: get(row, "revision")?,
         rewritten_revision: get(row, "rewritten_revision")?,
+        keys: ChannelKeys {
+            analysed: AnalysisKeys {
+                analysis: get::<String>(row, "analysis_key")?.into(),
+                feature: get::<String>(row, "feature_key")?.into(),
+            },
+            fold: get(row, "fold_key")?,
+        },
+        must_fold: get::<i64>(row, "must_fold")? != 0,
+        analysis_generation: get(row, "analysis_generation")?,
+        wear_generation: get(row, "wear_generation")?,
+        newest_generation: get(row, "newest_generation")?,
+        leftovers: get::<i64>(row, "leftovers")? != 0,
+        next_analysis: get::<Option<i64>>(row, "next_analysis_generation")?.zip(get(row, "next_analysis_key")?),
     })
 }

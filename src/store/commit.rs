@@ -1,29 +1,21 @@
-//! Writing segments: one transaction for records, estimates and the state of the fold.
+//! Writing: one transaction for segments, analyses, estimates and the states of the fold.
 
 use jiff::Timestamp;
-use sqlx::{Any, Transaction};
+use sqlx::{Any, AssertSqlSafe, Transaction};
 
 use super::assets::channel_of;
-use super::rows::{doubles_to_bytes, finite, finite_or_none, get, get_json, get_time, to_json, to_ns};
-use super::{ChannelSummary, NewSegment, SegmentKey, Store, StoreError};
+use super::fold_states::FoldState;
+use super::rows::{doubles_to_bytes, finite, finite_or_none, to_json, to_ns};
+use super::{Analysed, ChannelSummary, NewSegment, RunResult, SegmentKey, Store, StoreError};
 use crate::asset::{AssetId, SegmentId};
 use crate::estimate::WearEstimate;
-use crate::signal::Features;
 
-/// How far the wear estimate of a channel has been folded.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FoldState {
-    /// Identifies everything but the features that the estimate depends on; a state under another key is worth nothing.
-    pub fold_key: String,
-    /// The tracker's state as JSON.
-    pub state: String,
-    /// The last segment that went in.
-    pub last: SegmentKey,
-}
+/// Rows written by one statement, where there are many.
+const ROWS_AT_ONCE: usize = 32;
 
-/// A transaction on one or more channels. Nothing is stored before [`finish`](Self::finish) returns; then all is, on the disk.
+/// A transaction on any number of channels. Nothing is stored before [`finish`](Self::finish) returns; then all is, on the disk.
 pub struct Commit {
-    transaction: Transaction<'static, Any>,
+    pub(super) transaction: Transaction<'static, Any>,
 }
 
 impl Store {
@@ -32,26 +24,6 @@ impl Store {
         Ok(Commit {
             transaction: self.write().begin().await?,
         })
-    }
-
-    /// How far a channel has been folded, as last stored; none for a channel without records.
-    pub async fn fold_state(&self, asset: &AssetId, channel: &str) -> Result<Option<FoldState>, StoreError> {
-        let row = sqlx::query(
-            "SELECT t.* FROM tracker_states t JOIN channels c ON c.channel_no = t.channel_no WHERE c.asset_id = $1 AND c.name = $2",
-        )
-        .bind(asset.as_str())
-        .bind(channel)
-        .fetch_optional(self.read())
-        .await?;
-        let Some(row) = row else { return Ok(None) };
-        Ok(Some(FoldState {
-            fold_key: get(&row, "fold_key")?,
-            state: get(&row, "state")?,
-            last: SegmentKey {
-                start_time: get_time(&row, "last_start_ns")?,
-                id: SegmentId(get(&row, "last_segment_id")?),
-            },
-        }))
     }
 }
 
@@ -95,20 +67,27 @@ impl Commit {
         channel_of(&row)
     }
 
-    /// Adds a segment, without its estimate, and brings the channel's summary up to date.
+    /// A channel that was there a moment ago, as it is now.
+    ///
+    /// Error: [`StoreError::AssetUnknown`] where it is gone with its asset.
+    pub(super) async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
+        let row = sqlx::query("SELECT * FROM channels WHERE channel_no = $1")
+            .bind(channel.channel_no)
+            .fetch_optional(&mut *self.transaction)
+            .await?;
+        let gone = || StoreError::AssetUnknown(channel.asset_id.clone());
+        channel_of(&row.ok_or_else(gone)?)
+    }
+
+    /// Adds a segment with its analysis, without its estimate, and brings the channel's summary up to date.
     pub async fn insert(&mut self, channel: &mut ChannelSummary, segment: &NewSegment) -> Result<(), StoreError> {
         let id = segment.id.0.as_str();
-        for (name, value) in &segment.indicators.values {
-            finite(&format!("indicator {name} of segment {id}"), *value)?;
-        }
-        for (name, value) in &segment.features.values {
-            finite(&format!("feature {name} of segment {id}"), *value)?;
-        }
         let start_ns = to_ns(segment.start_time)?;
+        let raw_bytes = i64::try_from(segment.raw.bytes).unwrap_or(i64::MAX);
         sqlx::query(
-            "INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate_hz, samples, unit, operating_point, shaft_speed,
-                reference_wear_um, raw_sha256, raw_bytes, raw_media_type, raw_channel_index, indicators, features)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16)",
+            "INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate_hz, samples, unit, operating_point,
+                reference_wear_um, raw_sha256, raw_bytes, raw_media_type, raw_channel_index)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)",
         )
         .bind(id)
         .bind(channel.channel_no)
@@ -118,16 +97,35 @@ impl Commit {
         .bind(i64::try_from(segment.samples).unwrap_or(i64::MAX))
         .bind(segment.unit.as_str())
         .bind(to_json(&segment.operating_point, "operating_point", id)?)
-        .bind(segment.shaft_speed.as_ref().map(|speed| to_json(speed, "shaft_speed", id)).transpose()?)
         .bind(finite_or_none("reference_wear_um", segment.reference_wear_um)?)
         .bind(segment.raw.sha256.as_str())
-        .bind(i64::try_from(segment.raw.bytes).unwrap_or(i64::MAX))
+        .bind(raw_bytes)
         .bind(segment.raw.media_type.as_str())
         .bind(i64::from(segment.raw.channel_index))
-        .bind(to_json(&segment.indicators, "indicators", id)?)
-        .bind(to_json(&segment.features, "features", id)?)
         .execute(&mut *self.transaction)
         .await?;
+        self.insert_analysis(channel.analysis_generation, &segment.id, &segment.analysed)
+            .await?;
+        let counted = sqlx::query(
+            "INSERT INTO raw_objects (sha256, asset_id, bytes, start_time_ns) VALUES ($1, $2, $3, $4)
+             ON CONFLICT (sha256, asset_id) DO NOTHING",
+        )
+        .bind(segment.raw.sha256.as_str())
+        .bind(segment.asset_id.as_str())
+        .bind(raw_bytes)
+        .bind(start_ns)
+        .execute(&mut *self.transaction)
+        .await?;
+        if counted.rows_affected() > 0 {
+            sqlx::query(
+                "INSERT INTO raw_volumes (asset_id, bytes) VALUES ($1, $2)
+                 ON CONFLICT (asset_id) DO UPDATE SET bytes = raw_volumes.bytes + excluded.bytes",
+            )
+            .bind(segment.asset_id.as_str())
+            .bind(raw_bytes)
+            .execute(&mut *self.transaction)
+            .await?;
+        }
         channel.segments += 1;
         if channel.first_start_time.is_none_or(|first| segment.start_time < first) {
             channel.first_start_time = Some(segment.start_time);
@@ -140,82 +138,66 @@ impl Commit {
         Ok(())
     }
 
-    /// Up to `limit` segments of a channel with their features, in the order of time, from the first one after `after`;
-    /// those inserted in this transaction are among them.
-    pub async fn features(
-        &mut self,
-        channel: &ChannelSummary,
-        after: Option<&SegmentKey>,
-        limit: u32,
-    ) -> Result<Vec<(SegmentKey, Features)>, StoreError> {
-        let (after_ns, after_id) = match after {
-            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
-            None => (i64::MIN, ""),
-        };
-        let rows = sqlx::query(
-            "SELECT id, start_time_ns, features FROM segments WHERE channel_no = $1 AND (start_time_ns, id) > ($2, $3)
-             ORDER BY start_time_ns, id LIMIT $4",
-        )
-        .bind(channel.channel_no)
-        .bind(after_ns)
-        .bind(after_id)
-        .bind(i64::from(limit))
-        .fetch_all(&mut *self.transaction)
-        .await?;
-        rows.iter()
-            .map(|row| {
-                let id: String = get(row, "id")?;
-                let features = get_json(row, "features", &id)?;
-                let key = SegmentKey {
-                    start_time: get_time(row, "start_time_ns")?,
-                    id: SegmentId(id),
-                };
-                Ok((key, features))
-            })
-            .collect()
-    }
-
-    /// Sets the estimate of a segment, the first one or a new one.
-    pub async fn set_wear(&mut self, segment: &SegmentId, wear: &WearEstimate) -> Result<(), StoreError> {
+    /// Adds what a segment says by itself, under a generation.
+    pub(super) async fn insert_analysis(&mut self, generation: i64, segment: &SegmentId, analysed: &Analysed) -> Result<(), StoreError> {
         let id = segment.0.as_str();
-        let without_posterior = WearEstimate {
-            posterior: None,
-            ..wear.clone()
-        };
-        let status = to_json(&wear.status, "status", id)?;
+        for (name, value) in &analysed.indicators.values {
+            finite(&format!("indicator {name} of segment {id}"), *value)?;
+        }
+        for (name, value) in &analysed.features.values {
+            finite(&format!("feature {name} of segment {id}"), *value)?;
+        }
+        let shaft_speed = analysed.shaft_speed.as_ref();
         sqlx::query(
-            "INSERT INTO wear_estimates (segment_id, status, reason, median_um, mean_um, p05_um, p95_um, log_evidence, estimate)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)
-             ON CONFLICT (segment_id) DO UPDATE SET status = excluded.status, reason = excluded.reason, median_um = excluded.median_um,
-                mean_um = excluded.mean_um, p05_um = excluded.p05_um, p95_um = excluded.p95_um, log_evidence = excluded.log_evidence,
-                estimate = excluded.estimate",
+            "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8)",
         )
         .bind(id)
-        .bind(status.trim_matches('"'))
-        .bind(wear.reason.as_str())
-        .bind(finite_or_none("median_um", wear.median_um)?)
-        .bind(finite_or_none("mean_um", wear.mean_um)?)
-        .bind(finite_or_none("p05_um", wear.p05_um)?)
-        .bind(finite_or_none("p95_um", wear.p95_um)?)
-        .bind(finite_or_none("log_evidence", wear.log_evidence)?)
-        .bind(to_json(&without_posterior, "estimate", id)?)
+        .bind(generation)
+        .bind(&*analysed.keys.analysis)
+        .bind(&*analysed.keys.feature)
+        .bind(shaft_speed.map(|speed| to_json(speed, "shaft_speed", id)).transpose()?)
+        .bind(to_json(&analysed.basis, "basis", id)?)
+        .bind(to_json(&analysed.indicators, "indicators", id)?)
+        .bind(to_json(&analysed.features, "features", id)?)
         .execute(&mut *self.transaction)
         .await?;
-        match &wear.posterior {
-            Some(posterior) => {
-                sqlx::query(
-                    "INSERT INTO wear_posteriors (segment_id, wear_um, probability) VALUES ($1, $2, $3)
-                     ON CONFLICT (segment_id) DO UPDATE SET wear_um = excluded.wear_um, probability = excluded.probability",
-                )
-                .bind(id)
-                .bind(doubles_to_bytes(&posterior.wear_um))
-                .bind(doubles_to_bytes(&posterior.probability))
-                .execute(&mut *self.transaction)
-                .await?;
+        Ok(())
+    }
+
+    /// Sets the estimates of segments, the first ones or new ones, in the generation that is served.
+    pub async fn set_wears(&mut self, channel: &ChannelSummary, wears: &[(SegmentKey, RunResult)]) -> Result<(), StoreError> {
+        self.set_wears_in(channel.wear_generation, wears).await
+    }
+
+    /// Sets the estimates of segments in a generation.
+    pub(super) async fn set_wears_in(&mut self, generation: i64, wears: &[(SegmentKey, RunResult)]) -> Result<(), StoreError> {
+        for chunk in wears.chunks(ROWS_AT_ONCE) {
+            self.set_estimates(generation, chunk).await?;
+            let with: Vec<_> = chunk
+                .iter()
+                .filter_map(|(key, result)| result.wear.posterior.as_ref().map(|posterior| (key, posterior)))
+                .collect();
+            if !with.is_empty() {
+                let text = format!(
+                    "INSERT INTO wear_posteriors (segment_id, generation, wear_um, probability) VALUES {}
+                     ON CONFLICT (segment_id, generation) DO UPDATE SET wear_um = excluded.wear_um, probability = excluded.probability",
+                    rows_of_placeholders(with.len(), 4)
+                );
+                let mut query = sqlx::query(AssertSqlSafe(text));
+                for (key, posterior) in with {
+                    query = query
+                        .bind(key.id.0.as_str())
+                        .bind(generation)
+                        .bind(doubles_to_bytes(&posterior.wear_um))
+                        .bind(doubles_to_bytes(&posterior.probability));
+                }
+                query.execute(&mut *self.transaction).await?;
             }
-            None => {
-                sqlx::query("DELETE FROM wear_posteriors WHERE segment_id = $1")
-                    .bind(id)
+            for (key, _) in chunk.iter().filter(|(_, result)| result.wear.posterior.is_none()) {
+                sqlx::query("DELETE FROM wear_posteriors WHERE segment_id = $1 AND generation = $2")
+                    .bind(key.id.0.as_str())
+                    .bind(generation)
                     .execute(&mut *self.transaction)
                     .await?;
             }
@@ -223,37 +205,81 @@ impl Commit {
         Ok(())
     }
 
-    /// Sets how far the channel has been folded and its summary; `rewritten` says that estimates of earlier segments changed.
-    pub async fn set_fold(&mut self, channel: &ChannelSummary, fold: &FoldState, rewritten: bool) -> Result<(), StoreError> {
-        let last_ns = to_ns(fold.last.start_time)?;
-        sqlx::query(
-            "INSERT INTO tracker_states (channel_no, fold_key, state, last_start_ns, last_segment_id) VALUES ($1, $2, $3, $4, $5)
-             ON CONFLICT (channel_no) DO UPDATE SET fold_key = excluded.fold_key, state = excluded.state,
-                last_start_ns = excluded.last_start_ns, last_segment_id = excluded.last_segment_id",
-        )
-        .bind(channel.channel_no)
-        .bind(fold.fold_key.as_str())
-        .bind(fold.state.as_str())
-        .bind(last_ns)
-        .bind(fold.last.id.0.as_str())
-        .execute(&mut *self.transaction)
-        .await?;
+    async fn set_estimates(&mut self, generation: i64, wears: &[(SegmentKey, RunResult)]) -> Result<(), StoreError> {
+        let text = format!(
+            "INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, p05_um, p95_um, log_evidence, estimate,
+                run_indicators)
+             VALUES {}
+             ON CONFLICT (segment_id, generation) DO UPDATE SET status = excluded.status, reason = excluded.reason,
+                median_um = excluded.median_um, mean_um = excluded.mean_um, p05_um = excluded.p05_um, p95_um = excluded.p95_um,
+                log_evidence = excluded.log_evidence, estimate = excluded.estimate, run_indicators = excluded.run_indicators",
+            rows_of_placeholders(wears.len(), 11)
+        );
+        let mut query = sqlx::query(AssertSqlSafe(text));
+        for (key, RunResult { indicators, wear }) in wears {
+            let id = key.id.0.as_str();
+            for (name, value) in &indicators.values {
+                finite(&format!("indicator {name} of segment {id}"), *value)?;
+            }
+            let without_posterior = WearEstimate {
+                posterior: None,
+                ..wear.clone()
+            };
+            let status = to_json(&wear.status, "status", id)?;
+            query = query
+                .bind(id)
+                .bind(generation)
+                .bind(status.trim_matches('"').to_owned())
+                .bind(wear.reason.as_str())
+                .bind(finite_or_none("median_um", wear.median_um)?)
+                .bind(finite_or_none("mean_um", wear.mean_um)?)
+                .bind(finite_or_none("p05_um", wear.p05_um)?)
+                .bind(finite_or_none("p95_um", wear.p95_um)?)
+                .bind(finite_or_none("log_evidence", wear.log_evidence)?)
+                .bind(to_json(&without_posterior, "estimate", id)?)
+                .bind(to_json(indicators, "run_indicators", id)?);
+        }
+        query.execute(&mut *self.transaction).await?;
+        Ok(())
+    }
+
+    /// Sets states of the fold in the generation that is served: those after position `after` are replaced by `states`, in rising
+    /// order, the newest last.
+    pub async fn set_states(&mut self, channel: &ChannelSummary, after: u64, states: &[FoldState]) -> Result<(), StoreError> {
+        self.set_states_in(channel, channel.wear_generation, after, states).await
+    }
+
+    /// Sets a channel's summary; `rewritten` says that estimates of earlier segments changed.
+    pub async fn set_channel(&mut self, channel: &mut ChannelSummary, rewritten: bool) -> Result<(), StoreError> {
+        channel.revision += 1;
+        if rewritten {
+            channel.rewritten_revision = channel.revision;
+        }
         let optional_ns = |time: Option<Timestamp>| time.map(to_ns).transpose();
         sqlx::query(
             "UPDATE channels SET segments = $2, first_start_ns = $3, last_start_ns = $4, last_segment_id = $5, revision = $6,
-                rewritten_revision = $7 WHERE channel_no = $1",
+                rewritten_revision = $7, analysis_generation = $8, wear_generation = $9, newest_generation = $10, analysis_key = $11,
+                feature_key = $12, fold_key = $13, must_fold = $14, leftovers = $15, next_analysis_generation = $16,
+                next_analysis_key = $17
+             WHERE channel_no = $1",
         )
         .bind(channel.channel_no)
         .bind(i64::try_from(channel.segments).unwrap_or(i64::MAX))
         .bind(optional_ns(channel.first_start_time)?)
         .bind(optional_ns(channel.last_start_time)?)
         .bind(channel.last_segment.as_ref().map(|id| id.0.as_str()))
-        .bind(channel.revision + 1)
-        .bind(if rewritten {
-            channel.revision + 1
-        } else {
-            channel.rewritten_revision
-        })
+        .bind(channel.revision)
+        .bind(channel.rewritten_revision)
+        .bind(channel.analysis_generation)
+        .bind(channel.wear_generation)
+        .bind(channel.newest_generation)
+        .bind(&*channel.keys.analysed.analysis)
+        .bind(&*channel.keys.analysed.feature)
+        .bind(channel.keys.fold.as_str())
+        .bind(i64::from(channel.must_fold))
+        .bind(i64::from(channel.leftovers))
+        .bind(channel.next_analysis.as_ref().map(|(generation, _)| *generation))
+        .bind(channel.next_analysis.as_ref().map(|(_, key)| key.as_str()))
         .execute(&mut *self.transaction)
         .await?;
         Ok(())
@@ -263,4 +289,10 @@ impl Commit {
     pub async fn finish(self) -> Result<(), StoreError> {
         Ok(self.transaction.commit().await?)
     }
+}
+
+/// `($1, $2), ($3, $4), …`: `rows` rows of `columns` values.
+fn rows_of_placeholders(rows: usize, columns: usize) -> String {
+    let row = |n: usize| format!("({})", super::rows::placeholders(n * columns + 1, columns));
+    (0..rows).map(row).collect::<Vec<_>>().join(", ")
 }

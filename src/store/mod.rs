@@ -7,7 +7,12 @@ mod assets;
 mod commit;
 mod database;
 mod error;
+mod fold_states;
+mod generations;
+mod keyed_uploads;
 mod objects;
+mod raw;
+mod replays;
 mod rows;
 mod schema;
 mod segments;
@@ -19,11 +24,15 @@ use std::sync::Arc;
 use database::Database;
 use trend::TrendShelf;
 
-pub use assets::{Asset, ChannelSummary};
-pub use commit::{Commit, FoldState};
+pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary};
+pub use commit::Commit;
 pub use error::StoreError;
+pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
+pub use generations::{AnalysisGeneration, WearGeneration};
+pub use keyed_uploads::KeyedUpload;
 pub use objects::Objects;
-pub use segments::{NewSegment, Order, SegmentFilter, SegmentKey};
+pub use raw::GivenUp;
+pub use segments::{Analysed, NewSegment, Order, RunResult, SegmentFilter, SegmentKey, StoredFeatures};
 pub use trend::{Trend, WearPoint};
 
 /// The store of one data folder; a clone is another handle to the same one.

@@ -103,6 +103,28 @@ impl Objects {
         }
     }
 
+    /// Names and sizes of the objects whose names begin with this byte.
+    pub fn list(&self, shard: u8) -> Result<Vec<(String, u64)>, StoreError> {
+        let folder = self.folder.join(format!("{shard:02x}"));
+        let entries = match fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(source) => return Err(file_error("list", &folder, source)),
+        };
+        let mut found = Vec::new();
+        for entry in entries {
+            let entry = entry.map_err(|source| file_error("list", &folder, source))?;
+            let Ok(name) = entry.file_name().into_string() else { continue };
+            let is_object = name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
+            if let Ok(metadata) = entry.metadata()
+                && is_object
+            {
+                found.push((name, metadata.len()));
+            }
+        }
+        Ok(found)
+    }
+
     fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name.get(..2).unwrap_or("xx")).join(name)
     }

@@ -37,6 +37,12 @@ pub(super) fn get_json<T: DeserializeOwned>(row: &AnyRow, column: &'static str, 
     from_json(&text, column, of)
 }
 
+/// The same of a column that older rows leave empty.
+pub(super) fn get_json_or_default<T: DeserializeOwned + Default>(row: &AnyRow, column: &'static str, of: &str) -> Result<T, StoreError> {
+    let text: Option<String> = get(row, column)?;
+    text.map_or_else(|| Ok(T::default()), |text| from_json(&text, column, of))
+}
+
 /// What a JSON text says.
 pub(super) fn from_json<T: DeserializeOwned>(text: &str, what: &'static str, of: &str) -> Result<T, StoreError> {
     serde_json::from_str(text).map_err(|source| StoreError::Damaged {

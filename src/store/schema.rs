@@ -24,7 +24,10 @@ impl Dialect {
 }
 
 /// Each migration's statements; a migration that has been released is never changed.
-const MIGRATIONS: &[&[&str]] = &[&[
+const MIGRATIONS: &[&[&str]] = &[FIRST, RUN_INDICATORS, KEYED_UPLOADS, GENERATIONS];
+
+/// Assets, channels, segments with everything about them.
+const FIRST: &[&str] = &[
     "CREATE TABLE assets (
         id TEXT NOT NULL PRIMARY KEY,
         spec TEXT NOT NULL,
@@ -92,7 +95,127 @@ const MIGRATIONS: &[&[&str]] = &[&[
         last_start_ns BIGINT NOT NULL,
         last_segment_id TEXT NOT NULL
     )",
-]];
+];
+
+/// What indicators rest on, and those that the run up to a record gives: set by the fold, as the estimate is.
+const RUN_INDICATORS: &[&str] = &[
+    "ALTER TABLE segments ADD COLUMN basis TEXT",
+    "ALTER TABLE segments ADD COLUMN run_indicators TEXT",
+];
+
+/// Uploads under a key of the client's.
+const KEYED_UPLOADS: &[&str] = &[
+    "CREATE TABLE keyed_uploads (
+        asset_id TEXT NOT NULL REFERENCES assets (id) ON DELETE CASCADE,
+        upload_key TEXT NOT NULL,
+        request_sha256 TEXT NOT NULL,
+        received_at_ns BIGINT NOT NULL,
+        answer TEXT,
+        PRIMARY KEY (asset_id, upload_key)
+    )",
+    "CREATE INDEX keyed_uploads_in_time ON keyed_uploads (received_at_ns)",
+];
+
+/// What is derived is apart from what was recorded, under a generation number: a channel's history is computed again beside the one
+/// that is served, and swapped in by one number. Raw objects are counted for each asset.
+const GENERATIONS: &[&str] = &[
+    // Which generation of analyses and of estimates is served, and the greatest number given out; under which keys they were made;
+    // whether late records wait for their history to be folded; whether rows of other generations are to be removed.
+    "ALTER TABLE channels ADD COLUMN analysis_generation BIGINT NOT NULL DEFAULT 0",
+    "ALTER TABLE channels ADD COLUMN wear_generation BIGINT NOT NULL DEFAULT 0",
+    "ALTER TABLE channels ADD COLUMN newest_generation BIGINT NOT NULL DEFAULT 0",
+    "ALTER TABLE channels ADD COLUMN analysis_key TEXT NOT NULL DEFAULT ''",
+    "ALTER TABLE channels ADD COLUMN feature_key TEXT NOT NULL DEFAULT ''",
+    "ALTER TABLE channels ADD COLUMN fold_key TEXT NOT NULL DEFAULT ''",
+    "ALTER TABLE channels ADD COLUMN must_fold BIGINT NOT NULL DEFAULT 0",
+    "ALTER TABLE channels ADD COLUMN leftovers BIGINT NOT NULL DEFAULT 0",
+    // A generation of analyses that is being made, so that it is gone on with after a restart.
+    "ALTER TABLE channels ADD COLUMN next_analysis_generation BIGINT",
+    "ALTER TABLE channels ADD COLUMN next_analysis_key TEXT",
+    // What one record says by itself, and under which keys it was made to say so.
+    "CREATE TABLE analyses (
+        segment_id TEXT NOT NULL REFERENCES segments (id) ON DELETE CASCADE,
+        generation BIGINT NOT NULL,
+        analysis_key TEXT NOT NULL,
+        feature_key TEXT NOT NULL,
+        shaft_speed TEXT,
+        basis TEXT,
+        indicators TEXT NOT NULL,
+        features TEXT NOT NULL,
+        PRIMARY KEY (segment_id, generation)
+    )",
+    "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
+        SELECT id, 0, '', '', shaft_speed, basis, indicators, features FROM segments",
+    "ALTER TABLE segments DROP COLUMN shaft_speed",
+    "ALTER TABLE segments DROP COLUMN basis",
+    "ALTER TABLE segments DROP COLUMN indicators",
+    "ALTER TABLE segments DROP COLUMN features",
+    "ALTER TABLE wear_estimates RENAME TO first_wear_estimates",
+    "CREATE TABLE wear_estimates (
+        segment_id TEXT NOT NULL REFERENCES segments (id) ON DELETE CASCADE,
+        generation BIGINT NOT NULL,
+        status TEXT NOT NULL,
+        reason TEXT NOT NULL,
+        median_um DOUBLE PRECISION,
+        mean_um DOUBLE PRECISION,
+        p05_um DOUBLE PRECISION,
+        p95_um DOUBLE PRECISION,
+        log_evidence DOUBLE PRECISION,
+        estimate TEXT NOT NULL,
+        run_indicators TEXT,
+        PRIMARY KEY (segment_id, generation)
+    )",
+    "INSERT INTO wear_estimates SELECT w.segment_id, 0, w.status, w.reason, w.median_um, w.mean_um, w.p05_um, w.p95_um, w.log_evidence,
+        w.estimate, s.run_indicators FROM first_wear_estimates w JOIN segments s ON s.id = w.segment_id",
+    "ALTER TABLE segments DROP COLUMN run_indicators",
+    "DROP TABLE first_wear_estimates",
+    "ALTER TABLE wear_posteriors RENAME TO first_wear_posteriors",
+    "CREATE TABLE wear_posteriors (
+        segment_id TEXT NOT NULL REFERENCES segments (id) ON DELETE CASCADE,
+        generation BIGINT NOT NULL,
+        wear_um {bytes} NOT NULL,
+        probability {bytes} NOT NULL,
+        PRIMARY KEY (segment_id, generation)
+    )",
+    "INSERT INTO wear_posteriors SELECT segment_id, 0, wear_um, probability FROM first_wear_posteriors",
+    "DROP TABLE first_wear_posteriors",
+    // The fold's state after some of a channel's records, the newest among them. `position` counts the records up to it.
+    "DROP TABLE tracker_states",
+    "CREATE TABLE fold_states (
+        channel_no BIGINT NOT NULL REFERENCES channels (channel_no) ON DELETE CASCADE,
+        generation BIGINT NOT NULL,
+        position BIGINT NOT NULL,
+        start_time_ns BIGINT NOT NULL,
+        segment_id TEXT NOT NULL,
+        state TEXT NOT NULL,
+        PRIMARY KEY (channel_no, generation, position)
+    )",
+    // Which raw objects are kept for which asset, and how many bytes they are together.
+    "CREATE TABLE raw_objects (
+        sha256 TEXT NOT NULL,
+        asset_id TEXT NOT NULL REFERENCES assets (id) ON DELETE CASCADE,
+        bytes BIGINT NOT NULL,
+        start_time_ns BIGINT NOT NULL,
+        PRIMARY KEY (sha256, asset_id)
+    )",
+    "INSERT INTO raw_objects (sha256, asset_id, bytes, start_time_ns)
+        SELECT s.raw_sha256, c.asset_id, MAX(s.raw_bytes), MIN(s.start_time_ns)
+        FROM segments s JOIN channels c ON c.channel_no = s.channel_no GROUP BY s.raw_sha256, c.asset_id",
+    "CREATE INDEX raw_objects_of_asset ON raw_objects (asset_id, start_time_ns)",
+    "CREATE INDEX raw_objects_in_time ON raw_objects (start_time_ns)",
+    "DROP INDEX segments_of_object",
+    "CREATE TABLE raw_volumes (
+        asset_id TEXT NOT NULL PRIMARY KEY REFERENCES assets (id) ON DELETE CASCADE,
+        bytes BIGINT NOT NULL
+    )",
+    "INSERT INTO raw_volumes (asset_id, bytes)
+        SELECT a.id, CAST(COALESCE((SELECT SUM(bytes) FROM raw_objects r WHERE r.asset_id = a.id), 0) AS BIGINT) FROM assets a",
+    // Replays outlive the process: which ones there were, and what had become of them.
+    "CREATE TABLE replays (
+        number BIGINT NOT NULL PRIMARY KEY,
+        replay TEXT NOT NULL
+    )",
+];
 
 /// Brings the tables up to date; a database from a later program is refused.
 pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) -> Result<(), StoreError> {

@@ -4,11 +4,11 @@ use jiff::Timestamp;
 use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
-use super::rows::{doubles_from_bytes, from_json, get, get_count, get_json, get_time, placeholders, to_ns};
-use super::{ChannelSummary, Store, StoreError};
+use super::rows::{doubles_from_bytes, from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders, to_ns};
+use super::{AnalysisKeys, ChannelSummary, Store, StoreError};
 use crate::asset::{AssetId, RawReference, Segment, SegmentId};
 use crate::estimate::{Posterior, WearEstimate};
-use crate::signal::{Features, Indicators, OperatingPoint, ShaftSpeed};
+use crate::signal::{Basis, Features, Indicators, OperatingPoint, ShaftSpeed};
 
 /// Place of a segment in its channel: by time, and by identifier where times are equal.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -40,16 +40,49 @@ pub struct NewSegment {
     pub unit: String,
     /// Operating point as given with the record.
     pub operating_point: OperatingPoint,
-    /// Shaft speed that was used.
-    pub shaft_speed: Option<ShaftSpeed>,
     /// Wear depth in µm known from elsewhere.
     pub reference_wear_um: Option<f64>,
     /// Where the raw bytes are.
     pub raw: RawReference,
-    /// Condition indicators.
+    /// What its own record says.
+    pub analysed: Analysed,
+}
+
+/// What a record says by itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Analysed {
+    /// What it was computed under.
+    pub keys: AnalysisKeys,
+    /// Shaft speed that was used.
+    pub shaft_speed: Option<ShaftSpeed>,
+    /// What indicators and features rest on.
+    pub basis: Basis,
+    /// Condition indicators that the record gives by itself.
     pub indicators: Indicators,
     /// Features for the wear estimate.
     pub features: Features,
+}
+
+/// What the run up to a record says of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunResult {
+    /// Indicators that need the records before.
+    pub indicators: Indicators,
+    /// The wear estimate.
+    pub wear: WearEstimate,
+}
+
+/// What is folded of a stored segment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredFeatures {
+    /// Place of the segment in its channel.
+    pub key: SegmentKey,
+    /// What they were computed under.
+    pub feature_key: String,
+    /// Features for the wear estimate.
+    pub features: Features,
+    /// Indicators that the record gives by itself.
+    pub indicators: Indicators,
 }
 
 impl NewSegment {
@@ -61,8 +94,9 @@ impl NewSegment {
         }
     }
 
-    /// The whole segment.
-    pub fn with_wear(self, wear: WearEstimate) -> Segment {
+    /// The whole segment with what the run up to it adds.
+    pub fn with_run(mut self, run: RunResult) -> Segment {
+        self.analysed.indicators.extend(run.indicators);
         Segment {
             id: self.id,
             asset_id: self.asset_id,
@@ -73,18 +107,19 @@ impl NewSegment {
             samples: self.samples,
             unit: self.unit,
             operating_point: self.operating_point,
-            shaft_speed: self.shaft_speed,
+            shaft_speed: self.analysed.shaft_speed,
             reference_wear_um: self.reference_wear_um,
             raw: self.raw,
-            indicators: self.indicators,
-            features: self.features,
-            wear,
+            basis: self.analysed.basis,
+            indicators: self.analysed.indicators,
+            features: self.analysed.features,
+            wear: run.wear,
         }
     }
 }
 
 /// In which order segments are listed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Order {
     /// The earliest first.
@@ -109,11 +144,15 @@ pub struct SegmentFilter {
     pub order: Order,
 }
 
-const SEGMENT: &str = "SELECT s.*, c.asset_id, c.name AS channel, w.estimate, p.wear_um, p.probability
+/// Segments with what is served of them.
+const SEGMENT: &str =
+    "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicators, a.features,
+        w.estimate, w.run_indicators, p.wear_um, p.probability
     FROM segments s
     JOIN channels c ON c.channel_no = s.channel_no
-    JOIN wear_estimates w ON w.segment_id = s.id
-    LEFT JOIN wear_posteriors p ON p.segment_id = s.id";
+    JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
+    JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = c.wear_generation
+    LEFT JOIN wear_posteriors p ON p.segment_id = s.id AND p.generation = c.wear_generation";
 
 impl Store {
     /// A segment, whole; none where there is none of that identifier.
@@ -157,6 +196,44 @@ impl Store {
         Ok(found)
     }
 
+    /// Up to `limit` segments of a channel with their features as they are served, in the order of time, from the first one after
+    /// `after`.
+    pub async fn features(
+        &self,
+        channel: &ChannelSummary,
+        after: Option<&SegmentKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredFeatures>, StoreError> {
+        self.features_in(channel, channel.analysis_generation, after, limit).await
+    }
+
+    pub(super) async fn features_in(
+        &self,
+        channel: &ChannelSummary,
+        generation: i64,
+        after: Option<&SegmentKey>,
+        limit: u32,
+    ) -> Result<Vec<StoredFeatures>, StoreError> {
+        let (after_ns, after_id) = match after {
+            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
+            None => (i64::MIN, ""),
+        };
+        let rows = sqlx::query(
+            "SELECT s.id, s.start_time_ns, a.feature_key, a.features, a.indicators
+             FROM segments s JOIN analyses a ON a.segment_id = s.id AND a.generation = $1
+             WHERE s.channel_no = $2 AND (s.start_time_ns, s.id) > ($3, $4)
+             ORDER BY s.start_time_ns, s.id LIMIT $5",
+        )
+        .bind(generation)
+        .bind(channel.channel_no)
+        .bind(after_ns)
+        .bind(after_id)
+        .bind(i64::from(limit))
+        .fetch_all(self.read())
+        .await?;
+        rows.iter().map(features_of).collect()
+    }
+
     async fn segments_of_channel(&self, channel: &ChannelSummary, filter: &SegmentFilter, limit: u32) -> Result<Vec<Segment>, StoreError> {
         let (after, direction, start) = match filter.order {
             Order::Asc => (">", "ASC", i64::MIN),
@@ -183,19 +260,27 @@ impl Store {
     }
 }
 
-fn segment_of(row: &AnyRow) -> Result<Segment, StoreError> {
+/// Features as they are read for folding.
+pub(super) fn features_of(row: &AnyRow) -> Result<StoredFeatures, StoreError> {
     let id: String = get(row, "id")?;
-    let mut wear: WearEstimate = get_json(row, "estimate", &id)?;
-    if let (Some(wear_um), Some(probability)) = (get::<Option<Vec<u8>>>(row, "wear_um")?, get::<Option<Vec<u8>>>(row, "probability")?) {
-        wear.posterior = Some(Posterior {
-            wear_um: doubles_from_bytes(&wear_um),
-            probability: doubles_from_bytes(&probability),
-        });
-    }
+    Ok(StoredFeatures {
+        feature_key: get(row, "feature_key")?,
+        features: get_json(row, "features", &id)?,
+        indicators: get_json(row, "indicators", &id)?,
+        key: SegmentKey {
+            start_time: get_time(row, "start_time_ns")?,
+            id: SegmentId(id),
+        },
+    })
+}
+
+/// A segment without its estimate.
+pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
+    let id: String = get(row, "id")?;
     let asset_id: String = get(row, "asset_id")?;
     let shaft_speed: Option<String> = get(row, "shaft_speed")?;
     let channel_index = get_count(row, "raw_channel_index")?;
-    let new = NewSegment {
+    Ok(NewSegment {
         asset_id: AssetId::new(asset_id).map_err(|error| StoreError::Unexpected {
             what: "asset_id",
             value: error.to_string(),
@@ -208,7 +293,6 @@ fn segment_of(row: &AnyRow) -> Result<Segment, StoreError> {
         samples: get_count(row, "samples")?,
         unit: get(row, "unit")?,
         operating_point: get_json(row, "operating_point", &id)?,
-        shaft_speed: shaft_speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?,
         reference_wear_um: get(row, "reference_wear_um")?,
         raw: RawReference {
             sha256: get(row, "raw_sha256")?,
@@ -216,9 +300,29 @@ fn segment_of(row: &AnyRow) -> Result<Segment, StoreError> {
             media_type: get(row, "raw_media_type")?,
             channel_index: u32::try_from(channel_index).unwrap_or(u32::MAX),
         },
-        indicators: get_json(row, "indicators", &id)?,
-        features: get_json(row, "features", &id)?,
+        analysed: Analysed {
+            keys: AnalysisKeys {
+                analysis: get::<String>(row, "analysis_key")?.into(),
+                feature: get::<String>(row, "feature_key")?.into(),
+            },
+            shaft_speed: shaft_speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?,
+            basis: get_json_or_default(row, "basis", &id)?,
+            indicators: get_json(row, "indicators", &id)?,
+            features: get_json(row, "features", &id)?,
+        },
         id: SegmentId(id),
-    };
-    Ok(new.with_wear(wear))
+    })
+}
+
+fn segment_of(row: &AnyRow) -> Result<Segment, StoreError> {
+    let new = new_segment_of(row)?;
+    let mut wear: WearEstimate = get_json(row, "estimate", &new.id.0)?;
+    if let (Some(wear_um), Some(probability)) = (get::<Option<Vec<u8>>>(row, "wear_um")?, get::<Option<Vec<u8>>>(row, "probability")?) {
+        wear.posterior = Some(Posterior {
+            wear_um: doubles_from_bytes(&wear_um),
+            probability: doubles_from_bytes(&probability),
+        });
+    }
+    let indicators = get_json_or_default(row, "run_indicators", &new.id.0)?;
+    Ok(new.with_run(RunResult { indicators, wear }))
 }

@@ -9,7 +9,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use jiff::Timestamp;
 use sqlx::any::AnyRow;
 
-use super::rows::{from_json, from_ns, get, get_json, to_ns};
+use super::assets::channel_of;
+use super::rows::{from_json, from_ns, get, get_json, get_json_or_default, to_ns};
 use super::{ChannelSummary, Store, StoreError};
 use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
@@ -79,7 +80,8 @@ impl Trend {
 
     fn push(&mut self, row: &AnyRow) -> Result<(), StoreError> {
         let id: String = get(row, "id")?;
-        let indicators: Indicators = get_json(row, "indicators", &id)?;
+        let mut indicators: Indicators = get_json(row, "indicators", &id)?;
+        indicators.extend(get_json_or_default(row, "run_indicators", &id)?);
         let status: String = get(row, "status")?;
         let position = self.len();
         for (name, value) in indicators.values {
@@ -181,20 +183,38 @@ impl Store {
     }
 
     async fn append(&self, trend: &mut Trend, channel: &ChannelSummary) -> Result<(), StoreError> {
+        // One snapshot of the database for all pieces: a history that is swapped meanwhile is seen whole, the old one or the new.
+        let mut snapshot = self.read().begin().await?;
+        let row = sqlx::query("SELECT * FROM channels WHERE channel_no = $1")
+            .bind(channel.channel_no)
+            .fetch_optional(&mut *snapshot)
+            .await?;
+        let Some(row) = row else { return Ok(()) };
+        let channel = channel_of(&row)?;
+        if trend.revision < channel.rewritten_revision {
+            *trend = Trend {
+                channel_no: channel.channel_no,
+                ..Trend::default()
+            };
+        }
         loop {
             let last_ns = trend.start_time.last().map_or(Ok(i64::MIN), |time| to_ns(*time))?;
             let last_id = trend.segment_id.last().map_or("", |id| id.0.as_str());
             let rows = sqlx::query(
-                "SELECT s.id, s.start_time_ns, s.unit, s.indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
+                "SELECT s.id, s.start_time_ns, s.unit, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
                     w.p05_um, w.p95_um, w.log_evidence
-                 FROM segments s JOIN wear_estimates w ON w.segment_id = s.id
+                 FROM segments s
+                 JOIN analyses a ON a.segment_id = s.id AND a.generation = $5
+                 JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = $6
                  WHERE s.channel_no = $1 AND (s.start_time_ns, s.id) > ($2, $3) ORDER BY s.start_time_ns, s.id LIMIT $4",
             )
             .bind(channel.channel_no)
             .bind(last_ns)
             .bind(last_id)
             .bind(ROWS_AT_ONCE)
-            .fetch_all(self.read())
+            .bind(channel.analysis_generation)
+            .bind(channel.wear_generation)
+            .fetch_all(&mut *snapshot)
             .await?;
             for row in &rows {
                 trend.push(row)?;

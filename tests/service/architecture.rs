@@ -4,20 +4,32 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room and the rooms it may name.
-const ROOMS: [(&str, &[&str]); 12] = [
+const ROOMS: [(&str, &[&str]); 14] = [
     ("gear", &[]),
     ("signal", &[]),
     ("library", &["gear", "signal"]),
     ("simulation", &["gear", "signal"]),
     ("figures", &["gear", "signal"]),
     ("estimate", &["library", "signal"]),
+    ("evaluation", &["gear", "signal", "library", "simulation", "estimate"]),
     ("recording", &["signal"]),
     ("asset", &["gear", "signal", "estimate"]),
+    ("report", &["signal", "estimate", "asset"]),
     ("store", &["gear", "signal", "library", "estimate", "asset"]),
     ("ingest", &["gear", "signal", "library", "estimate", "recording", "asset", "store"]),
     (
         "http",
-        &["gear", "signal", "library", "estimate", "recording", "asset", "store", "ingest"],
+        &[
+            "gear",
+            "signal",
+            "library",
+            "estimate",
+            "recording",
+            "asset",
+            "report",
+            "store",
+            "ingest",
+        ],
     ),
     (
         "cli",
@@ -28,8 +40,10 @@ const ROOMS: [(&str, &[&str]); 12] = [
             "simulation",
             "figures",
             "estimate",
+            "evaluation",
             "recording",
             "asset",
+            "report",
             "store",
             "ingest",
             "http",
@@ -38,7 +52,17 @@ const ROOMS: [(&str, &[&str]); 12] = [
 ];
 
 /// Rooms without a runtime, a database, a clock, the environment or chance.
-const PURE: [&str; 7] = ["gear", "signal", "library", "simulation", "figures", "estimate", "recording"];
+const PURE: [&str; 9] = [
+    "gear",
+    "signal",
+    "library",
+    "simulation",
+    "figures",
+    "estimate",
+    "evaluation",
+    "recording",
+    "report",
+];
 
 const IMPURE: [&str; 10] = [
     "tokio",

@@ -65,3 +65,129 @@ fn a_damaged_raw_object_is_said_to_be_and_never_shown() {
         .expect_problem(500, &["damaged", name]);
     service.get(&format!("/v1/segments/{id}")).expect(200);
 }
+
+/// Raw objects on the disk.
+fn raw_objects(service: &Service) -> Vec<std::path::PathBuf> {
+    let mut found = Vec::new();
+    for shard in std::fs::read_dir(service.folder().join("raw")).unwrap() {
+        for object in std::fs::read_dir(shard.unwrap().path()).unwrap() {
+            found.push(object.unwrap().path());
+        }
+    }
+    found
+}
+
+#[test]
+fn a_start_removes_what_an_earlier_run_left_behind() {
+    let mut service = Service::start();
+    service.plain_asset("pump");
+    let kept = service.upload("pump", &record("1", 1))["raw"]["sha256"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    let orphan = service.folder().join("raw/ab").join(format!("ab{}", "0".repeat(62)));
+    let unfinished = [service.folder().join("raw/tmp/7"), service.folder().join("uploads/3")];
+    service.stop();
+    std::fs::create_dir_all(orphan.parent().unwrap()).unwrap();
+    for path in unfinished.iter().chain([&orphan]) {
+        std::fs::write(path, b"left behind").unwrap();
+    }
+    service.launch();
+    assert!(unfinished.iter().all(|path| !path.exists()));
+    let began = std::time::Instant::now();
+    while orphan.exists() {
+        assert!(began.elapsed().as_secs() < 60, "the orphan is still there");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let left = raw_objects(&service);
+    assert!(left.len() == 1 && left[0].ends_with(&kept), "{left:?}");
+}
+
+#[test]
+fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay() {
+    let service = Service::start_with(|config| {
+        config.ingest.quotas.bytes_per_asset = Some(100_000);
+        config.ingest.quotas.bytes = Some(150_000);
+    });
+    for asset in ["pump", "fan"] {
+        service.plain_asset(asset);
+    }
+    // Some 20 kB each as JSON: later times first, so that age is by the record's time and not by receipt.
+    let mut segments = Vec::new();
+    for n in (0..12).rev() {
+        segments.push(service.upload("pump", &record("1", n)));
+    }
+    let bytes = segments[0]["raw"]["bytes"].as_u64().unwrap();
+    let kept = |service: &Service| -> u64 { raw_objects(service).iter().map(|path| path.metadata().unwrap().len()).sum() };
+    let wait_below = |most: u64| {
+        let began = std::time::Instant::now();
+        while kept(&service) > most {
+            assert!(began.elapsed().as_secs() < 60, "{} bytes are kept", kept(&service));
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+    };
+    wait_below(100_000);
+    assert!(kept(&service) > 100_000 - 2 * bytes, "more than needed was given up");
+    segments.reverse();
+    let waveform = |segment: &Value| service.get(&format!("/v1/segments/{}/waveform", segment["id"].as_str().unwrap()));
+    waveform(&segments[0]).expect_problem(410, &["not kept any more"]);
+    waveform(&segments[11]).expect(200);
+    let shown = service
+        .get(&format!("/v1/segments/{}", segments[0]["id"].as_str().unwrap()))
+        .expect(200)
+        .json();
+    assert_eq!(shown["indicators"], segments[0]["indicators"]);
+    // A repeat is answered with what is stored, and does not bring the bytes back.
+    assert_eq!(service.upload("pump", &record("1", 0))["id"], segments[0]["id"]);
+    for n in 20..26 {
+        service.upload("fan", &record("1", n));
+    }
+    wait_below(150_000);
+    assert_eq!(
+        service.get("/v1/assets/fan/indicators").expect(200).json()["items"]
+            .as_array()
+            .unwrap()
+            .len(),
+        6
+    );
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 12);
+}
+
+#[test]
+fn uploads_under_way_when_the_service_stops_are_finished_and_no_new_ones_are_taken() {
+    let mut service = Service::start();
+    service.plain_asset("pump");
+    let stored = std::sync::Mutex::new(Vec::new());
+    let url = service.url("/v1/assets/pump/segments");
+    let next = std::sync::atomic::AtomicU32::new(0);
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| {
+                let agent: ureq::Agent = ureq::Agent::config_builder().http_status_as_error(false).build().into();
+                loop {
+                    let n = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                    let block = flankwatch::recording::encode_block(&record("1", n), flankwatch::recording::BlockEncoding::Protobuf);
+                    let sent = agent.post(&url).content_type("application/x-protobuf").send(&block[..]);
+                    let Ok(mut response) = sent else { break };
+                    assert_eq!(response.status().as_u16(), 201);
+                    // An answer that was begun comes whole.
+                    let segment: Value = serde_json::from_str(&response.body_mut().read_to_string().unwrap()).unwrap();
+                    stored.lock().unwrap().push(segment["id"].as_str().unwrap().to_owned());
+                }
+            });
+        }
+        while stored.lock().unwrap().len() < 20 {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        let began = std::time::Instant::now();
+        service.stop();
+        assert!(
+            began.elapsed() < std::time::Duration::from_secs(31),
+            "longer than the time of grace"
+        );
+    });
+    service.launch();
+    for id in stored.into_inner().unwrap() {
+        service.get(&format!("/v1/segments/{id}")).expect(200);
+    }
+}

@@ -1,6 +1,7 @@
 //! The whole program: the service over HTTP, started on a free port with a folder and a clock of its own, and the commands.
 #![cfg(test)]
 
+mod access;
 mod architecture;
 mod assets;
 mod browser;
@@ -8,11 +9,23 @@ mod command_line;
 mod dashboard;
 mod durability;
 mod dynamics;
+mod envelopes;
+mod events;
 mod figures;
+mod full_disk;
+mod gear_indicators;
+mod integrations;
+mod killed;
 mod left_out;
+mod libraries;
+mod openapi;
 mod problems;
+mod real_bearing;
 mod real_gearbox;
+mod recomputing;
 mod recordings;
 mod running;
 mod segments;
 mod trends;
+mod uploads;
+mod views;

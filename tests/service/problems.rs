@@ -23,7 +23,7 @@ fn a_wrong_path_method_type_or_parameter_is_a_problem() {
         .expect_problem(415, &["image/png", "audio/wav"]);
     service.send("POST", segments, &[], b"x").expect_problem(415, &["content-type is"]);
     service.post("/v1/assets", "text/plain", b"x").expect_problem(415, &["text/plain"]);
-    let gzip = [("content-type", "audio/wav"), ("content-encoding", "gzip")];
+    let gzip = [("content-type", "audio/wav"), ("content-encoding", "br")];
     service
         .send("POST", segments, &gzip, b"x")
         .expect_problem(415, &["content-encoding"]);

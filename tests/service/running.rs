@@ -2,13 +2,14 @@
 
 use std::io::Cursor;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{Duration, Instant};
 
 use flankwatch::http::{RunningService, ServiceConfig, start};
 use flankwatch::ingest::Clock;
+use flankwatch::library::EnsembleSettings;
 use flankwatch::signal::Record;
 use jiff::Timestamp;
 use serde_json::{Value, json};
@@ -39,6 +40,7 @@ pub(crate) struct Service {
     running: Option<RunningService>,
     pub(crate) clock: Arc<ManualClock>,
     folder: TempDir,
+    elsewhere: Option<PathBuf>,
     change: fn(&mut ServiceConfig),
     agent: ureq::Agent,
 }
@@ -89,6 +91,22 @@ impl Service {
     }
 
     pub(crate) fn start_with(change: fn(&mut ServiceConfig)) -> Self {
+        Self::start_in(tempfile::tempdir().unwrap(), None, change)
+    }
+
+    /// Starts on a data folder that was filled before.
+    pub(crate) fn start_on(fill: impl FnOnce(&Path)) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        fill(folder.path());
+        Self::start_in(folder, None, |_| {})
+    }
+
+    /// Starts with its data in a folder that is somebody else's.
+    pub(crate) fn start_at(path: &Path) -> Self {
+        Self::start_in(tempfile::tempdir().unwrap(), Some(path.join("data")), |_| {})
+    }
+
+    fn start_in(folder: TempDir, elsewhere: Option<PathBuf>, change: fn(&mut ServiceConfig)) -> Self {
         let agent = ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(120)))
@@ -101,7 +119,8 @@ impl Service {
                 .unwrap(),
             running: None,
             clock: Arc::default(),
-            folder: tempfile::tempdir().unwrap(),
+            folder,
+            elsewhere,
             change,
             agent: agent.into(),
         };
@@ -109,23 +128,33 @@ impl Service {
         service
     }
 
-    fn launch(&mut self) {
-        let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), self.folder.path());
+    pub(crate) fn launch(&mut self) {
+        let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), self.folder());
         config.http.grace = Duration::from_secs(30);
+        // What a test sees does not depend on when a build in the background ends.
+        config.ingest.variants = EnsembleSettings {
+            variants: 0,
+            operating_points: false,
+            ..EnsembleSettings::default()
+        };
         (self.change)(&mut config);
         let clock = Arc::clone(&self.clock);
         self.running = Some(self.runtime.block_on(start(config, clock)).unwrap());
     }
 
-    /// Stops the service and starts it again on the same folder.
-    pub(crate) fn restart(&mut self) {
+    pub(crate) fn stop(&mut self) {
         let running = self.running.take().unwrap();
         self.runtime.block_on(running.stop()).unwrap();
+    }
+
+    /// Stops the service and starts it again on the same folder.
+    pub(crate) fn restart(&mut self) {
+        self.stop();
         self.launch();
     }
 
     pub(crate) fn folder(&self) -> &Path {
-        self.folder.path()
+        self.elsewhere.as_deref().unwrap_or(self.folder.path())
     }
 
     pub(crate) fn url(&self, path: &str) -> String {

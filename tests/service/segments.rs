@@ -108,7 +108,7 @@ fn a_repeat_is_answered_as_the_first_was() {
         "flankwatch_records_total{outcome=\"stored\"} 2",
         "flankwatch_records_total{outcome=\"repeated\"} 2",
         "flankwatch_segments 2",
-        "flankwatch_upload_duration_seconds_count 4",
+        "flankwatch_request_duration_seconds_count{method=\"POST\",route=\"/v1/assets/{asset}/segments\"} 4",
     ] {
         assert!(metrics.lines().any(|found| found == line), "{line} in\n{metrics}");
     }

@@ -52,7 +52,7 @@ pub(super) fn html(figures: &Figures) -> String {
 
 const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1280px;margin:2rem auto;padding:0 1rem;color:#1b1f24}\
     table{border-collapse:collapse;width:100%}th,td{border-bottom:1px solid #d0d7de;padding:.25rem .5rem;text-align:left;vertical-align:top}\
-    .panels{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,520px),1fr));gap:.5rem}.panel{min-width:0}\
+    .panels{display:grid;gap:.5rem}.panels.several{grid-template-columns:repeat(auto-fill,minmax(min(100%,520px),1fr))}.panel{min-width:0}\
     figure{margin:0 0 2rem;break-inside:avoid}figcaption{color:#57606a;margin:.3rem 0 .6rem}h2{margin-top:2rem}\
     .yes{color:#116329;font-weight:600;white-space:nowrap}.no{color:#a40e26;font-weight:600;white-space:nowrap}.how{color:#57606a}";
 
@@ -76,6 +76,8 @@ fn verdict(check: &Check) -> &'static str {
 
 /// One figure with its checks.
 fn section(figures: &Figures, number: u32, heading: &str, caption: &str, panels: Vec<Panel>) -> String {
+    // Each is drawn as it is read: the first of several must not take the width of those to come.
+    let several = if panels.len() > 1 { " several" } else { "" };
     let panels: String = panels.into_iter().map(Panel::html).collect();
     let rows: String = figures
         .checks
@@ -97,7 +99,7 @@ fn section(figures: &Figures, number: u32, heading: &str, caption: &str, panels:
         format!("<table><tbody>{rows}</tbody></table>")
     };
     format!(
-        "<figure id=\"fig{number}\"><h2>Fig. {number}: {}</h2><div class=\"panels\">{panels}</div><figcaption>{}</figcaption>{table}</figure>",
+        "<figure id=\"fig{number}\"><h2>Fig. {number}: {}</h2><div class=\"panels{several}\">{panels}</div><figcaption>{}</figcaption>{table}</figure>",
         escape(heading),
         escape(caption)
     )

@@ -1,5 +1,5 @@
 use super::{ArchardWear, Course, Goal};
-use crate::gear::contact_load::arc_mm;
+use crate::gear::contact_band::arc_mm;
 use crate::gear::testing::shen2022_spec;
 use crate::gear::{ContactRule, Flank, FlankWear, GearError, GearPair, WearShape};
 
@@ -90,17 +90,83 @@ fn both_gears_lose_the_same_volume_and_the_softer_one_more() {
         spec.wear.hardness_pa = hardness_pa;
         let pair = spec.resolve().unwrap();
         let course = Course::new(&pair, 1e-3).unwrap();
-        let loads = crate::gear::contact_load::contact_loads(&pair, &FlankWear::none(), None).unwrap();
+        let rubbings = course.rubbings(&FlankWear::none()).unwrap();
         [0, 1].map(|i| {
-            let rates = course.flanks[i].normal_rates(&loads, i);
+            let rates = course.flanks[i].normal_rates(&rubbings, i);
             let inner: f64 = rates[1..rates.len() - 1].iter().sum();
             (inner + 0.5 * (rates[0] + rates[rates.len() - 1])) * course.flanks[i].cell_mm
         })
     };
     let equal = volumes([7e9, 7e9]);
-    assert!((equal[0] * 24.0 / (equal[1] * 26.0) - 1.0).abs() < 1e-9, "{equal:?}");
+    // What the bands take off below the starts of the active profiles is not followed: 3 % of a tooth's, and not the same on both gears.
+    assert!((equal[0] * 24.0 / (equal[1] * 26.0) - 1.0).abs() < 0.012, "{equal:?}");
     let softer = volumes([7e9, 3.5e9]);
     assert!((softer[1] / equal[1] - 2.0).abs() < 1e-9 && (softer[0] / equal[0] - 1.0).abs() < 1e-9);
+}
+
+/// `fixtures/reference/archard`: pressures of elastic half-planes on the line of action, with a load sharing of its own. The pitch point, which
+/// carries alone in both, agrees within 8 %; elsewhere the sharing differs by what elastic bodies and tip edges do.
+#[test]
+fn course_is_that_of_a_second_method() {
+    const STATES_MM: [f64; 5] = [0.012, 0.025, 0.05, 0.1, 0.245];
+    let pair = pair(ContactRule::Loaded);
+    let states = ArchardWear::at_depths(&pair, &STATES_MM).unwrap();
+    let mut greatest = [(0.0_f64, 0.0_f64); 2];
+    for line in include_str!("../../../fixtures/reference/archard/wear.csv").lines().skip(1) {
+        let numbers: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let &[greatest_um, turns, gear, alpha, wanted_um] = numbers.as_slice() else {
+            panic!("five numbers")
+        };
+        let place = STATES_MM.iter().position(|depth| (depth * 1e3 - greatest_um).abs() < 0.01).unwrap();
+        let (state, i) = (&states[place], gear as usize - 1);
+        assert!(
+            (state.driving_turns / turns - 1.0).abs() < 0.15,
+            "{greatest_um} µm: {} turns, {turns}",
+            state.driving_turns
+        );
+        let gear = &pair.gears[i];
+        let part = (alpha - gear.root_angle_rad) / (gear.tip_angle_rad - gear.root_angle_rad);
+        let found_um = Flank::new(gear, &state.wear, i).at(alpha).depth_mm * 1e3;
+        let error = (found_um - wanted_um).abs() / greatest_um;
+        let (inside, outside) = &mut greatest[usize::from(greatest_um < 40.0)];
+        if (0.4..0.6).contains(&part) {
+            *inside = inside.max(error);
+        } else if (0.12..0.85).contains(&part) {
+            *outside = outside.max(error);
+        }
+    }
+    println!(
+        "of the greatest depth, around the pitch point and elsewhere: deep {:?}, light {:?}",
+        greatest[0], greatest[1]
+    );
+    assert!(greatest[0].0 < 0.06 && greatest[0].1 < 0.06, "{greatest:?}");
+    assert!(greatest[1].0 < 0.06 && greatest[1].1 < 0.12, "{greatest:?}");
+}
+
+/// The flanks near the pitch point are worn because the contact lingers on what stands proud there: almost nothing up to 25 µm, more than half
+/// of the greatest depth at 245 µm. The least depth stays near the pitch point, and the profile stays smooth.
+#[test]
+fn the_pitch_point_is_spared_by_light_wear_only() {
+    for rule in [ContactRule::Threshold, ContactRule::Loaded] {
+        let pair = pair(rule);
+        let states = ArchardWear::at_depths(&pair, &[0.012, 0.025, 0.1, 0.245]).unwrap();
+        for (state, limits) in states.iter().zip([(0.0, 0.05), (0.05, 0.1), (0.3, 0.4), (0.5, 0.65)]) {
+            let deepest = state.wear.greatest_depth_mm(&pair).into_iter().fold(0.0, f64::max);
+            for (i, gear) in pair.gears.iter().enumerate() {
+                let flank = Flank::new(gear, &state.wear, i);
+                let part = flank.at(flank.alpha_at_radius_rad(gear.pitch_radius_mm)).depth_mm / deepest;
+                println!("{rule}, {deepest:.3} mm, gear {}: {part:.3}", i + 1);
+                assert!(part > limits.0 && part < limits.1, "{rule}, {deepest} mm, gear {}: {part}", i + 1);
+                // From its greatest value at the root side the depth falls to one minimum near the pitch point, then rises.
+                let all = depths(&pair, &state.wear, i);
+                let middle = (8..22).min_by(|a, b| all[*a].total_cmp(&all[*b])).unwrap();
+                assert!((15..=18).contains(&middle), "{rule} {middle} {all:?}");
+                let slack = 0.005 * deepest;
+                assert!(all[6..=middle].windows(2).all(|two| two[1] < two[0] + slack), "{rule} {all:?}");
+                assert!(all[middle..=22].windows(2).all(|two| two[1] > two[0] - slack), "{rule} {all:?}");
+            }
+        }
+    }
 }
 
 /// Few turns take off in proportion; K shifts the turns and not the shape.
@@ -140,7 +206,16 @@ fn the_shape_of_a_pair_file_reaches_its_depth_state_by_state() {
     spec.wear.shape = WearShape::Archard;
     let pair = spec.resolve().unwrap();
     let states = FlankWear::from_shape_at(&pair, &[0.0, 0.002, 0.004]).unwrap();
-    assert_eq!(states[0], FlankWear::none());
+    assert_eq!(states[0].profiles, FlankWear::none().profiles);
+    assert_eq!(states[0].driving_turns(), Some(0.0));
+    let turns = ArchardWear::at_depths(&pair, &[0.004]).unwrap()[0].driving_turns;
+    assert!((states[2].driving_turns().unwrap() / turns - 1.0).abs() < 0.02);
+    assert_eq!(
+        FlankWear::from_table_csv(&pair, "gear,radius_mm,depth_um\n1,70,5\n")
+            .unwrap()
+            .driving_turns(),
+        None
+    );
     assert_eq!(states[2], FlankWear::from_shape_at(&pair, &[0.002, 0.004]).unwrap()[1]);
     assert!(matches!(
         FlankWear::from_shape_at(&pair, &[0.004, 0.002]),

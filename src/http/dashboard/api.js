@@ -15,6 +15,20 @@ export class ApiError extends Error {
 /** No answer, or one that says that the service is not there at the moment. */
 export class ConnectionError extends Error {}
 
+const TOKEN = "flankwatch.token";
+
+/** The header fields that show the token of this tab, where one was given. */
+export function authorization() {
+  const token = sessionStorage.getItem(TOKEN);
+  return token ? { authorization: `Bearer ${token}` } : {};
+}
+
+/** Keeps a token until the tab is closed. */
+export function useToken(token) {
+  sessionStorage.setItem(TOKEN, token.trim());
+  memory.clear();
+}
+
 /** An address under /v1 relative to the page, so that a path prefix of a proxy is kept. */
 export function address(segments, parameters = {}) {
   const url = new URL(["v1", ...segments.map(encodeURIComponent)].join("/"), document.baseURI);
@@ -48,7 +62,8 @@ export function failure(status, text) {
 
 async function request(href, options) {
   try {
-    const response = await fetch(href, options);
+    const response = await fetch(href, { ...options, headers: { ...options.headers, ...authorization() } });
+    if (response.status === 401) document.dispatchEvent(new CustomEvent("tokenneeded"));
     return { response, text: await response.text() };
   } catch (error) {
     if (error.name === "AbortError") throw error;
@@ -97,9 +112,32 @@ export const wear = (id, channel, signal) => get(["assets", id, "wear"], { chann
 export const wearHistory = (id, channel, signal) => get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
 export const indicators = (id, channel, names, signal) =>
   get(["assets", id, "indicators"], { channel, names: names.join(","), max_points: 2000 }, signal);
+export const segments = (id, channel, signal) => get(["assets", id, "segments"], { channel, limit: 1000, order: "desc" }, signal);
 export const segment = (id, signal) => get(["segments", id], {}, signal);
+export const waveform = (id, from, to, signal) => get(["segments", id, "waveform"], { max_points: 4000, from_s: from, to_s: to }, signal);
+export const orders = (id, signal) => get(["segments", id, "orders"], { max_points: 4000 }, signal);
+export const turn = (id, signal) => get(["segments", id, "turn"], {}, signal);
+export const cepstrum = (id, end, signal) => get(["segments", id, "cepstrum"], { max_points: 4000, max_s: end }, signal);
+export const match = (id, signal) => get(["segments", id, "match"], {}, signal);
+export const waterfall = (id, parameters, signal) => get(["assets", id, "waterfall"], parameters, signal);
+export const libraries = (signal) => get(["libraries"], { limit: 1000 }, signal);
+export const library = (id, signal) => get(["libraries", id], {}, signal);
+export const libraryStates = (id, signal) => get(["libraries", id, "states"], {}, signal);
+export const libraryState = (id, index, signal) => get(["libraries", id, "states", String(index)], {}, signal);
+export const flank = (id, depth, signal) => get(["libraries", id, "flank"], { wear_um: depth }, signal);
+export const replaceAsset = (id, body) => send("PUT", ["assets", id], body);
 export const spectrum = (id, signal) => get(["segments", id, "spectrum"], { max_points: 4000 }, signal);
 export const envelope = (id, signal) => get(["segments", id, "envelope"], { max_points: 4000 }, signal);
 export const replays = (signal) => get(["replays"], { limit: 100 }, signal);
 export const startReplay = (body) => send("POST", ["replays"], body);
 export const stopReplay = (id) => send("DELETE", ["replays", id]);
+
+/** An answer, or the server's refusal as a value; a lost connection still throws. */
+export async function answer(promise) {
+  try {
+    return await promise;
+  } catch (error) {
+    if (error instanceof ApiError) return error;
+    throw error;
+  }
+}

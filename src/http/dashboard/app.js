@@ -1,9 +1,8 @@
 // Picks the page for the address, keeps it live, and shows how fresh it is.
 
-import { AssetPage } from "./asset.js";
 import { h, setChildren } from "./dom.js";
-import { FleetPage } from "./fleet.js";
 import { Live, showStatus } from "./live.js";
+import { bindLogin } from "./login.js";
 import { parse } from "./route.js";
 import { bindThemeButton } from "./theme.js";
 
@@ -13,10 +12,11 @@ const view = { live: byId("live"), text: byId("live-text"), banner: byId("banner
 
 let page;
 let shown = {};
+let built = {}; // the address that the page was made for: its code may have had to be fetched first
 let status = { state: "loading" };
 
 const live = new Live(
-  (signal) => page.refresh(signal),
+  async (signal) => page?.refresh(signal),
   (changed) => {
     status = changed;
     showStatus(status, view);
@@ -37,18 +37,41 @@ class UnknownPage {
   dispose() {}
 }
 
-const PAGES = { fleet: FleetPage, asset: AssetPage, unknown: UnknownPage };
+// a page's code is fetched when it is first gone to, so that the first one does not wait for the others
+const PAGES = {
+  fleet: async () => (await import("./fleet.js")).FleetPage,
+  asset: async () => (await import("./asset.js")).AssetPage,
+  waterfall: async () => (await import("./waterfall.js")).WaterfallPage,
+  match: async () => (await import("./match.js")).MatchPage,
+  settings: async () => (await import("./settings.js")).SettingsPage,
+  libraries: async () => (await import("./libraries.js")).LibrariesPage,
+  library: async () => (await import("./library.js")).LibraryPage,
+  unknown: async () => UnknownPage,
+};
 
-function follow() {
+/** Says in the page's header which of its links is the current one. */
+function markNavigation(current) {
+  const section = { fleet: "fleet", libraries: "libraries", library: "libraries" }[current] ?? "";
+  for (const link of document.querySelectorAll(".sections a")) {
+    if (link.dataset.section === section) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+}
+
+async function follow() {
   const route = parse(location.hash);
-  const same = page && route.page === shown.page && route.id === shown.id;
+  const same = page && route.page === built.page && route.id === built.id;
   const first = !page;
   shown = route;
+  markNavigation(route.page);
   if (same) {
     if (!page.update(route)) return;
   } else {
+    const Page = await PAGES[route.page]();
+    if (route !== shown) return; // another address came meanwhile
     page?.dispose();
-    page = new PAGES[route.page](main, route);
+    page = new Page(main, route);
+    built = route;
     if (!first) {
       main.focus({ preventScroll: true });
       scrollTo(0, 0);
@@ -58,13 +81,14 @@ function follow() {
 }
 
 bindThemeButton(byId("theme"));
+bindLogin(() => live.now());
 byId("banner-retry").addEventListener("click", () => live.now());
 addEventListener("hashchange", follow);
 addEventListener("popstate", () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && follow());
-document.addEventListener("themechange", () => page.redraw?.());
+document.addEventListener("themechange", () => page?.redraw?.());
 document.addEventListener("recordschange", () => live.now());
 setInterval(() => {
   showStatus(status, view);
-  page.tick();
+  page?.tick();
 }, 1000);
 follow();

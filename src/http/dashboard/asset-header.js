@@ -3,9 +3,10 @@
 import { h, setChildren, setText } from "./dom.js";
 import { age, count, depth, hertz, number, speedSource, utc } from "./format.js";
 import { baselineBar, wearBar } from "./gauge.js";
+import { assetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
 import { change } from "./route.js";
-import { assetState, limitUse, sentence, STATES, wearState } from "./state.js";
+import { assetState, limitUse, sentence, STATES, timeToLimit, wearState } from "./state.js";
 import { badge } from "./symbols.js";
 
 const LIBRARY_STATES = {
@@ -34,6 +35,12 @@ function libraryFact({ library_id: id, library_state: state }, wear) {
   return fact(best ? "Best library state" : "Library", words, id ? small(`library ${id.slice(0, 8)}`, id) : null);
 }
 
+function limitFact(wear) {
+  const left = timeToLimit(wear);
+  if (!left) return null;
+  return fact(`Time to ${depth(left.limit)} µm`, left.median, small(`5 to 95 %: ${left.interval}; wear grows ${number(left.rate, 2)} µm a day`));
+}
+
 function facts(asset, wear, last) {
   const { summary, gear } = asset;
   const speed = wear?.shaft_speed;
@@ -45,6 +52,7 @@ function facts(asset, wear, last) {
     speedFact(speed, gear, Boolean(wear?.segment_id)),
     fact("Mesh frequency", hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]), small(speed ? "teeth × shaft speed" : "from the nominal speed")),
     fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
+    limitFact(wear),
     fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "segment" : "segments"}`, last),
   ];
 }
@@ -62,6 +70,7 @@ export class AssetHeader {
   #last;
   #channel = h("select", { id: "channel", onchange: () => change({ channel: this.#channel.value, segment: null }) });
   #channelField = h("label", { class: "field", for: "channel", hidden: true }, h("span", {}, "Channel"), this.#channel);
+  #tabs = h("div");
   #verdict = h("div", { class: "card verdict" }, h("div", { class: "verdict-main" }, this.#state, this.#number, this.#bar, this.#sentence), this.#facts);
   element;
 
@@ -70,15 +79,17 @@ export class AssetHeader {
     this.element = h(
       "header",
       { class: "asset-header" },
-      h("nav", { class: "crumbs", "aria-label": "Breadcrumb" }, h("a", { href: "#/" }, "Fleet"), h("span", { "aria-hidden": "true" }, "›")),
+      crumbs(["#/", "Fleet"]),
       h("div", { class: "asset-title" }, h("div", {}, this.#name, this.#id), h("div", { class: "asset-actions" }, this.#channelField, add)),
+      this.#tabs,
       this.#verdict,
     );
   }
 
   /** Shows an asset and the latest wear estimate of one of its channels. */
-  update(asset, wear, channel) {
+  update(asset, wear, channel, query) {
     const { summary, limits } = asset;
+    setChildren(this.#tabs, assetTabs(asset.id, "asset", query));
     const name = assetName(asset);
     setText(this.#name, name);
     setText(this.#id, asset.name ? asset.id : "");

@@ -1,25 +1,24 @@
 // One asset: fetches what its page shows, and keeps the plots, the selection and the address in step.
 
 import * as api from "./api.js";
+import { answer } from "./api.js";
+import { refusal } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
 import { h, setChildren } from "./dom.js";
+import { acceptDrops } from "./drop.js";
 import { PlotCard } from "./plot-card.js";
+import { indicatorName } from "./format.js";
+import { operatingBins } from "./operating-bins.js";
 import { linkTimeAxes, onPointClick } from "./plots.js";
+import { fetchPanes } from "./record-panes.js";
 import { RecordView } from "./record-view.js";
 import { RecordsDialog } from "./records-dialog.js";
 import { change } from "./route.js";
-import { chosenPanes, PANES, paneNames, trendDrawing } from "./trend-plot.js";
+import { chosenPanes, otherNames, PANES, paneNames, trendDrawing } from "./trend-plot.js";
 import { wearDrawing, withoutEstimate } from "./wear-plot.js";
 
-/** An answer, or the server's refusal as a value; a lost connection still throws. */
-async function answer(promise) {
-  try {
-    return await promise;
-  } catch (error) {
-    if (error instanceof api.ApiError) return error;
-    throw error;
-  }
-}
+/** Parameters of the address that say what to ask the server for. */
+const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part"];
 
 /** The page of one asset. */
 export class AssetPage {
@@ -35,8 +34,11 @@ export class AssetPage {
   #record = new RecordView();
   #panes = new Map();
   #log = h("input", { type: "checkbox", id: "trend-log", onchange: () => change({ log: this.#log.checked ? "1" : null }, { quiet: true }) });
+  #more = h("select", { id: "trend-more", "aria-label": "Add another indicator", onchange: () => this.#togglePane(this.#more.value) });
+  #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"]].map(([value, text]) => h("option", { value }, text)));
   #empty = h("section", { class: "card empty", hidden: true });
   #grid;
+  #dropping;
 
   constructor(root, route) {
     this.#root = root;
@@ -50,14 +52,14 @@ export class AssetPage {
       this.#panes.set(key, chip);
       chips.append(chip);
     }
-    this.#trends.tools.append(chips, h("label", { class: "check", for: "trend-log" }, this.#log, "Log"));
-    const [bar, spectrum, envelope, posterior] = this.#record.elements;
+    this.#trends.tools.append(chips, this.#more, this.#bins, h("label", { class: "check", for: "trend-log" }, this.#log, "Log"));
     this.#grid = h(
       "div",
       { class: "asset-grid", hidden: true },
       h("div", { class: "column" }, this.#wear.element, this.#trends.element),
-      h("div", { class: "column" }, bar, spectrum, envelope, posterior),
+      h("div", { class: "column" }, this.#record.elements),
     );
+    this.#dropping = acceptDrops(root, (files) => this.#dialog.take(files));
     const loading = h("p", { class: "notice loading" }, `Loading ${route.id}…`);
     setChildren(root, loading);
     document.title = `${route.id} · flankwatch`;
@@ -78,7 +80,7 @@ export class AssetPage {
       this.#record.busy(true);
       return true;
     }
-    if (before.trend !== route.query.trend) return true;
+    if (REFETCHED.some((name) => before[name] !== route.query[name])) return true;
     this.redraw();
     return false;
   }
@@ -94,7 +96,7 @@ export class AssetPage {
     const latest = await answer(api.wear(this.#id, channel, signal));
     if (latest instanceof Error) return this.#refused(latest);
     if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element);
-    this.#header.update(asset, latest, latest.channel ?? channel);
+    this.#header.update(asset, latest, latest.channel ?? channel, this.#query);
     if (!latest.segment_id) {
       this.#showEmpty();
     } else {
@@ -119,17 +121,20 @@ export class AssetPage {
     });
     const trends = record.then(async (segment) => {
       const names = paneNames(panes, segment);
-      return { names, panes, answer: names.length ? await answer(api.indicators(this.#id, channel, names, signal)) : null };
+      const { bins } = this.#query;
+      const [trend, operating] = await Promise.all([names.length ? answer(api.indicators(this.#id, channel, names, signal)) : null, bins ? answer(api.segments(this.#id, channel, signal)) : null]);
+      return { names, panes, answer: trend, bins: operatingBins(operating, bins), others: otherNames(segment) };
     });
-    const [segment, spectrum, envelope, history, trend] = await Promise.all([
+    const { pin } = this.#query;
+    const [segment, recordPanes, pinned, others, history, trend] = await Promise.all([
       record,
-      known?.spectrum ?? answer(api.spectrum(id, signal)),
-      known?.envelope ?? answer(api.envelope(id, signal)),
+      known?.panes ?? fetchPanes(id, this.#query, signal),
+      pin ? answer(api.segment(pin, signal)) : null,
+      pin ? fetchPanes(pin, this.#query, signal) : null,
       answer(api.wearHistory(this.#id, channel, signal)),
       trends,
     ]);
-    const refused = segment instanceof Error;
-    this.#data = { asset, latest, channel, id, segment, spectrum: refused ? segment : spectrum, envelope: refused ? segment : envelope, history, trend };
+    this.#data = { asset, latest, channel, id, segment, panes: recordPanes, pinned, others, history, trend };
   }
 
   /** Draws everything again from what is known, for a changed address or theme. */
@@ -141,7 +146,7 @@ export class AssetPage {
     const points = history instanceof Error ? [] : history.items;
     this.#record.place(points.map((item) => item.segment_id), id, !this.#query.segment);
     await Promise.all([
-      this.#drawWear(history, latest.limits, selected, revision),
+      this.#drawWear(history, latest, selected, revision),
       this.#drawTrends(trend, selected, revision),
       this.#record.show(this.#data, asset, this.#query),
     ]);
@@ -151,22 +156,36 @@ export class AssetPage {
     linkTimeAxes(this.#wear.plot, this.#trends.plot);
   }
 
-  #drawWear(history, limits, selected, revision) {
+  #drawWear(history, latest, selected, revision) {
     if (history instanceof Error) return this.#wear.say(history.message);
     if (history.items.length === 0) return this.#wear.say("No records of this channel yet.");
     const reason = withoutEstimate(history.items);
     if (reason) return this.#wear.say(reason);
-    return this.#wear.show(wearDrawing(history, limits, selected, revision), `${this.#id}-wear`);
+    return this.#wear.show(wearDrawing(history, latest.limits, selected, revision, latest), `${this.#id}-wear`);
   }
 
-  #drawTrends({ names, panes, answer: indicators }, selected, revision) {
+  #drawTrends({ names, panes, answer: indicators, bins, others }, selected, revision) {
+    this.#bins.value = this.#query.bins ?? "";
+    this.#offer(others, panes);
     const logarithmic = this.#query.log === "1";
     this.#log.checked = logarithmic;
     for (const [key, chip] of this.#panes) chip.setAttribute("aria-pressed", String(panes.some((pane) => pane.key === key)));
     if (!indicators) return this.#trends.say("This record has no such indicators.");
     if (indicators instanceof Error) return this.#trends.say(indicators.message);
     this.#trends.plot.style.setProperty("--panes", panes.length);
-    return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, revision), `${this.#id}-trends`);
+    return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, revision, bins), `${this.#id}-trends`);
+  }
+
+  /** The indicators that have no chip of their own; a chosen one is taken away by choosing it again. */
+  #offer(others, panes) {
+    const chosen = panes.map((pane) => pane.key);
+    const options = [["", "More…"], ...others.map((name) => [name, `${chosen.includes(name) ? "✓ " : ""}${indicatorName(name)}`])];
+    if (this.#more.dataset.options !== JSON.stringify(options)) {
+      this.#more.dataset.options = JSON.stringify(options);
+      setChildren(this.#more, options.map(([value, text]) => h("option", { value }, text)));
+    }
+    this.#more.value = "";
+    this.#more.hidden = others.length === 0;
   }
 
   #showEmpty() {
@@ -183,9 +202,7 @@ export class AssetPage {
   }
 
   #refused(error) {
-    const words = error.status === 404 ? `There is no asset “${this.#id}” on this server.` : error.message;
-    document.title = "Not found · flankwatch";
-    setChildren(this.#root, h("h1", {}, this.#id), h("p", { class: "notice" }, `${words} `, h("a", { href: "#/" }, "Go to the fleet")));
+    refusal(this.#root, this.#id, error);
     this.#data = null;
   }
 
@@ -197,6 +214,7 @@ export class AssetPage {
 
   /** Frees the plots. */
   dispose() {
+    this.#dropping.abort();
     this.#wear.dispose();
     this.#trends.dispose();
     this.#record.dispose();

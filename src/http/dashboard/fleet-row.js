@@ -4,7 +4,7 @@ import { h, setChildren, setText } from "./dom.js";
 import { age, count, depth, utc } from "./format.js";
 import { baselineBar, sparkline, wearBar } from "./gauge.js";
 import { format } from "./route.js";
-import { assetState, limitUse } from "./state.js";
+import { assetState, limitUse, timeToLimit } from "./state.js";
 import { badge } from "./symbols.js";
 
 /** The name for people, or the id where there is none. */
@@ -45,6 +45,11 @@ function wearContent(asset, state) {
   ];
 }
 
+function limitContent(wear) {
+  const left = timeToLimit(wear);
+  return left ? [h("strong", {}, left.median), h("span", { class: "muted interval-words" }, left.interval)] : [note("–")];
+}
+
 /** A row that is built once and then kept up to date. */
 export class FleetRow {
   #asset;
@@ -54,9 +59,10 @@ export class FleetRow {
   #state = cell("State");
   #wear = cell("Wear");
   #trend = cell("Wear over the life");
+  #limit = cell("Time to limit");
   #last = cell("Last record", this.#age);
   #segments = cell("Segments");
-  element = h("tr", {}, h("th", { scope: "row" }, this.#link, this.#id), this.#state, this.#wear, this.#trend, this.#last, this.#segments);
+  element = h("tr", {}, h("th", { scope: "row" }, this.#link, this.#id), this.#state, this.#wear, this.#trend, this.#limit, this.#last, this.#segments);
 
   /** Shows an asset; the same object again costs nothing. */
   update(asset) {
@@ -72,6 +78,7 @@ export class FleetRow {
     setChildren(this.#state, badge(state));
     setChildren(this.#wear, ...wearContent(asset, state));
     setChildren(this.#trend, summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"));
+    setChildren(this.#limit, ...limitContent(summary.wear));
     setText(this.#segments, count(summary.segments));
     this.#last.title = summary.last_start_time ? utc(summary.last_start_time) : "";
     this.tick();

@@ -3,20 +3,24 @@
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { firstSteps } from "./first-steps.js";
+import { groupRows, placeOf } from "./fleet-groups.js";
 import { assetName, FleetRow } from "./fleet-row.js";
 import { change } from "./route.js";
-import { assetState, rank, STATES } from "./state.js";
+import { assetState, rank, STATES, timeToLimit } from "./state.js";
 import { symbol } from "./symbols.js";
 
 const wearOf = (asset) => asset.summary.wear?.median_um ?? -1;
+const leftOf = (asset) => timeToLimit(asset.summary.wear)?.seconds ?? Number.MAX_VALUE;
 const lastOf = (asset) => Date.parse(asset.summary.last_start_time ?? 0);
-const byName = (a, b) => assetName(a).localeCompare(assetName(b), "en", { numeric: true });
+const collator = new Intl.Collator("en", { numeric: true });
+const byName = (a, b) => collator.compare(assetName(a), assetName(b));
 
 const COLUMNS = [
   { key: "name", label: "Asset", compare: byName },
   { key: "state", label: "State", descends: true, compare: (a, b) => rank(assetState(a)) - rank(assetState(b)) || wearOf(b) - wearOf(a) },
   { key: "wear", label: "Wear, 5 to 95 %", descends: true, compare: (a, b) => wearOf(b) - wearOf(a) },
   { label: "Wear over the life" },
+  { key: "limit", label: "Time to limit", compare: (a, b) => leftOf(a) - leftOf(b) },
   { key: "last", label: "Last record", descends: true, compare: (a, b) => lastOf(b) - lastOf(a) },
   { key: "segments", label: "Segments", descends: true, compare: (a, b) => b.summary.segments - a.summary.segments },
 ];
@@ -31,6 +35,9 @@ export class FleetPage {
   #total = h("p", { class: "muted", "aria-live": "polite" });
   #states = h("div", { class: "chips", role: "group", "aria-label": "Show only one state" });
   #search = h("input", { type: "search", id: "fleet-search", placeholder: "Name or id", autocomplete: "off", oninput: () => change({ q: this.#search.value }, { quiet: true }) });
+  #grouped = h("input", { type: "checkbox", id: "fleet-grouped", onchange: () => change({ flat: this.#grouped.checked ? null : "1" }) });
+  #groupField = h("label", { class: "check", for: "fleet-grouped", hidden: true }, this.#grouped, "By place");
+  #groups = new Map();
   #order = h("select", { id: "fleet-sort", onchange: () => change({ sort: this.#order.value, desc: null }) });
   #list = h("div", { class: "card fleet", hidden: true });
   #empty = h("div", { hidden: true });
@@ -44,6 +51,7 @@ export class FleetPage {
       { class: "fleet-tools" },
       h("label", { class: "field", for: "fleet-search" }, h("span", {}, "Filter"), this.#search),
       h("label", { class: "field narrow-only", for: "fleet-sort" }, h("span", {}, "Sort by"), this.#order),
+      this.#groupField,
       this.#states,
       this.#total,
     );
@@ -115,7 +123,11 @@ export class FleetPage {
       if (!this.#rows.has(asset.id)) this.#rows.set(asset.id, new FleetRow());
       this.#rows.get(asset.id).update(asset);
     }
-    const elements = assets.map((asset) => this.#rows.get(asset.id).element);
+    const placed = this.#assets.some((asset) => placeOf(asset));
+    this.#groupField.hidden = !placed;
+    this.#grouped.checked = placed && !this.#query.flat;
+    const rowOf = (asset) => this.#rows.get(asset.id).element;
+    const elements = this.#grouped.checked ? groupRows(assets, rowOf, this.#groups, COLUMNS.length, this.#query.closed) : assets.map(rowOf);
     const same = elements.length === this.#body.children.length && elements.every((element, index) => element === this.#body.children[index]);
     // moving rows would take the keyboard focus out of them
     if (!same) this.#body.replaceChildren(...elements);

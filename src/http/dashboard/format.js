@@ -72,13 +72,29 @@ export function bytes(value) {
   return value < 1024 * 1024 ? `${number(value / 1024, 3)} KiB` : `${number(value / 1024 / 1024, 3)} MiB`;
 }
 
-const INDICATORS = { rms: "RMS", kurtosis: "Kurtosis", omx: "OMX", crest_factor: "Crest factor", peak: "Peak" };
+const INDICATORS = {
+  rms: "RMS",
+  kurtosis: "Kurtosis",
+  omx: "OMX",
+  omx_tracked: "OMX, order-tracked",
+  crest_factor: "Crest factor",
+  peak: "Peak",
+  sideband_energy_ratio: "Sideband energy ratio",
+  sideband_level_factor: "Sideband level factor",
+  fm0: "FM0",
+  fm4: "FM4",
+  m6a: "M6A",
+  m8a: "M8A",
+  na4: "NA4",
+  nb4: "NB4",
+};
 
 /** An indicator's name as the field writes it. */
 export function indicatorName(name) {
   const mesh = /^mesh_(\d+)$/.exec(name);
   if (mesh) return `Mesh harmonic ${mesh[1]}×`;
-  return INDICATORS[name] ?? name;
+  const band = /^band_(.+)$/.exec(name);
+  return INDICATORS[name] ?? (band ? `Band ${band[1]}` : name.replaceAll("_", " "));
 }
 
 const ABSENCES = {

@@ -1,10 +1,14 @@
-// Asks again every two seconds, says how fresh the page is, and keeps trying when the connection is lost.
+// Asks again when the server tells that something has changed, or every two seconds where it cannot tell; says how fresh the page is, and
+// keeps trying when the connection is lost.
 
 import { ConnectionError } from "./api.js";
 import { setText } from "./dom.js";
+import { Events } from "./events.js";
 import { age } from "./format.js";
 
 const INTERVAL_MS = 2000;
+const TOLD_INTERVAL_MS = 20_000; // where the server tells of changes, a look now and then only guards against a missed one
+const LEAST_MS = 700; // between two looks, however many events there are
 const RETRIES_MS = [2000, 3000, 5000, 10_000];
 
 /** Runs `task(signal)` over and over; `report` gets `{ state, updatedAt, lostAt, retryAt, error }` after every change. */
@@ -15,12 +19,28 @@ export class Live {
   #abort = new AbortController();
   #failures = 0;
   #status = { state: "loading" };
+  #told = false;
+  #busy = false;
+  #due = false;
 
   constructor(task, report) {
     this.#task = task;
     this.#report = report;
     document.addEventListener("visibilitychange", () => !document.hidden && this.now());
     addEventListener("online", () => this.now());
+    new Events(
+      () => this.#changed(),
+      (told) => {
+        this.#told = told;
+        this.#changed(); // something may have happened before the stream began, or since it ended
+      },
+    );
+  }
+
+  /** An event: what is under way goes on, and another look follows. */
+  #changed() {
+    this.#due = true;
+    if (!this.#busy && this.#failures === 0) this.#later(LEAST_MS);
   }
 
   /** Asks at once and forgets what is under way: what was asked for may have changed. */
@@ -28,14 +48,18 @@ export class Live {
     clearTimeout(this.#timer);
     this.#abort.abort();
     const abort = (this.#abort = new AbortController());
+    this.#busy = true;
+    this.#due = false;
     try {
       await this.#task(abort.signal);
       if (abort.signal.aborted) return;
+      this.#busy = false;
       this.#failures = 0;
-      this.#set({ state: "live", updatedAt: Date.now() });
-      this.#later(INTERVAL_MS);
+      this.#set({ state: "live", told: this.#told, updatedAt: Date.now() });
+      this.#later(this.#due ? LEAST_MS : this.#told ? TOLD_INTERVAL_MS : INTERVAL_MS);
     } catch (error) {
       if (error.name === "AbortError" || abort.signal.aborted) return;
+      this.#busy = false;
       this.#lost(error);
     }
   }
@@ -50,6 +74,7 @@ export class Live {
   }
 
   #later(delay) {
+    clearTimeout(this.#timer);
     this.#timer = setTimeout(() => (document.hidden ? this.#later(delay) : this.now()), delay);
   }
 
@@ -61,8 +86,9 @@ export class Live {
 
 /** Shows a status in the page's header and banner; call it every second so that ages grow. */
 export function showStatus(status, { live, text, banner, bannerText, bannerWait }) {
-  const { state, updatedAt, lostAt, retryAt, error } = status;
+  const { state, updatedAt, lostAt, retryAt, error, told } = status;
   live.dataset.state = state;
+  live.title = told ? "The server tells of every change at once" : "The page asks the server every two seconds";
   const fresh = updatedAt ? `updated ${age(new Date(updatedAt).toISOString())}` : "no data yet";
   setText(text, state === "loading" ? "connecting…" : fresh);
   const lost = state === "lost" || state === "failed";

@@ -1,32 +1,45 @@
 // The frame of a plot: heading, legend, tools, the plot itself, what it says in words, and what to show where it cannot be drawn.
 
 import { h, setChildren, setText } from "./dom.js";
-import { discard, draw, legend } from "./plots.js";
+import { saveCsv } from "./csv.js";
+import { discard, draw, legend, savePicture } from "./plots.js";
 
 /** A figure that holds one plot. */
 export class PlotCard {
   plot = h("div", { class: "plot" });
+  /** Holds the plot and what is laid over it. */
+  frame = h("div", { class: "plot-frame" }, this.plot);
   tools = h("div", { class: "plot-tools" });
   #title = h("h2");
   #sub = h("p", { class: "muted plot-sub" });
   #legend = h("ul", { class: "legend" });
   #notice = h("p", { class: "notice plot-notice" }, "Loading…");
+  #table;
+  #filename = "flankwatch";
+  #csv = h("button", { type: "button", class: "quiet save", title: "Save the drawn numbers", onclick: () => saveCsv(this.#table(), this.#filename) }, "CSV");
+  #png = h("button", { type: "button", class: "quiet save", title: "Save the picture", onclick: () => savePicture(this.plot, this.#filename) }, "PNG");
+  #save = h("span", { class: "plot-save", hidden: true }, this.#csv, this.#png);
   element;
 
   constructor(kind, title) {
     setText(this.#title, title);
+    for (const button of [this.#csv, this.#png]) button.setAttribute("aria-label", `${title}: save as ${button.textContent}`);
     this.plot.hidden = true;
-    const caption = h("figcaption", {}, h("div", { class: "plot-head" }, this.#title, this.tools), this.#sub);
-    this.element = h("figure", { class: `card plot-card plot-${kind}`, "data-plot": kind }, caption, this.#legend, this.plot, this.#notice);
+    const caption = h("figcaption", {}, h("div", { class: "plot-head" }, this.#title, this.#save, this.tools), this.#sub);
+    this.element = h("figure", { class: `card plot-card plot-${kind}`, "data-plot": kind }, caption, this.#legend, this.frame, this.#notice);
   }
 
-  /** Draws `{ traces, layout, legend, title?, sub, summary }`; `filename` is that of a saved picture. */
+  /** Draws `{ traces, layout, legend, title?, sub, summary, table? }`; `filename` is that of a saved picture or table. */
   async show(drawing, filename) {
     if (drawing.title) setText(this.#title, drawing.title);
     setText(this.#sub, drawing.sub ?? "");
     setChildren(this.#legend, legend(drawing.legend ?? []));
     this.#notice.hidden = true;
     this.plot.hidden = false;
+    this.#table = drawing.table;
+    this.#filename = filename.replaceAll(/[^\w.-]+/g, "-");
+    this.#csv.hidden = !drawing.table;
+    this.#save.hidden = false;
     this.plot.setAttribute("role", "img");
     this.plot.setAttribute("aria-label", drawing.summary);
     await draw(this.plot, drawing.traces, drawing.layout, filename);
@@ -35,6 +48,7 @@ export class PlotCard {
   /** Says why there is nothing to draw. */
   say(words) {
     this.plot.hidden = true;
+    this.#save.hidden = true;
     this.#notice.hidden = false;
     setText(this.#notice, words);
     setText(this.#sub, "");

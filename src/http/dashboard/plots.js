@@ -23,7 +23,7 @@ function load() {
 export function palette() {
   const values = colours("ink", "muted", "line", "surface", "accent", "warning", "danger", "reference", "select", "edge", "series-1", "series-2", "series-3", "series-4", "series-5");
   const series = [1, 2, 3, 4, 5].map((index) => values[`series-${index}`]);
-  return { ...values, series, band: translucent(values.accent, 0.2), zone: translucent(values.muted, 0.12) };
+  return { ...values, series, other: values["series-2"], band: translucent(values.accent, 0.2), zone: translucent(values.muted, 0.12) };
 }
 
 const axis = (colour) => ({
@@ -117,6 +117,22 @@ export function linkTimeAxes(...elements) {
       }
     });
   }
+}
+
+/** Saves a plot as a picture. */
+export function savePicture(element, filename) {
+  return globalThis.Plotly.downloadImage(element, { format: "png", scale: 2, width: element.clientWidth, height: element.clientHeight, filename });
+}
+
+/** Calls back with `[from, to]` when the user changes the horizontal range, with null when it is the whole again. */
+export function onRangeChange(element, callback) {
+  if (element.dataset.ranged || !element.on) return;
+  element.dataset.ranged = "true";
+  element.on("plotly_relayout", (event) => {
+    if (event["xaxis.autorange"]) return callback(null);
+    const range = event["xaxis.range"] ?? (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
+    if (range) callback(range);
+  });
 }
 
 /** Frees what Plotly holds for a plot. */

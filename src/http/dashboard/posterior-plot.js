@@ -43,6 +43,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
       { x, y, mode: "lines", line: { color: colour.accent, width: 1.5 }, hovertemplate: "%{x:.0f} µm: %{y:.3g} per µm<extra></extra>" },
     ],
     legend: entries,
+    table: () => [["wear_um", x], ["probability", wear.posterior.probability]],
     sub: "What this record and those before it say about the wear depth. The area under the curve is 1.",
     summary: `Posterior over wear depth: median ${depth(median)} µm, 5 to 95 % interval ${depth(low)} to ${depth(high)} µm.`,
     layout: {

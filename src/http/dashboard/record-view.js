@@ -1,50 +1,61 @@
-// One record: when it was taken, its indicators, its spectra and its posterior. Follows the selection of the page.
+// One record: when it was taken, its indicators, and the ways to look at it. Follows the selection of the page.
 
+import { CursorLayer, formatCursor, parseCursor } from "./cursor.js";
 import { h, setChildren, setText } from "./dom.js";
-import { absence, count, hertz, indicatorName, number, span, unit, utc } from "./format.js";
+import { utc } from "./format.js";
 import { PlotCard } from "./plot-card.js";
-import { posteriorDrawing } from "./posterior-plot.js";
-import { change } from "./route.js";
-import { envelopeDrawing, spectrumDrawing } from "./spectrum-plot.js";
-
-const SHOWN = ["rms", "peak", "crest_factor", "kurtosis", "omx"];
-const UNITLESS = ["kurtosis", "crest_factor"];
-
-function check(id, label, onchange) {
-  const input = h("input", { type: "checkbox", id, onchange: () => onchange(input.checked) });
-  return { input, element: h("label", { class: "check", for: id }, input, label) };
-}
+import { onRangeChange } from "./plots.js";
+import { pinnedWords, recordFacts, recordWords } from "./record-facts.js";
+import { PANES, shownPanes } from "./record-panes.js";
+import { change, parse } from "./route.js";
+import { SpectrumTools } from "./spectrum-tools.js";
 
 /** The record's part of an asset's page. */
 export class RecordView {
   #time = h("h2");
   #words = h("p", { class: "muted" });
+  #pinnedWords = h("p", { class: "pinned-value", hidden: true });
   #values = h("dl", { class: "facts values" });
   #previous = h("button", { type: "button", onclick: () => this.#step(-1) }, "◀ Previous");
   #next = h("button", { type: "button", onclick: () => this.#step(1) }, "Next ▶");
   #latest = h("button", { type: "button", "aria-pressed": "true", onclick: () => change({ segment: null }) }, "Latest");
-  #log = check("spectrum-log", "Log", (on) => change({ slog: on ? "1" : null }, { quiet: true }));
-  #sidebands = check("sidebands", "Sidebands", (on) => this.#showSidebands(on));
-  #zoom = h("select", { id: "spectrum-zoom", "aria-label": "Part of the spectrum", onchange: () => change({ zoom: this.#zoom.value }, { quiet: true }) });
+  #pin = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.#togglePin() }, "Pin to compare");
+  #chips = new Map();
   #order = { ids: [], selected: null };
-  #spectrum = new PlotCard("spectrum", "Spectrum");
-  #envelope = new PlotCard("envelope", "Envelope spectrum");
-  #posterior = new PlotCard("posterior", "Posterior over wear depth");
+  #query = {};
+  #cards = new Map(PANES.map(({ key, label }) => [key, new PlotCard(key, label)]));
+  #tools = new SpectrumTools();
+  #cursor;
   elements;
 
   constructor() {
     setText(this.#time, "Loading the record…");
-    for (const control of [this.#previous, this.#next, this.#zoom, this.#sidebands.input]) control.disabled = true;
-    this.#zoom.append(h("option", { value: "" }, "Whole spectrum"));
-    this.#spectrum.tools.append(this.#zoom, this.#sidebands.element, this.#log.element);
-    const buttons = h("div", { class: "steps", role: "group", "aria-label": "Choose a record" }, this.#previous, this.#next, this.#latest);
-    const bar = h("section", { class: "card record-bar", "aria-label": "Selected record" }, h("div", { class: "plot-head" }, this.#time, buttons), this.#words, this.#values);
-    this.elements = [bar, this.#spectrum.element, this.#envelope.element, this.#posterior.element];
+    for (const control of [this.#previous, this.#next]) control.disabled = true;
+    const spectrum = this.#cards.get("spectrum");
+    spectrum.tools.append(...this.#tools.elements);
+    this.#cursor = new CursorLayer(spectrum, (cursor) => change({ cursor: formatCursor(cursor) }, { quiet: true }));
+    spectrum.frame.before(this.#cursor.readout);
+    const chips = h("div", { class: "chips", role: "group", "aria-label": "Ways to look at the record" });
+    for (const { key, label } of PANES) {
+      const chip = h("button", { type: "button", class: "chip", onclick: () => this.#toggle(key) }, label);
+      this.#chips.set(key, chip);
+      chips.append(chip);
+    }
+    const buttons = h("div", { class: "steps", role: "group", "aria-label": "Choose a record" }, this.#previous, this.#next, this.#latest, this.#pin);
+    const head = h("div", { class: "plot-head" }, this.#time, buttons);
+    const bar = h("section", { class: "card record-bar", "aria-label": "Selected record" }, head, this.#words, this.#pinnedWords, this.#values, chips);
+    this.elements = [bar, ...[...this.#cards.values()].map(({ element }) => element)];
   }
 
-  /** Sidebands are too close to be told apart in the whole spectrum, so they bring the first mesh line near. */
-  #showSidebands(on) {
-    change({ side: on ? "1" : null, zoom: on ? this.#zoom.value || "1" : this.#zoom.value }, { quiet: true });
+  #toggle(key) {
+    // the address, not what is drawn: another click may have come before the answer to the first
+    const keys = shownPanes(parse(location.hash).query);
+    const next = keys.includes(key) ? keys.filter((other) => other !== key) : [...keys, key];
+    change({ show: next.join(",") || "none" }, { quiet: true });
+  }
+
+  #togglePin() {
+    change({ pin: this.#query.pin ? null : this.#order.selected }, { quiet: true });
   }
 
   #step(by) {
@@ -65,51 +76,42 @@ export class RecordView {
 
   /** Marks the plots as being fetched. */
   busy(is) {
-    for (const card of [this.#spectrum, this.#envelope, this.#posterior]) card.busy(is);
+    for (const card of this.#cards.values()) card.busy(is);
   }
 
-  /** Shows a record: `segment`, `spectrum` and `envelope` are answers of the server or errors. */
-  async show({ segment, spectrum, envelope }, asset, query) {
-    const view = { logarithmic: query.slog === "1", sidebands: query.side === "1", zoom: query.zoom ?? "" };
-    this.#log.input.checked = view.logarithmic;
-    this.#sidebands.input.checked = view.sidebands;
-    this.#showFacts(segment);
-    this.#showZooms(spectrum, view.zoom);
-    const revision = `${asset.id} ${segment.channel ?? ""}`;
-    await Promise.all([
-      this.#plot(this.#spectrum, spectrum, () => spectrumDrawing(spectrum, view, revision), "spectrum", segment),
-      this.#plot(this.#envelope, envelope, () => envelopeDrawing(envelope, asset.gear.teeth, view, revision), "envelope", segment),
-      this.#showPosterior(segment, asset, revision),
-    ]);
+  /** Shows a record: `segment`, `pinned` and the values of `panes` and `others` are answers of the server or errors. */
+  async show({ segment, pinned, panes, others }, asset, query) {
+    this.#query = query;
+    const keys = shownPanes(query);
+    const view = this.#tools.update(panes.spectrum, query);
+    for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
+    for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
+    this.#showFacts(segment, pinned);
+    const context = { segment, asset, query, view, revision: `${asset.id} ${segment.channel ?? ""}` };
+    await Promise.all(PANES.filter(({ key }) => keys.includes(key)).map((pane) => this.#draw(pane, panes[pane.key], others?.[pane.key], context)));
+    const spectrum = panes.spectrum;
+    this.#cursor.show(spectrum && !(spectrum instanceof Error) ? parseCursor(query.cursor) : null, spectrum);
+    onRangeChange(this.#cards.get("waveform").plot, (range) => {
+      change({ part: range ? range.map((end) => Number(Math.max(0, end).toPrecision(6))).join("~") : null }, { quiet: true });
+    });
     this.busy(false);
   }
 
-  async #plot(card, data, drawing, kind, segment) {
+  async #draw({ key, fetch, draw }, data, other, context) {
+    const card = this.#cards.get(key);
+    if (context.segment instanceof Error) return card.say("There is no record to show.");
     if (data instanceof Error) return card.say(data.message);
-    if (data.frequency_hz.length === 0) return card.say("The record is too short for a spectrum.");
-    return card.show(drawing(), `${segment.asset_id}-${kind}-${segment.start_time}`);
+    if (fetch && !data) return card.say("Loading…");
+    const drawing = draw(data, other, context);
+    if (typeof drawing === "string") return card.say(drawing);
+    return card.show(drawing, `${context.asset.id}-${key}-${context.segment.start_time}`);
   }
 
-  async #showPosterior(segment, asset, revision) {
-    if (segment instanceof Error) return this.#posterior.say("There is no record to show.");
-    const { wear, reference_wear_um: reference } = segment;
-    if (!wear?.posterior) return this.#posterior.say(wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.");
-    return this.#posterior.show(posteriorDrawing(wear, asset.limits, reference, revision), `${asset.id}-posterior-${segment.start_time}`);
-  }
-
-  #showZooms(spectrum, zoom) {
-    const orders = spectrum instanceof Error ? [] : spectrum.mesh_harmonics.map(({ order }) => order);
-    const choices = [["", "Whole spectrum"], ...orders.map((order) => [String(order), `Around ${order}× mesh`])];
-    if (this.#zoom.dataset.choices !== String(orders)) {
-      this.#zoom.dataset.choices = String(orders);
-      setChildren(this.#zoom, choices.map(([value, label]) => h("option", { value }, label)));
-    }
-    this.#zoom.value = orders.includes(Number(zoom)) ? zoom : "";
-    this.#zoom.disabled = orders.length === 0;
-    this.#sidebands.input.disabled = orders.length === 0;
-  }
-
-  #showFacts(segment) {
+  #showFacts(segment, pinned) {
+    this.#pin.setAttribute("aria-pressed", String(Boolean(this.#query.pin)));
+    this.#pin.textContent = this.#query.pin ? "Unpin" : "Pin to compare";
+    this.#pinnedWords.hidden = !pinned;
+    if (pinned) setText(this.#pinnedWords, pinnedWords(pinned));
     if (segment instanceof Error) {
       setText(this.#time, "Record not found");
       setText(this.#words, `${segment.message}. “Latest” shows the newest record.`);
@@ -117,23 +119,12 @@ export class RecordView {
       return;
     }
     setText(this.#time, utc(segment.start_time));
-    const length = segment.samples / segment.sample_rate_hz;
-    const torque = segment.operating_point?.torque_nm;
-    const load = torque == null ? "" : `, ${number(torque)} N·m`;
-    const speed = segment.shaft_speed ? `, shaft ${hertz(segment.shaft_speed.shaft_speed_hz)}` : "";
-    setText(this.#words, `Channel ${segment.channel}, ${length < 10 ? number(length, 3) + " s" : span(length)} at ${hertz(segment.sample_rate_hz)}, ${count(segment.samples)} samples${speed}${load}`);
-    const { indicators: values = {}, absent = {} } = segment;
-    const names = SHOWN.filter((name) => name in values || name in absent);
-    setChildren(this.#values, names.map((name) => value(name, values[name], absent[name], segment.unit)));
+    setText(this.#words, recordWords(segment));
+    setChildren(this.#values, recordFacts(segment, pinned instanceof Error ? null : pinned));
   }
 
   /** Frees the plots. */
   dispose() {
-    for (const card of [this.#spectrum, this.#envelope, this.#posterior]) card.dispose();
+    for (const card of this.#cards.values()) card.dispose();
   }
-}
-
-function value(name, amount, reason, unitName) {
-  const shown = amount == null ? h("span", { class: "muted" }, absence(reason ?? "absent")) : `${number(amount)} ${UNITLESS.includes(name) ? "" : unit(unitName)}`.trim();
-  return h("div", { class: "fact" }, h("dt", {}, indicatorName(name)), h("dd", {}, shown));
 }

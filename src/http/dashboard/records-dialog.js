@@ -7,24 +7,32 @@ import { UploadPanel } from "./upload-panel.js";
 /** A dialog with an upload and a replay part. */
 export class RecordsDialog {
   #replay;
+  #upload;
   element;
 
   constructor(assetId) {
+    this.#upload = new UploadPanel(assetId);
     this.#replay = new ReplayPanel(assetId);
     const close = h("button", { type: "button", class: "quiet", onclick: () => this.element.close() }, "Close");
     this.element = h(
       "dialog",
       { class: "records", "aria-labelledby": "records-title" },
       h("div", { class: "plot-head" }, h("h2", { id: "records-title" }, `Add records to ${assetId}`), close),
-      new UploadPanel(assetId).element,
+      this.#upload.element,
       this.#replay.element,
     );
   }
 
   /** Shows the dialog over the page. */
   open() {
-    this.element.showModal();
+    if (!this.element.open) this.element.showModal();
     this.#replay.refresh();
+  }
+
+  /** Opens with files that were dropped on the page, and sends them. */
+  take(files) {
+    this.open();
+    return this.#upload.take(files);
   }
 
   /** Follows running replays while the dialog is open. */

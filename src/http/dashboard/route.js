@@ -1,13 +1,23 @@
 // The address after `#` holds the whole view, so that a link reproduces it.
 
-/** `{ page: "fleet" | "asset" | "unknown", id, query }` of a hash. */
+const ASSET_VIEWS = ["waterfall", "match", "settings"];
+
+/** `{ page, id, query }` of a hash; `page` is "fleet", "asset" or one of its views, "libraries", "library" or "unknown". */
 export function parse(hash) {
   const [path, query = ""] = hash.replace(/^#/, "").split("?", 2);
-  const parts = path.split("/").filter(Boolean);
-  const parameters = Object.fromEntries(new URLSearchParams(query));
-  if (parts.length === 0) return { page: "fleet", query: parameters };
-  if (parts.length === 2 && parts[0] === "assets") return { page: "asset", id: decoded(parts[1]), query: parameters };
-  return { page: "unknown", query: parameters };
+  const [first, second, third, ...more] = path.split("/").filter(Boolean);
+  const id = second === undefined ? undefined : decoded(second);
+  return { ...place(first, id, third, more), query: Object.fromEntries(new URLSearchParams(query)) };
+}
+
+function place(first, id, third, more) {
+  if (first === undefined) return { page: "fleet" };
+  if (more.length === 0 && first === "assets" && id !== undefined) {
+    if (third === undefined) return { page: "asset", id };
+    if (ASSET_VIEWS.includes(third)) return { page: third, id };
+  }
+  if (third === undefined && first === "libraries") return id === undefined ? { page: "libraries" } : { page: "library", id };
+  return { page: "unknown" };
 }
 
 function decoded(text) {
@@ -18,11 +28,23 @@ function decoded(text) {
   }
 }
 
+function path({ page, id }) {
+  const name = encodeURIComponent(id ?? "");
+  if (page === "asset") return `#/assets/${name}`;
+  if (ASSET_VIEWS.includes(page)) return `#/assets/${name}/${page}`;
+  if (page === "library") return `#/libraries/${name}`;
+  return page === "libraries" ? "#/libraries" : "#/";
+}
+
 /** The hash of a route; parameters without a value are left out. */
 export function format(route) {
-  const path = route.page === "asset" ? `#/assets/${encodeURIComponent(route.id)}` : "#/";
   const query = new URLSearchParams(Object.entries(route.query ?? {}).filter(([, value]) => value !== null && value !== undefined && value !== ""));
-  return query.size ? `${path}?${query}` : path;
+  return query.size ? `${path(route)}?${query}` : path(route);
+}
+
+/** Goes to another page. */
+export function go(route) {
+  location.hash = format(route);
 }
 
 /** Changes some parameters of the current route; a step of its own in the browser's history unless `quiet`. */

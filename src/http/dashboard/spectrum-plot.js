@@ -6,10 +6,27 @@ import { palette, verticalLine } from "./plots.js";
 const WINDOWS = { hann: "Hann", hamming: "Hamming", rectangular: "rectangular", flattop: "flat-top", blackman: "Blackman" };
 const QUANTITIES = { amplitude_peak: "Peak amplitude", amplitude_rms: "RMS amplitude", psd: "Power spectral density" };
 
+const HERTZ = { title: "Frequency (Hz)", name: "frequency_hz", say: hertz, suffix: " Hz" };
+const ORDERS = { title: "Order of the driving shaft (–)", name: "order", say: (value) => `order ${number(value, 5)}`, suffix: ". order" };
+
+/** An order spectrum in the shape of one over frequency: the unit of its axis is one turn of the driving shaft. */
+export function ofOrders(answer) {
+  if (answer instanceof Error) return answer;
+  const { order, amplitude, teeth: [teeth], bandwidth_orders: bandwidth, resolution_orders: resolution, ...rest } = answer;
+  const spectrum = { ...rest, axis: ORDERS, frequency_hz: order, amplitude, bandwidth_hz: bandwidth, resolution_hz: resolution, shaft_speed_hz: 1, mesh_frequency_hz: teeth };
+  const counts = Array.from({ length: 10 }, (_, index) => index + 1).filter((count) => count * teeth <= order.at(-1));
+  return { ...spectrum, mesh_harmonics: counts.map((count) => ({ order: count, frequency_hz: count * teeth, amplitude: amplitudeAt(spectrum, count * teeth) })) };
+}
+
+/** What the horizontal axis of a spectrum counts. */
+export function axisOf(spectrum) {
+  return spectrum.axis ?? HERTZ;
+}
+
 /** Window, bandwidth and reduction: what makes two spectra comparable. */
-function convention({ window, bandwidth_hz: bandwidth, resolution_hz: resolution, reduced }) {
+function convention({ axis: { say } = HERTZ, window, bandwidth_hz: bandwidth, resolution_hz: resolution, reduced }) {
   const name = WINDOWS[window] ?? window;
-  const lines = `${name} window, ${hertz(bandwidth)} noise bandwidth, lines every ${hertz(resolution)}`;
+  const lines = `${name} window, ${say(bandwidth)} noise bandwidth, lines every ${say(resolution)}`;
   return reduced ? `${lines}; drawn with fewer points, every peak kept` : lines;
 }
 
@@ -24,9 +41,23 @@ function amplitudeAxis({ quantity, unit: unitName, frequency_hz: x, amplitude },
   return { title, type: "log", range: [Math.log10(low), Math.log10(3 * top)], dtick: 1, exponentformat: "power", uirevision };
 }
 
-function line({ frequency_hz: x, amplitude, unit: unitName }, colour) {
-  const hovertemplate = `%{x:.2f} Hz: %{y:.4g} ${unit(unitName)}<extra></extra>`;
-  return { x, y: amplitude, mode: "lines", line: { color: colour.accent, width: 1 }, hovertemplate };
+function line(spectrum, colour, which = "") {
+  const { frequency_hz: x, amplitude, unit: unitName } = spectrum;
+  const hovertemplate = `${which}%{x:.2f}${axisOf(spectrum).suffix}: %{y:.4g} ${unit(unitName)}<extra></extra>`;
+  return { x, y: amplitude, mode: "lines", line: { color: colour, width: 1 }, hovertemplate };
+}
+
+/** The other record's line, where there is one to compare with, under the selected one's. */
+function withOther(spectrum, other, colour) {
+  const own = line(spectrum, colour.accent);
+  return other && !(other instanceof Error) ? [line(other, colour.other, "pinned record, "), own] : [own];
+}
+
+function table(spectrum, other) {
+  const { unit: unitName } = spectrum;
+  const columns = [[axisOf(spectrum).name, spectrum.frequency_hz], [`amplitude_peak (${unitName})`, spectrum.amplitude]];
+  if (other && !(other instanceof Error)) columns.push([`pinned ${axisOf(other).name}`, other.frequency_hz], [`pinned amplitude_peak (${other.unit})`, other.amplitude]);
+  return columns;
 }
 
 /** Marks at frequencies: a marker on the peak that says more when pointed at. */
@@ -49,7 +80,7 @@ function label({ frequency_hz: x, amplitude, label: text }, colour, logarithmic)
 }
 
 /** The amplitude at a frequency: the largest of the nearest points, as a line may fall between two. */
-function amplitudeAt({ frequency_hz: x, amplitude }, frequency) {
+export function amplitudeAt({ frequency_hz: x, amplitude }, frequency) {
   const step = x.length > 1 ? (x.at(-1) - x[0]) / (x.length - 1) : 0;
   const nearest = Math.round((frequency - x[0]) / (step || 1));
   return Math.max(0, ...[-1, 0, 1].map((offset) => amplitude[nearest + offset] ?? 0));
@@ -78,29 +109,32 @@ function sidebandLines(harmonics, shaft, colour, zoom) {
 }
 
 /** The drawing of an amplitude spectrum. `zoom` is "" or the order of a mesh line. */
-export function spectrumDrawing(spectrum, { logarithmic, sidebands, zoom }, revision) {
+export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom }, revision) {
   const colour = palette();
+  const axis = axisOf(spectrum);
   const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, mesh_harmonics: harmonics } = spectrum;
   const points = harmonics.map(({ order, frequency_hz: frequency, amplitude }) => ({
     frequency_hz: frequency,
     amplitude,
     label: `${order}×`,
-    words: `mesh harmonic ${order}×: ${hertz(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
+    words: `mesh harmonic ${order}×: ${axis.say(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
   }));
   const shapes = harmonics.map(({ frequency_hz: frequency }) => verticalLine(frequency, colour.reference, "dot"));
   const annotations = points.map((point) => label(point, colour, logarithmic));
-  const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${hertz(mesh)}`]] : [];
+  const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${axis.say(mesh)}`]] : [];
   if (sidebands && shaft && mesh) {
     const lines = sidebandLines(harmonics, shaft, colour, zoom);
     shapes.push(...lines.shapes);
     annotations.push(...lines.annotations);
-    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${hertz(shaft)} shaft speed`]);
+    entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.say(shaft)} shaft speed`]);
   }
   const range = zoomRange(spectrum, zoom) ?? [0, spectrum.frequency_hz.at(-1)];
-  const axisRevision = `${revision} ${zoom}`;
+  const axisRevision = `${revision} ${zoom} ${axis.name}`;
+  if (other && !(other instanceof Error)) entries.push(["line", colour.other, "pinned record"]);
   const none = mesh ? "" : "No shaft speed is known for this record, so mesh lines are not marked. ";
   return {
-    traces: [line(spectrum, colour), marks(points, colour)],
+    traces: [...withOther(spectrum, other, colour), marks(points, colour)],
+    table: () => table(spectrum, other),
     legend: entries,
     sub: `${none}${convention(spectrum)}.`,
     summary: `Amplitude spectrum${points.length ? `: ${points.map((point) => point.words).join("; ")}` : ""}.`,
@@ -108,7 +142,7 @@ export function spectrumDrawing(spectrum, { logarithmic, sidebands, zoom }, revi
       uirevision: revision,
       hovermode: "closest",
       hoverdistance: 12,
-      xaxis: { title: { text: "Frequency (Hz)" }, range, uirevision: axisRevision, exponentformat: "none", separatethousands: true },
+      xaxis: { title: { text: axis.title }, range, uirevision: axisRevision, exponentformat: "none", separatethousands: true },
       yaxis: amplitudeAxis(spectrum, range, logarithmic, axisRevision),
       shapes,
       annotations,
@@ -120,11 +154,12 @@ const BAND_SOURCES = {
   query: "as asked for",
   asset: "set for the asset",
   strongest_mesh_harmonic: "around the strongest mesh harmonic",
+  kurtogram: "found by the kurtogram",
   whole: "the whole band",
 };
 
 /** The drawing of an envelope spectrum; `teeth` are those of the driving and the driven gear. */
-export function envelopeDrawing(envelope, teeth, { logarithmic }, revision) {
+export function envelopeDrawing(envelope, other, teeth, { logarithmic }, revision) {
   const colour = palette();
   const { shaft_speed_hz: shaft, band_hz: [low, high], band_source: source } = envelope;
   const end = Math.min(envelope.frequency_hz.at(-1), high - low);
@@ -142,7 +177,8 @@ export function envelopeDrawing(envelope, teeth, { logarithmic }, revision) {
     });
   return {
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
-    traces: [line(envelope, colour), marks(points, colour)],
+    traces: [...withOther(envelope, other, colour), marks(points, colour)],
+    table: () => table(envelope, other),
     legend: points.length ? [["diamond", colour.reference, `shaft lines of ${hertz(shaft)}`]] : [],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
     summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "no shaft speed known"}.`,
@@ -153,7 +189,8 @@ export function envelopeDrawing(envelope, teeth, { logarithmic }, revision) {
       xaxis: { title: { text: "Modulation frequency (Hz)" }, range: [0, end] },
       yaxis: amplitudeAxis(envelope, [0, end], logarithmic, revision),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
-      annotations: points.map((point) => label(point, colour, logarithmic)),
+      // lines too close to be told apart have one label for all
+      annotations: points.filter((point, index) => index === 0 || shaft > 0.03 * end).map((point) => label(point, colour, logarithmic)),
     },
   };
 }

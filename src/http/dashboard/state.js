@@ -1,12 +1,14 @@
 // What an asset's numbers mean for the person who looks after it, in the categories of NAMUR NE 107.
 
-import { depth } from "./format.js";
+import { depth, span } from "./format.js";
 
 /** Kinds of state, worst first. `symbol` names a shape in symbols.js, `category` the NE 107 signal. */
 export const STATES = {
   danger: { word: "Above danger limit", short: "Danger", symbol: "failure", category: "NE 107 failure" },
   warning: { word: "Above warning limit", short: "Warning", symbol: "maintenance", category: "NE 107 maintenance required" },
   library_failed: { word: "Library failed", short: "Library failed", symbol: "specification", category: "NE 107 out of specification" },
+  sensor: { word: "Sensor fault", short: "Sensor fault", symbol: "failure", category: "NE 107 failure, of the sensor" },
+  outside: { word: "Not explained by wear", short: "Not explained", symbol: "specification", category: "NE 107 out of specification" },
   unclear: { word: "Not identifiable", short: "Not identifiable", symbol: "specification", category: "NE 107 out of specification" },
   collecting: { word: "Collecting baseline", short: "Baseline", symbol: "check", category: "NE 107 function check" },
   building: { word: "Building library", short: "Building library", symbol: "check", category: "NE 107 function check" },
@@ -27,6 +29,8 @@ export function rank(key) {
 export function wearState(wear, limits) {
   if (wear.status === "collecting_baseline") return "collecting";
   if (wear.status === "no_library") return "no_library";
+  if (wear.status === "sensor_fault") return "sensor";
+  if (wear.status === "outside_library") return "outside";
   if (wear.status !== "estimated") return "unclear";
   const { warning_um: warning, danger_um: danger } = limits ?? {};
   if (danger != null && wear.median_um >= danger) return "danger";
@@ -59,6 +63,8 @@ export function sentence(wear, limits) {
   }
   if (wear.status === "no_library") return "No gear pair is described for this asset, so indicators are computed but wear is not estimated.";
   if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
+  if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
+  if (wear.status === "outside_library") return `Something other than wear has changed: ${wear.reason}.`;
   if (wear.status === "not_identifiable") return `The records do not tell how worn the gear is: ${wear.reason}.`;
   const { p05_um: low, p95_um: high } = wear;
   const certain = `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
@@ -76,4 +82,14 @@ function outlook(wear, limits) {
   return wear.p95_um >= next
     ? `The median is below the ${name} limit of ${depth(next)} µm, but the interval reaches past it.`
     : `The whole interval is below the ${name} limit of ${depth(next)} µm.`;
+}
+
+/** How long until the limit is passed, in words, from a wear estimate's prognosis; null where none is known. */
+export function timeToLimit(wear, now = Date.now()) {
+  const { prognosis } = wear ?? {};
+  if (!prognosis) return null;
+  const until = (time) => (Date.parse(time) - now) / 1000;
+  const words = (time) => (until(time) <= 0 ? "now" : span(until(time)));
+  const late = prognosis.p95 ? words(prognosis.p95) : "much later";
+  return { seconds: until(prognosis.median), median: words(prognosis.median), interval: `${words(prognosis.p05)} to ${late}`, limit: prognosis.limit_um, rate: prognosis.rate_um_per_day };
 }

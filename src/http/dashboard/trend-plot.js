@@ -1,5 +1,6 @@
 // Indicator trends: one pane a kind of indicator over a common time axis.
 
+import { binEntries, binTraces } from "./operating-bins.js";
 import { indicatorName, number, titled, unit } from "./format.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
@@ -9,16 +10,27 @@ export const PANES = [
   { key: "kurtosis", label: "Kurtosis", names: ["kurtosis"] },
   { key: "omx", label: "OMX", names: ["omx"] },
   { key: "crest_factor", label: "Crest factor", names: ["crest_factor"] },
+  { key: "fm4", label: "FM4", names: ["fm4"] },
+  { key: "na4", label: "NA4", names: ["na4"] },
   { key: "mesh", label: "Mesh harmonics", names: [] },
 ];
 const DEFAULT = "rms,kurtosis,omx";
 const GAP = 0.05;
 
-/** The panes that an address asks for, never none. */
+/** The panes that an address asks for, never none; a name that is none of the usual ones is an indicator's. */
 export function chosenPanes(text) {
-  const keys = (text ?? DEFAULT).split(",");
-  const chosen = PANES.filter((pane) => keys.includes(pane.key));
+  const keys = (text ?? DEFAULT).split(",").filter((key) => /^[a-z][a-z0-9_]*$/.test(key));
+  const usual = PANES.filter((pane) => keys.includes(pane.key));
+  const others = keys.filter((key) => !PANES.some((pane) => pane.key === key)).map((key) => ({ key, label: indicatorName(key), names: [key] }));
+  const chosen = [...usual, ...others];
   return chosen.length ? chosen : PANES.slice(0, 1);
+}
+
+/** Names of a record's indicators that no usual pane shows. */
+export function otherNames(record) {
+  const shown = new Set(PANES.flatMap((pane) => pane.names));
+  const { indicators = {}, absent = {} } = record ?? {};
+  return [...Object.keys(indicators), ...Object.keys(absent)].filter((name) => !shown.has(name) && !/^mesh_\d+$/.test(name)).sort();
 }
 
 /** The indicators to ask the server for. A record's own indicators say how many mesh harmonics there are. */
@@ -35,7 +47,7 @@ function axisTitle(pane, units) {
 }
 
 /** The drawing for indicators over time. */
-export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, revision) {
+export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, revision, bins = null) {
   const colour = palette();
   const times = items.map((item) => item.start_time);
   const mode = items.length < 40 ? "lines+markers" : "lines";
@@ -67,6 +79,10 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     const words = (item) => shown.map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim()).join("<br>");
     const points = recordPoints(items, items.map((item) => item[shown[0]]), words);
     traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });
+    if (bins && shown.length === 1) {
+      traces.push(...binTraces(items, shown[0], bins, colour).map((trace) => ({ ...trace, xaxis: "x", yaxis: `y${suffix}` })));
+      return;
+    }
     shown.forEach((name, order) => {
       const line = { color: shown.length > 1 ? colour.series[order % colour.series.length] : colour.accent, width: 1.5, dash: order < 5 ? "solid" : "dot" };
       const y = items.map((item) => item[name]);
@@ -74,11 +90,15 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
       if (shown.length > 1) entries.push([order < 5 ? "line" : "dot", line.color, indicatorName(name)]);
     });
   });
+  // points at the ends would widen the axis, and it must stay in step with the wear above
+  if (bins) layout.xaxis.range = [times[0], times.at(-1)];
+  if (bins) entries.push(...binEntries(bins, colour));
   return {
     traces,
     layout,
     legend: entries,
-    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise.`,
+    table: () => ["start_time", "segment_id", ...names].map((key) => [units[key] ? `${key} (${units[key]})` : key, items.map((item) => item[key])]),
+    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise.${bins?.words ? ` ${bins.words}` : ""}`,
     summary: `Trends of ${panes.map((pane) => pane.label).join(", ")} over ${items.length} records.`,
   };
 }

@@ -1,10 +1,11 @@
-// Upload of one file at a time, with progress, and the server's refusal word for word.
+// Upload of files, one after the other, with progress, and the server's refusal word for word.
 
-import { address, failure } from "./api.js";
+import { address, authorization, failure } from "./api.js";
+import { wavOfCsv } from "./csv-record.js";
 import { h, setChildren, setText } from "./dom.js";
 import { bytes, depth, utc } from "./format.js";
 
-const TYPES = { wav: "audio/wav", mcap: "application/mcap", json: "application/json", pb: "application/x-protobuf" };
+const TYPES = { wav: "audio/wav", csv: "text/csv", mcap: "application/mcap", json: "application/json", pb: "application/x-protobuf" };
 
 function field(id, label, properties) {
   const input = h("input", { id, ...properties });
@@ -15,7 +16,9 @@ function field(id, label, properties) {
 function send(href, file, type, onProgress) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
+    const fields = Object.entries(authorization());
     request.open("POST", href);
+    for (const [name, value] of fields) request.setRequestHeader(name, value);
     request.setRequestHeader("content-type", type);
     request.setRequestHeader("accept", "application/json");
     request.upload.addEventListener("progress", ({ loaded, total }) => onProgress(loaded / total));
@@ -28,18 +31,20 @@ function send(href, file, type, onProgress) {
 /** The upload part of the dialog. */
 export class UploadPanel {
   #assetId;
-  #file = h("input", { type: "file", id: "upload-file", accept: ".wav,.mcap,.json,.pb", onchange: () => this.#upload(this.#file.files[0]) });
+  #file = h("input", { type: "file", id: "upload-file", multiple: true, accept: ".wav,.mcap,.csv,.json,.pb", onchange: () => this.take([...this.#file.files]) });
   #unit = field("upload-unit", "Unit", { placeholder: "m/s2", size: 6 });
   #start = field("upload-start", "Start, UTC", { type: "datetime-local", step: 1 });
   #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
+  #rate = field("upload-rate", "Sampling rate of a CSV file, Hz", { type: "number", min: 0, step: "any", placeholder: "from its time column" });
   #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
   #progress = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Upload" });
-  #result = h("div", { class: "result", role: "status" });
+  #result;
+  #results = h("div", { class: "results", "aria-live": "polite" });
   element;
 
   constructor(assetId) {
     this.#assetId = assetId;
-    const drop = h("label", { class: "drop", for: "upload-file" }, h("strong", {}, "Drop a WAV or MCAP file here"), h("span", {}, "or choose one:"), this.#file);
+    const drop = h("label", { class: "drop", for: "upload-file" }, h("strong", {}, "Drop WAV, MCAP or CSV files here, or anywhere on the page"), h("span", {}, "or choose some:"), this.#file);
     drop.addEventListener("dragover", (event) => {
       event.preventDefault();
       drop.classList.add("over");
@@ -47,12 +52,13 @@ export class UploadPanel {
     drop.addEventListener("dragleave", () => drop.classList.remove("over"));
     drop.addEventListener("drop", (event) => {
       event.preventDefault();
+      event.stopPropagation();
       drop.classList.remove("over");
-      this.#upload(event.dataTransfer.files[0]);
+      this.take([...event.dataTransfer.files]);
     });
-    const fields = [this.#unit, this.#start, this.#speed, this.#torque].map(({ element }) => element);
-    const optional = h("details", {}, h("summary", {}, "For a WAV file: unit, start time, operating point"), h("div", { class: "fields" }, fields));
-    this.element = h("section", {}, h("h3", {}, "Upload a file"), optional, drop, this.#progress, this.#result);
+    const fields = [this.#unit, this.#start, this.#speed, this.#torque, this.#rate].map(({ element }) => element);
+    const optional = h("details", {}, h("summary", {}, "For WAV and CSV files: unit, start time, operating point, sampling rate"), h("div", { class: "fields" }, fields));
+    this.element = h("section", {}, h("h3", {}, "Upload a file"), optional, drop, this.#progress, this.#results);
   }
 
   #parameters() {
@@ -65,18 +71,29 @@ export class UploadPanel {
     };
   }
 
+  /** Sends files one after the other and says of each what became of it. */
+  async take(files) {
+    setChildren(this.#results);
+    for (const file of files) {
+      this.#result = h("div", { class: "result", role: "status" });
+      this.#results.append(this.#result);
+      await this.#upload(file);
+    }
+  }
+
   async #upload(file) {
-    if (!file) return;
     const type = TYPES[file.name.split(".").pop().toLowerCase()];
-    if (!type) return this.#refused(file, new Error("expected a file that ends in .wav, .mcap, .json or .pb"));
+    if (!type) return this.#refused(file, new Error("expected a file that ends in .wav, .mcap, .csv, .json or .pb"));
     this.#progress.hidden = false;
     this.#progress.value = 0;
     setText(this.#result, `Sending ${file.name}, ${bytes(file.size)}…`);
     this.#result.dataset.kind = "";
     try {
-      const parameters = type === "audio/wav" ? this.#parameters() : {};
+      const converted = type === "text/csv" ? await wavOfCsv(file, Number(this.#rate.input.value)) : file;
+      const sent = converted === file ? type : "audio/wav";
+      const parameters = sent === "audio/wav" ? this.#parameters() : {};
       const href = address(["assets", this.#assetId, "segments"], parameters);
-      const answer = await send(href, file, type, (share) => (this.#progress.value = share));
+      const answer = await send(href, converted, sent, (share) => (this.#progress.value = share));
       this.#accepted(file, answer);
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {

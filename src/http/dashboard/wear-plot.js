@@ -1,5 +1,6 @@
 // Wear over time: median with its 5 to 95 % band, limits, the baseline's stretch, and the reference where there is one.
 
+import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
@@ -59,7 +60,7 @@ function baselineZone(items, colour) {
 }
 
 /** The drawing for a wear history; `selected` is the start time of the record that the page shows. */
-export function wearDrawing({ channel, items }, limits, selected, revision) {
+export function wearDrawing({ channel, items }, limits, selected, revision, latest) {
   const colour = palette();
   const ends = [items[0].start_time, items.at(-1).start_time];
   const times = items.map((item) => item.start_time);
@@ -92,19 +93,25 @@ export function wearDrawing({ channel, items }, limits, selected, revision) {
     shapes.push(line.shape);
     annotations.push(line.annotation);
   }
+  const forecast = forecastOf(items, latest, colour);
+  if (forecast) {
+    traces.push(...forecast.traces);
+    entries.push(["dash", colour.series[1], forecast.words]);
+  }
   if (selected) shapes.push(verticalLine(selected, colour.select, "solid", 2));
   const last = items.findLast((item) => item.median_um != null);
   const now = last ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm` : "no estimate yet";
   return {
     traces,
     legend: entries,
+    table: () => ["start_time", "segment_id", "status", "median_um", "p05_um", "p95_um", "reference_wear_um"].map((key) => [key, items.map((item) => item[key])]),
     sub: `Greatest wear depth over the flank, channel ${channel}. Click a record to see it.`,
     summary: `Wear depth over ${items.length} records: ${now}.`,
     layout: {
       uirevision: revision,
       hovermode: "x unified",
       hoverdistance: -1,
-      xaxis: timeAxis,
+      xaxis: forecast ? { ...timeAxis, range: forecast.range } : timeAxis,
       margin: timeMargin,
       yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false },
       shapes,

@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use proptest::prelude::*;
 
 use super::*;
-use crate::signal::OperatingPoint;
+use crate::signal::{OperatingPoint, Quality};
 
 fn record(channel: &str, second: i64, samples: Vec<f32>) -> Record {
     Record::new(channel, Timestamp::from_second(second).unwrap(), 100.0, "m/s2", samples)
@@ -33,7 +33,8 @@ fn records_come_back_from_mcap_with_every_compression() {
     let records = [
         record("gearbox/x", 1, vec![1.0, -0.0, f32::MIN_POSITIVE / 4.0, f32::MAX]),
         record("y", 1, noise),
-        record("gearbox/x", 5, vec![2.0]),
+        // Four seconds after the end of the channel's first one, as the writer notes.
+        record("gearbox/x", 5, vec![2.0]).with_quality(Quality { clipped: false, gap: true }),
     ];
     for compression in [McapCompression::Zstd, McapCompression::Lz4, McapCompression::None] {
         let bytes = written(compression, &records);

@@ -1,0 +1,115 @@
+//! Where a mesh is, and the measuring points that see it.
+
+use jiff::civil::Date;
+use serde::{Deserialize, Serialize};
+
+use super::AssetError;
+use super::spec::field;
+
+/// The most measuring points of an asset.
+const MOST_POINTS: usize = 64;
+
+/// Longest text of a description, in bytes.
+const MOST_TEXT: usize = 200;
+
+/// Where a mesh is; meshes of one gearbox have the first three in common.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Location {
+    /// The site.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<String>,
+    /// The machine on it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine: Option<String>,
+    /// The gearbox of the machine.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gearbox: Option<String>,
+    /// The mesh in the gearbox.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<String>,
+}
+
+/// A measuring point and its sensor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MeasuringPoint {
+    /// The channel under which its records come.
+    pub channel: String,
+    /// Where on the machine it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<String>,
+    /// In which direction it measures.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<String>,
+    /// Unit of its samples where the recording does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// Sensitivity in `sensitivity_unit`, for the record: samples come in their unit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensitivity: Option<f64>,
+    /// Unit of the sensitivity, such as `mV/(m/s2)`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensitivity_unit: Option<String>,
+    /// The sensor's serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// Day of its last calibration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>, format = Date)]
+    pub calibrated_on: Option<Date>,
+    /// Day on which the next one is due.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>, format = Date)]
+    pub calibration_due: Option<Date>,
+}
+
+impl Location {
+    /// Whether nothing is said.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    pub(super) fn validate(&self) -> Result<(), AssetError> {
+        check_text("location.site", self.site.as_deref())?;
+        check_text("location.machine", self.machine.as_deref())?;
+        check_text("location.gearbox", self.gearbox.as_deref())?;
+        check_text("location.mesh", self.mesh.as_deref())
+    }
+}
+
+pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
+    if points.len() > MOST_POINTS {
+        return Err(field(
+            "points",
+            format!("a list of {}", points.len()),
+            "at most 64 measuring points",
+        ));
+    }
+    for (index, point) in points.iter().enumerate() {
+        check_text("points.channel", Some(&point.channel))?;
+        if points[..index].iter().any(|other| other.channel == point.channel) {
+            return Err(field("points.channel", format!("{:?}", point.channel), "every channel once"));
+        }
+        check_text("points.place", point.place.as_deref())?;
+        check_text("points.axis", point.axis.as_deref())?;
+        check_text("points.unit", point.unit.as_deref())?;
+        check_text("points.sensitivity_unit", point.sensitivity_unit.as_deref())?;
+        check_text("points.serial", point.serial.as_deref())?;
+        if let Some(sensitivity) = point.sensitivity
+            && !(sensitivity > 0.0 && sensitivity.is_finite())
+        {
+            return Err(field("points.sensitivity", sensitivity, "a finite number above 0"));
+        }
+    }
+    Ok(())
+}
+
+fn check_text(name: &'static str, text: Option<&str>) -> Result<(), AssetError> {
+    match text {
+        Some(text) if text.trim().is_empty() || text.len() > MOST_TEXT || text.chars().any(char::is_control) => {
+            Err(field(name, format!("{text:?}"), "1 to 200 bytes without control characters"))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,31 @@
+//! Ctrl-C during long work: asked once, the work stops in good order; asked twice, the process ends.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Exit code of a process that Ctrl-C ended.
+const INTERRUPTED: i32 = 130;
+
+/// A flag that becomes true with the first Ctrl-C. Where Ctrl-C cannot be caught it ends the process, as ever.
+pub(super) fn interrupted() -> Arc<AtomicBool> {
+    let flag = Arc::new(AtomicBool::new(false));
+    if let Err(error) = listen(Arc::clone(&flag)) {
+        tracing::warn!(%error, "Ctrl-C cannot be caught");
+    }
+    flag
+}
+
+fn listen(flag: Arc<AtomicBool>) -> io::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let wait = move || {
+        runtime.block_on(async {
+            while tokio::signal::ctrl_c().await.is_ok() {
+                if flag.swap(true, Ordering::Relaxed) {
+                    std::process::exit(INTERRUPTED);
+                }
+            }
+        });
+    };
+    std::thread::Builder::new().name("interrupt".into()).spawn(wait).map(|_| ())
+}

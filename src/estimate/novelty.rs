@@ -1,0 +1,255 @@
+//! Whether wear explains a record at all, and if not, whether the sensor or the machine is the reason.
+
+use serde::{Deserialize, Serialize};
+
+use super::hypotheses::Deviation;
+use crate::signal::{Absence, Features};
+
+/// Below this p-value a record is not explained.
+const LEAST_P_VALUE: f64 = 1e-4;
+
+/// Deviations are correlated: the sum of squares is this much wider than that of independent ones.
+const INFLATION_LINES: f64 = 2.0;
+const INFLATION_CHECKS: f64 = 1.6;
+
+/// A gain that changed moves everything by at least this logarithm ...
+const LEAST_GAIN: f64 = 0.15;
+
+/// ... and leaves no more than this part of the sum of squares.
+const GAIN_LEAVES: f64 = 0.15;
+
+/// A dead sensor's noise floors lie this logarithm below the baseline's (a factor of 50).
+const DEAD: f64 = -3.9;
+
+/// A loose mount loses at least this logarithm in the highest band ...
+const LOOSE_LOSS: f64 = -0.7;
+
+/// ... more than in the lowest one.
+const LOOSE_SLOPE: f64 = -0.7;
+
+/// What is wrong with the sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorFault {
+    /// No vibration comes through.
+    Dead,
+    /// The signal is cut off at the converter's limit.
+    Clipped,
+    /// Stretches of the record are missing.
+    Gaps,
+    /// Lines and noise floors have all moved alike: sensitivity or gain has changed.
+    GainChanged,
+    /// High frequencies are lost, low ones are not: the sensor is loose.
+    LooseMount,
+}
+
+impl SensorFault {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Dead => "the sensor gives no signal",
+            Self::Clipped => "the signal is clipped",
+            Self::Gaps => "samples are missing",
+            Self::GainChanged => "lines and noise floors moved alike: the sensor's gain has changed",
+            Self::LooseMount => "high frequencies are lost: the sensor's mount is loose",
+        }
+    }
+}
+
+/// How one feature deviates from what the best state expects.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct FeatureDeviation {
+    /// The feature's name.
+    pub feature: String,
+    /// Measured over expected amplitude, as a natural logarithm.
+    pub ln_ratio: f64,
+    /// The same in standard deviations.
+    pub deviations: f64,
+}
+
+/// How well the best state explains a record.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Novelty {
+    /// Probability that a record of the best state deviates as much as this one; low where wear does not explain it.
+    pub p_value: f64,
+    /// −log₁₀ of the same, at most 30: what an alarm may be set on.
+    pub score: f64,
+    /// Whether the record lies outside of what the library explains.
+    pub outside: bool,
+    /// What is wrong with the sensor, where that is the reason.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor_fault: Option<SensorFault>,
+    /// The features that deviate most.
+    pub most: Vec<FeatureDeviation>,
+}
+
+/// Judges a record by its deviations from the best state: of lines, and of what wear hardly moves.
+pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], freedom: f64) -> Novelty {
+    let squares = |deviations: &[Deviation]| -> f64 { deviations.iter().map(|d| normal_score(d, freedom).powi(2)).sum() };
+    let p_lines = chi_square_tail(squares(lines) / INFLATION_LINES, lines.len());
+    let p_checks = chi_square_tail(squares(checks) / INFLATION_CHECKS, checks.len());
+    // The smaller of two p-values.
+    let p_value = (2.0 * p_lines.min(p_checks)).min(1.0);
+    let outside = p_value < LEAST_P_VALUE;
+    let sensor_fault = match record.fault {
+        Some(Absence::Constant) => Some(SensorFault::Dead),
+        Some(Absence::Clipped) => Some(SensorFault::Clipped),
+        Some(Absence::Gaps) => Some(SensorFault::Gaps),
+        _ if outside => sensor_fault(lines, checks),
+        _ => None,
+    };
+    let mut most: Vec<&Deviation> = lines.iter().chain(checks).collect();
+    most.sort_by(|a, b| (b.residual / b.deviation).abs().total_cmp(&(a.residual / a.deviation).abs()));
+    Novelty {
+        p_value,
+        score: (-p_value.max(1e-30).log10()).max(0.0),
+        outside: outside || sensor_fault.is_some(),
+        sensor_fault,
+        most: most
+            .into_iter()
+            .take(3)
+            .map(|d| FeatureDeviation {
+                feature: d.name.clone(),
+                ln_ratio: d.residual,
+                deviations: d.residual / d.deviation,
+            })
+            .collect(),
+    }
+}
+
+fn sensor_fault(lines: &[Deviation], checks: &[Deviation]) -> Option<SensorFault> {
+    let of = |name: &str| checks.iter().find(|d| d.name == name).map(|d| d.residual);
+    let floors: Vec<&Deviation> = checks
+        .iter()
+        .filter(|d| d.name.starts_with("ln_floor_") || d.name.starts_with("ln_rest_"))
+        .collect();
+    if floors.len() < 4 {
+        return None;
+    }
+    if floors.iter().all(|d| d.residual < DEAD) {
+        return Some(SensorFault::Dead);
+    }
+    if let (Some(low), Some(high)) = (of("ln_floor_1"), of("ln_floor_4"))
+        && high < LOOSE_LOSS
+        && high - low < LOOSE_SLOPE
+    {
+        return Some(SensorFault::LooseMount);
+    }
+    // One factor for all: weighted mean, and what it leaves.
+    let all = || floors.iter().copied().chain(lines);
+    let weight: f64 = all().map(|d| d.deviation.powi(-2)).sum();
+    let gain = all().map(|d| d.residual * d.deviation.powi(-2)).sum::<f64>() / weight;
+    let before: f64 = all().map(|d| (d.residual / d.deviation).powi(2)).sum();
+    let after: f64 = all().map(|d| ((d.residual - gain) / d.deviation).powi(2)).sum();
+    (gain.abs() > LEAST_GAIN && after < GAIN_LEAVES * before).then_some(SensorFault::GainChanged)
+}
+
+/// A deviation of Student's t distribution as one of the normal distribution with about the same tail (Wallace 1959).
+fn normal_score(deviation: &Deviation, freedom: f64) -> f64 {
+    let t = deviation.residual / deviation.deviation;
+    let z = (freedom * (t * t / freedom).ln_1p()).sqrt();
+    z * (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)
+}
+
+/// The probability that χ² of this many degrees of freedom is above a value, after Wilson and Hilferty (1931).
+fn chi_square_tail(value: f64, freedom: usize) -> f64 {
+    if freedom == 0 {
+        return 1.0;
+    }
+    let part = 2.0 / (9.0 * freedom as f64);
+    let z = ((value / freedom as f64).cbrt() - (1.0 - part)) / part.sqrt();
+    normal_tail(z)
+}
+
+/// The probability that a standard normal deviate is above `z`: ½ erfc(z/√2) by the continued fraction of Mills' ratio beyond 2, by the
+/// series of Φ within.
+fn normal_tail(z: f64) -> f64 {
+    let density = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
+    if z > 2.0 {
+        let fraction = (1..=60).rev().fold(0.0, |rest, k| f64::from(k) / (z + rest));
+        return density / (z + fraction);
+    }
+    if z < -2.0 {
+        return 1.0 - normal_tail(-z);
+    }
+    let (mut term, mut sum) = (z, z);
+    for k in 1..60 {
+        term *= z * z / f64::from(2 * k + 1);
+        sum += term;
+    }
+    0.5 - density * sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// SciPy: norm.sf.
+    #[test]
+    fn normal_tails_are_those_of_scipy() {
+        for (z, expected) in [
+            (-3.0, 0.9986501019683699),
+            (-1.0, 0.8413447460685429),
+            (0.0, 0.5),
+            (1.96, 0.024997895148220435),
+            (3.0, 0.0013498980316300933),
+            (8.0, 6.220960574271785e-16),
+        ] {
+            assert!((normal_tail(z) / expected - 1.0).abs() < 1e-9, "{z}: {}", normal_tail(z));
+        }
+    }
+
+    /// SciPy: chi2.sf(30, 10) = 8.5664e-4, chi2.sf(10, 10) = 0.44049, chi2.sf(40, 20) = 4.995e-3; Wilson and Hilferty's is within a tenth.
+    #[test]
+    fn chi_square_tails_are_near_those_of_scipy() {
+        for (value, freedom, expected) in [(30.0, 10, 8.566412e-4), (10.0, 10, 0.440493), (40.0, 20, 4.995e-3)] {
+            let got = chi_square_tail(value, freedom);
+            assert!((got / expected - 1.0).abs() < 0.1, "{value} {freedom}: {got}");
+        }
+        assert_eq!(chi_square_tail(5.0, 0), 1.0);
+    }
+
+    fn deviations(kind: &str, residuals: &[f64]) -> Vec<Deviation> {
+        let name = |i: usize| format!("{kind}_{}", i + 1);
+        let all = residuals.iter().enumerate();
+        all.map(|(i, &residual)| Deviation {
+            name: name(i),
+            residual,
+            deviation: 0.05,
+        })
+        .collect()
+    }
+
+    fn judged(lines: &[f64], floors: &[f64], rests: &[f64]) -> Novelty {
+        let mut checks = deviations("ln_floor", floors);
+        checks.extend(deviations("ln_rest", rests));
+        judge(&Features::default(), &[deviations("ln_mesh", lines), checks], 20.0)
+    }
+
+    #[test]
+    fn sensor_faults_are_told_apart() {
+        let fault = |lines: &[f64], floors: &[f64], rests: &[f64]| judged(lines, floors, rests).sensor_fault;
+        assert_eq!(fault(&[0.7; 8], &[0.69; 4], &[0.71; 4]), Some(SensorFault::GainChanged));
+        assert_eq!(fault(&[-0.7; 8], &[-0.69; 4], &[-0.71; 4]), Some(SensorFault::GainChanged));
+        assert_eq!(fault(&[-9.0; 8], &[-9.0; 4], &[-8.0; 4]), Some(SensorFault::Dead));
+        assert_eq!(
+            fault(&[0.0; 8], &[0.1, 0.1, -1.0, -2.0], &[0.0, 0.0, -1.0, -2.0]),
+            Some(SensorFault::LooseMount)
+        );
+        let bearing = judged(&[0.0; 8], &[0.0, 0.0, 0.5, 0.1], &[0.0, 0.2, 1.5, 0.3]);
+        assert_eq!((bearing.sensor_fault, bearing.outside), (None, true));
+        assert_eq!(bearing.most[0].feature, "ln_rest_3");
+        let calm = judged(&[0.04; 8], &[-0.04; 4], &[0.02; 4]);
+        assert!(!calm.outside && calm.p_value > 0.01);
+    }
+
+    #[test]
+    fn faults_of_the_samples_speak_for_themselves() {
+        let record = Features {
+            fault: Some(Absence::Clipped),
+            ..Features::default()
+        };
+        let judged = judge(&record, &[Vec::new(), Vec::new()], 20.0);
+        assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
+    }
+}

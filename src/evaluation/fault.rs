@@ -1,0 +1,129 @@
+//! What is not wear: faults of the machine and of the sensor, put into a record.
+
+use std::f64::consts::TAU;
+
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+
+/// A fault that begins at some record of a run and stays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fault {
+    /// One tooth of the driving gear has lost half of its stiffness.
+    CrackedTooth,
+    /// Impacts of a bearing's outer race that ring at a structure's resonance.
+    BearingLines,
+    /// Strong lines at one and two shaft rates.
+    Misalignment,
+    /// The sensor's sensitivity doubles.
+    GainJump,
+    /// The converter's range ends at half of the healthy peak.
+    Clipping,
+    /// The sensor gives a constant.
+    Dead,
+    /// The sensor is loose: nothing above a low resonance passes.
+    LooseMount,
+}
+
+impl Fault {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::CrackedTooth,
+        Self::BearingLines,
+        Self::Misalignment,
+        Self::GainJump,
+        Self::Clipping,
+        Self::Dead,
+        Self::LooseMount,
+    ];
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::CrackedTooth => "one cracked tooth",
+            Self::BearingLines => "bearing lines",
+            Self::Misalignment => "misalignment",
+            Self::GainJump => "gain jump",
+            Self::Clipping => "clipping",
+            Self::Dead => "dead sensor",
+            Self::LooseMount => "loose mount",
+        }
+    }
+}
+
+/// Root mean square of bearing impacts over that of the healthy vibration.
+const BEARING_PART: f64 = 0.5;
+/// Outer-race passes a turn of the shaft: 9 balls.
+const PASSES_A_TURN: f64 = 3.58;
+/// Resonance that the impacts ring at, and its damping ratio.
+const RING_HZ: f64 = 3300.0;
+const RING_DAMPING: f64 = 0.04;
+/// Deviations of the shaft lines over the healthy vibration's root mean square.
+const SHAFT_PARTS: [f64; 2] = [0.5, 0.8];
+/// A loose mount's resonance and damping.
+const LOOSE_HZ: f64 = 1500.0;
+const LOOSE_DAMPING: f64 = 0.2;
+/// What the sensitivity is multiplied by.
+const GAIN: f64 = 2.0;
+
+/// Adds what a fault puts into the vibration before the transmission path; `healthy_rms` that of the vibration without it.
+pub(super) fn excite(fault: Fault, vibration: &mut [f64], rate_hz: f64, shaft_hz: f64, healthy_rms: f64, rng: &mut impl RngExt) {
+    match fault {
+        Fault::BearingLines => {
+            let (mut y1, mut y2) = (0.0, 0.0);
+            let radius = (-RING_DAMPING * TAU * RING_HZ / rate_hz).exp();
+            let turn = 2.0 * radius * (TAU * RING_HZ / rate_hz).cos();
+            let period = rate_hz / (shaft_hz * PASSES_A_TURN);
+            let mut next = period * rng.random::<f64>();
+            let ring: Vec<f64> = (0..vibration.len())
+                .map(|n| {
+                    let hit = n as f64 >= next;
+                    if hit {
+                        // Rolling elements slip a little.
+                        next += period * (1.0 + 0.01 * (rng.random::<f64>() - 0.5));
+                    }
+                    let y = turn * y1 - radius * radius * y2 + f64::from(u8::from(hit));
+                    (y2, y1) = (y1, y);
+                    y
+                })
+                .collect();
+            let rms = (ring.iter().map(|x| x * x).sum::<f64>() / ring.len() as f64).sqrt();
+            let scale = BEARING_PART * healthy_rms / rms.max(f64::MIN_POSITIVE);
+            vibration.iter_mut().zip(ring).for_each(|(x, y)| *x += scale * y);
+        }
+        Fault::Misalignment => {
+            let phases: [f64; 2] = [rng.random(), rng.random()];
+            for (n, x) in vibration.iter_mut().enumerate() {
+                let turns = shaft_hz * n as f64 / rate_hz;
+                for k in 0..2 {
+                    let order = k as f64 + 1.0;
+                    *x += SHAFT_PARTS[k] * healthy_rms * 2.0_f64.sqrt() * (TAU * (order * turns + phases[k])).sin();
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Changes what the sensor saw, noise included; `healthy_peak` that of a healthy record.
+pub(super) fn distort(fault: Fault, seen: &mut [f64], rate_hz: f64, healthy_peak: f64) {
+    match fault {
+        Fault::GainJump => seen.iter_mut().for_each(|x| *x *= GAIN),
+        Fault::Clipping => seen.iter_mut().for_each(|x| *x = x.clamp(-0.5 * healthy_peak, 0.5 * healthy_peak)),
+        Fault::Dead => seen.fill(0.0),
+        Fault::LooseMount => {
+            // A second-order low-pass by impulse invariance.
+            let omega = TAU * LOOSE_HZ / rate_hz;
+            let radius = (-LOOSE_DAMPING * omega).exp();
+            let turn = 2.0 * radius * (omega * (1.0 - LOOSE_DAMPING * LOOSE_DAMPING).sqrt()).cos();
+            let gain = 1.0 - turn + radius * radius;
+            let (mut y1, mut y2) = (0.0, 0.0);
+            for x in seen.iter_mut() {
+                let y = gain * *x + turn * y1 - radius * radius * y2;
+                (y2, y1) = (y1, y);
+                *x = y;
+            }
+        }
+        Fault::CrackedTooth | Fault::BearingLines | Fault::Misalignment => {}
+    }
+}

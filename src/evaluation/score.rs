@@ -1,0 +1,216 @@
+//! What the estimates of a case's runs are worth.
+
+use serde::Serialize;
+
+/// Nominal coverages of the calibration curve.
+pub const NOMINAL: [f64; 10] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95];
+
+/// One record with its estimate.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Judged {
+    pub(super) truth_um: f64,
+    /// Median and the 5 % and 95 % quantiles, where wear was claimed.
+    pub(super) told: Option<[f64; 3]>,
+    /// The probability that the posterior gives to less wear than the truth.
+    pub(super) below_truth: Option<f64>,
+    pub(super) flagged: bool,
+    /// The record is one of a fault.
+    pub(super) faulty: bool,
+    /// Whether a prognosis, from half of life on, holds the crossing.
+    pub(super) prognosis_holds: Option<bool>,
+    /// RMS, kurtosis and first mesh line.
+    pub(super) single: [f64; 3],
+}
+
+/// The scores of one case.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Score {
+    /// The case.
+    pub case: String,
+    /// Runs.
+    pub runs: usize,
+    /// Records with a wear depth.
+    pub estimates: usize,
+    /// Mean absolute error of the median in µm.
+    pub mean_error_um: f64,
+    /// Quantiles 50, 90 and 99 % of the absolute error in µm.
+    pub error_quantiles_um: [f64; 3],
+    /// Mean of median less truth in µm.
+    pub bias_um: f64,
+    /// Part of the records whose 90 % interval holds the truth.
+    pub coverage: f64,
+    /// Mean width of that interval in µm.
+    pub width_um: f64,
+    /// Mean over runs of the rank correlation of median and truth.
+    pub rank_correlation: Option<f64>,
+    /// The same of RMS, kurtosis and first mesh line.
+    pub single_rank_correlation: Option<[f64; 3]>,
+    /// Actual coverage at each of [`NOMINAL`].
+    pub calibration: Vec<f64>,
+    /// Part of the records without a fault that were flagged.
+    pub false_flags: f64,
+    /// Part of the runs flagged within 10 records of the fault; none without a fault.
+    pub found: Option<f64>,
+    /// Part of the prognoses from half of life on whose interval holds the crossing, and how many there were.
+    pub prognosis: Option<(f64, usize)>,
+    /// True depth in µm, 5 %, 50 % and 95 % over runs, at which RMS passed twice its healthy mean in 3 of 5 records.
+    pub rms_alarm_um: Option<[f64; 3]>,
+    /// The same for a median wear depth above half of the library in 3 of 5 records.
+    pub wear_alarm_um: Option<[f64; 3]>,
+}
+
+impl Score {
+    /// Scores the runs of a case; `baseline` records at the beginning of each are left out, `half_um` is half of the library.
+    pub(super) fn of(case: &str, runs: &[Vec<Judged>], baseline: usize, half_um: f64) -> Self {
+        let after = || runs.iter().flat_map(|run| run.iter().skip(baseline));
+        let told: Vec<(f64, [f64; 3])> = after().filter_map(|record| Some((record.truth_um, record.told?))).collect();
+        let count = told.len().max(1) as f64;
+        let mut errors: Vec<f64> = told.iter().map(|(truth, [median, ..])| (median - truth).abs()).collect();
+        errors.sort_by(f64::total_cmp);
+        let places: Vec<f64> = after().filter_map(|record| record.below_truth).collect();
+        let calibration = NOMINAL.map(|level| {
+            let inside = places.iter().filter(|place| (*place - 0.5).abs() <= 0.5 * level).count();
+            inside as f64 / places.len().max(1) as f64
+        });
+        let clean: Vec<&Judged> = after().filter(|record| !record.faulty).collect();
+        let faulty = runs.iter().any(|run| run.iter().any(|record| record.faulty));
+        let found = |run: &&Vec<Judged>| run.iter().filter(|record| record.faulty).take(10).any(|record| record.flagged);
+        let prognoses: Vec<bool> = after().filter_map(|record| record.prognosis_holds).collect();
+        let wears = runs.iter().flatten().any(|record| record.truth_um > half_um);
+        let correlate = |value: &dyn Fn(&Judged) -> Option<f64>| -> f64 {
+            let of_run = |run: &Vec<Judged>| {
+                let pairs = run
+                    .iter()
+                    .skip(baseline)
+                    .filter_map(|record| Some((record.truth_um, value(record)?)));
+                rank_correlation(&pairs.collect::<Vec<_>>())
+            };
+            let all: Vec<f64> = runs.iter().filter_map(of_run).collect();
+            all.iter().sum::<f64>() / all.len().max(1) as f64
+        };
+        Self {
+            case: case.to_owned(),
+            runs: runs.len(),
+            estimates: told.len(),
+            mean_error_um: errors.iter().sum::<f64>() / count,
+            error_quantiles_um: [0.5, 0.9, 0.99].map(|level| quantile(&errors, level)),
+            bias_um: told.iter().map(|(truth, [median, ..])| median - truth).sum::<f64>() / count,
+            coverage: told.iter().filter(|(truth, [_, low, high])| low <= truth && truth <= high).count() as f64 / count,
+            width_um: told.iter().map(|(_, [_, low, high])| high - low).sum::<f64>() / count,
+            rank_correlation: wears.then(|| correlate(&|record| record.told.map(|told| told[0]))),
+            single_rank_correlation: wears.then(|| [0, 1, 2].map(|i| correlate(&|record| Some(record.single[i])))),
+            calibration: calibration.to_vec(),
+            false_flags: clean.iter().filter(|record| record.flagged).count() as f64 / clean.len().max(1) as f64,
+            found: faulty.then(|| runs.iter().filter(found).count() as f64 / runs.len() as f64),
+            prognosis: (!prognoses.is_empty()).then(|| {
+                let holding = prognoses.iter().filter(|holds| **holds).count();
+                (holding as f64 / prognoses.len() as f64, prognoses.len())
+            }),
+            rms_alarm_um: wears
+                .then(|| alarms(runs, baseline, &|record, healthy| record.single[0] > 2.0 * healthy))
+                .flatten(),
+            wear_alarm_um: wears
+                .then(|| alarms(runs, baseline, &|record, _| record.told.is_some_and(|told| told[0] > half_um)))
+                .flatten(),
+        }
+    }
+}
+
+/// Over runs, the true depth at which something holds in 3 of 5 records; the whole run's where it never does.
+fn alarms(runs: &[Vec<Judged>], baseline: usize, holds: &dyn Fn(&Judged, f64) -> bool) -> Option<[f64; 3]> {
+    let mut depths: Vec<f64> = runs
+        .iter()
+        .filter_map(|run| {
+            let healthy = run.iter().take(baseline).map(|record| record.single[0]).sum::<f64>() / baseline as f64;
+            let raised = run
+                .get(baseline..)?
+                .windows(5)
+                .find(|window| window.iter().filter(|record| holds(record, healthy)).count() >= 3);
+            raised.map_or(run.last(), |window| window.last()).map(|record| record.truth_um)
+        })
+        .collect();
+    depths.sort_by(f64::total_cmp);
+    (!depths.is_empty()).then(|| [0.05, 0.5, 0.95].map(|level| quantile(&depths, level)))
+}
+
+fn quantile(sorted: &[f64], level: f64) -> f64 {
+    match sorted.len() {
+        0 => f64::NAN,
+        count => sorted[((count - 1) as f64 * level).round() as usize],
+    }
+}
+
+/// Spearman's coefficient; none for fewer than 8 pairs.
+fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
+    if pairs.len() < 8 {
+        return None;
+    }
+    let ranks = |value: &dyn Fn(&(f64, f64)) -> f64| {
+        let mut order: Vec<usize> = (0..pairs.len()).collect();
+        order.sort_by(|&a, &b| value(&pairs[a]).total_cmp(&value(&pairs[b])));
+        let mut ranks = vec![0.0; pairs.len()];
+        let mut first = 0;
+        while first < order.len() {
+            let same = order[first..]
+                .iter()
+                .take_while(|&&i| value(&pairs[i]) == value(&pairs[order[first]]))
+                .count();
+            for &i in &order[first..first + same] {
+                ranks[i] = first as f64 + 0.5 * (same - 1) as f64;
+            }
+            first += same;
+        }
+        ranks
+    };
+    let (x, y) = (ranks(&|pair| pair.0), ranks(&|pair| pair.1));
+    let mean = 0.5 * (pairs.len() - 1) as f64;
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>();
+    let scale = (product(&x, &x) * product(&y, &y)).sqrt();
+    Some(if scale > 0.0 { product(&x, &y) / scale } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// SciPy: spearmanr([1, 2, 2, 3, 4, 5, 6, 7], [2, 1, 3, 3, 7, 5, 6, 9]).
+    #[test]
+    fn rank_correlation_is_scipys() {
+        let x = [1.0, 2.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+        let y = [2.0, 1.0, 3.0, 3.0, 7.0, 5.0, 6.0, 9.0];
+        let pairs: Vec<(f64, f64)> = x.into_iter().zip(y).collect();
+        assert!(
+            (rank_correlation(&pairs).unwrap() - EXPECTED).abs() < 1e-9,
+            "{:?}",
+            rank_correlation(&pairs)
+        );
+        assert_eq!(rank_correlation(&pairs[..5]), None);
+    }
+
+    const EXPECTED: f64 = 0.8734939759036143;
+
+    #[test]
+    fn scores_are_those_of_the_records() {
+        let record = |truth_um: f64, told: Option<[f64; 3]>, flagged: bool, faulty: bool| Judged {
+            truth_um,
+            told,
+            below_truth: told.map(|_| 0.5),
+            flagged,
+            faulty,
+            prognosis_holds: None,
+            single: [1.0, 3.0, 1.0],
+        };
+        let run = vec![
+            record(0.0, None, false, false),
+            record(10.0, Some([12.0, 9.0, 15.0]), false, false),
+            record(20.0, Some([16.0, 12.0, 18.0]), false, false),
+            record(30.0, None, true, true),
+        ];
+        let score = Score::of("case", &[run], 1, 100.0);
+        assert_eq!(
+            (score.mean_error_um, score.coverage, score.width_um, score.bias_um),
+            (3.0, 0.5, 6.0, -1.0)
+        );
+        assert_eq!((score.false_flags, score.found, score.rank_correlation), (0.0, Some(1.0), None));
+    }
+}

@@ -1,0 +1,174 @@
+//! Who may do what: tokens, their scopes and their rate, and requests that other web pages make.
+
+use std::num::NonZeroU32;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use governor::clock::{Clock, DefaultClock};
+use governor::state::keyed::HashMapStateStore;
+use governor::{Quota, RateLimiter};
+
+use super::problem::Problem;
+use super::tokens::{Scope, Tokens, find};
+
+/// The guard before every operation.
+pub(super) struct Access {
+    tokens: Tokens,
+    /// Set once tokens are asked for: that they all go away opens nothing.
+    is_closed: AtomicBool,
+    /// Nobody is asked for a token.
+    is_open: bool,
+    rate: RateLimiter<String, HashMapStateStore<String>, DefaultClock>,
+}
+
+impl Access {
+    /// `needs_tokens`: also where there are none. `is_open`: not even where there are some.
+    pub(super) fn new(tokens: Tokens, needs_tokens: bool, is_open: bool, requests_per_s: NonZeroU32) -> Self {
+        Self {
+            tokens,
+            is_closed: AtomicBool::new(needs_tokens),
+            is_open,
+            rate: RateLimiter::hashmap(Quota::per_second(requests_per_s)),
+        }
+    }
+
+    fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+        refuse_other_pages(method, uri, headers)?;
+        let path = uri.path();
+        if self.is_open || is_public(path) {
+            return Ok(());
+        }
+        let tokens = self.tokens.list().map_err(|error| {
+            tracing::error!(%error, "tokens cannot be read");
+            Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the tokens cannot be read, the log says why")
+        })?;
+        if tokens.is_some() {
+            self.is_closed.store(true, Ordering::Relaxed);
+        } else if !self.is_closed.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        let presented = headers
+            .get(header::AUTHORIZATION)
+            .and_then(|value| value.to_str().ok()?.split_once(' '))
+            .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
+            .map(|(_, token)| token.trim());
+        let tokens = tokens.unwrap_or_default();
+        let token = presented.and_then(|presented| find(&tokens, presented)).ok_or_else(|| {
+            let detail = match presented {
+                None => "a token is needed: authorization: Bearer <token>, made by `flankwatch token create`",
+                Some(_) => "the token is not known or was revoked",
+            };
+            Problem::new(StatusCode::UNAUTHORIZED, detail)
+        })?;
+        let needed = needed(method, path);
+        if token.scope < needed {
+            let detail = format!(
+                "the token {} has the scope {}, expected {}",
+                token.id,
+                token.scope.name(),
+                needed.name()
+            );
+            return Err(Problem::new(StatusCode::FORBIDDEN, detail));
+        }
+        self.rate.check_key(&token.id).map_err(|not_until| {
+            let wait = not_until.wait_time_from(DefaultClock::default().now());
+            let seconds = u32::try_from(wait.as_secs()).unwrap_or(u32::MAX).saturating_add(1);
+            Problem::new(
+                StatusCode::TOO_MANY_REQUESTS,
+                format!("too many requests with the token {}", token.id),
+            )
+            .retry_after(seconds)
+        })
+    }
+}
+
+/// What can be had without a token: the pages, which show nothing by themselves, and whether the service lives.
+fn is_public(path: &str) -> bool {
+    let pages = ["/", "/docs", "/openapi.json", "/healthz", "/readyz"];
+    pages.contains(&path) || path.starts_with("/static/") || path.starts_with("/docs/")
+}
+
+fn needed(method: &Method, path: &str) -> Scope {
+    if matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS) {
+        return Scope::Read;
+    }
+    let parts: Vec<&str> = path.trim_matches('/').split('/').collect();
+    match parts[..] {
+        ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
+        _ => Scope::Write,
+    }
+}
+
+/// A browser says where the page comes from that makes it send something: only our own may.
+fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+    if matches!(*method, Method::GET | Method::HEAD) {
+        return Ok(());
+    }
+    let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
+    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).or_else(|| uri.host());
+    let from = origin
+        .to_str()
+        .ok()
+        .and_then(|origin| origin.split_once("://"))
+        .map(|(_, host)| host);
+    if from.is_some() && from == host {
+        return Ok(());
+    }
+    let detail = format!("the request comes from a page of {origin:?}, expected one of this service");
+    Err(Problem::new(StatusCode::FORBIDDEN, detail))
+}
+
+/// Lets a request through, or answers why not.
+pub(super) async fn guard(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
+    match access.check(request.method(), request.uri(), request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => {
+            let mut response = problem.into_response();
+            if response.status() == StatusCode::UNAUTHORIZED {
+                response
+                    .headers_mut()
+                    .insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+            }
+            response
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_changes_assets_needs_more_than_what_sends_records() {
+        for (method, path, scope) in [
+            (Method::GET, "/v1/assets", Scope::Read),
+            (Method::GET, "/metrics", Scope::Read),
+            (Method::POST, "/v1/assets", Scope::Admin),
+            (Method::DELETE, "/v1/assets/a", Scope::Admin),
+            (Method::DELETE, "/v1/assets/a/", Scope::Admin),
+            (Method::POST, "/v1/assets/a/segments", Scope::Write),
+            (Method::POST, "/v1/replays", Scope::Write),
+        ] {
+            assert_eq!(needed(&method, path), scope, "{method} {path}");
+        }
+    }
+
+    #[test]
+    fn another_page_sends_nothing() {
+        let uri = Uri::from_static("/v1/assets");
+        let mut headers = HeaderMap::new();
+        headers.insert(header::HOST, HeaderValue::from_static("127.0.0.1:8600"));
+        assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_ok());
+        headers.insert(header::ORIGIN, HeaderValue::from_static("http://127.0.0.1:8600"));
+        assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_ok());
+        for origin in ["http://evil.example", "null", "http://127.0.0.1:8600.evil.example"] {
+            headers.insert(header::ORIGIN, HeaderValue::from_static(origin));
+            assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_err(), "{origin}");
+            assert!(refuse_other_pages(&Method::GET, &uri, &headers).is_ok());
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! A segment over the angle of its driving shaft: its spectrum over orders and its average over one turn.
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use serde::{Deserialize, Serialize};
+
+use super::problem::{Details, Problem};
+use super::query::{self, Parameters, SegmentInPath};
+use super::router::App;
+use super::{reduction, segments};
+use crate::asset::SegmentId;
+use crate::signal::{Absence, AngleSource};
+
+/// Points of a curve where the client does not say how many.
+const DEFAULT_POINTS: usize = 4000;
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct OrderParameters {
+    /// Points at most, 10 to 200000.
+    #[param(minimum = 10, maximum = 200000)]
+    max_points: Option<usize>,
+    /// Highest order shown.
+    #[param(exclusive_minimum = 0.0)]
+    max_order: Option<f64>,
+}
+
+/// Amplitude (peak) over orders of the driving shaft.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct OrderView {
+    /// The record.
+    segment_id: SegmentId,
+    /// What the amplitudes are: `amplitude_peak`.
+    quantity: &'static str,
+    /// Unit of the amplitudes.
+    unit: String,
+    /// Window that was applied.
+    window: &'static str,
+    /// Equivalent noise bandwidth in orders.
+    bandwidth_orders: f64,
+    /// Distance between bins in orders.
+    resolution_orders: f64,
+    /// Points were left out to keep to `max_points`.
+    reduced: bool,
+    /// Orders of the driving shaft.
+    order: Vec<f64>,
+    /// Peak amplitude at each order in `unit`.
+    amplitude: Vec<f64>,
+    /// Tooth numbers, driving and driven.
+    teeth: [u32; 2],
+    /// Where the shaft's angle came from, and how sure it is.
+    angle: AngleSource,
+}
+
+/// Amplitude spectrum over orders of the driving shaft
+#[utoipa::path(
+    get,
+    path = "/v1/segments/{segment}/orders",
+    tag = "records",
+    params(("segment" = String, Path, description = "The segment"), OrderParameters),
+    responses((status = 200, body = OrderView), (status = 422, body = Details, description = "The record has no such curve", content_type = "application/problem+json")),
+)]
+pub(super) async fn orders(
+    State(app): State<App>,
+    SegmentInPath(id): SegmentInPath,
+    Parameters(asked): Parameters<OrderParameters>,
+) -> Result<Json<OrderView>, Problem> {
+    let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
+    let max_order = match asked.max_order {
+        None => f64::INFINITY,
+        Some(order) if order > 0.0 => order,
+        Some(order) => return Err(Problem::query("max_order", order, "an order above 0")),
+    };
+    let segment = segments::find(&app, &id).await?;
+    let teeth = app.ingest.store().asset(&segment.asset_id).await?.spec.gear.teeth;
+    let _ticket = app.ingest.workers().admit()?;
+    let computed = app
+        .ingest
+        .analyse_stored(&segment, "compute an order spectrum", |analyzer, record, mesh| {
+            analyzer.order_spectrum(record, mesh, None)
+        });
+    let spectrum = computed.await?.map_err(|absence| absent("spectrum over orders", absence))?;
+    let resolution_orders = spectrum.resolution_orders;
+    let shown = ((max_order / resolution_orders).floor() as usize)
+        .saturating_add(1)
+        .min(spectrum.amplitude.len());
+    let amplitude = &spectrum.amplitude[..shown];
+    let kept = reduction::peaks(amplitude, most);
+    Ok(Json(OrderView {
+        segment_id: segment.id,
+        quantity: "amplitude_peak",
+        unit: spectrum.unit,
+        window: "hann",
+        bandwidth_orders: spectrum.bandwidth_orders,
+        resolution_orders,
+        reduced: kept.len() < shown,
+        order: kept.iter().map(|n| *n as f64 * resolution_orders).collect(),
+        amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
+        teeth,
+        angle: spectrum.angle,
+    }))
+}
+
+/// The average over whole turns of the driving shaft, and its parts.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct TurnView {
+    /// The record.
+    segment_id: SegmentId,
+    /// Unit of the amplitudes.
+    unit: String,
+    /// Whole turns that were averaged.
+    turns: usize,
+    /// Tooth numbers, driving and driven.
+    teeth: [u32; 2],
+    /// Where the shaft's angle came from, and how sure it is.
+    angle: AngleSource,
+    /// Angle of the driving shaft in degrees.
+    angle_deg: Vec<f64>,
+    /// The average at each angle in `unit`, its mean removed.
+    average: Vec<f64>,
+    /// The average without shaft orders 1 and 2 and the mesh harmonics.
+    residual: Vec<f64>,
+    /// Envelope of the first mesh line, its mean removed.
+    mesh_envelope: Vec<f64>,
+}
+
+/// Synchronous average over one turn of the driving shaft
+#[utoipa::path(
+    get,
+    path = "/v1/segments/{segment}/turn",
+    tag = "records",
+    params(("segment" = String, Path, description = "The segment")),
+    responses((status = 200, body = TurnView), (status = 422, body = Details, description = "The record has no such curve", content_type = "application/problem+json")),
+)]
+pub(super) async fn turn(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<TurnView>, Problem> {
+    let segment = segments::find(&app, &id).await?;
+    let teeth = app.ingest.store().asset(&segment.asset_id).await?.spec.gear.teeth;
+    let _ticket = app.ingest.workers().admit()?;
+    let computed = app
+        .ingest
+        .analyse_stored(&segment, "average over a turn", |analyzer, record, mesh| {
+            let turned = analyzer.angle_record(record, mesh, None)?;
+            let signals = analyzer.gear_signals(record, mesh, None)?;
+            Ok((turned.turns, turned.angle, signals))
+        })
+        .await?;
+    let (turns, angle, signals) = computed.map_err(|absence| absent("average over a turn", absence))?;
+    let samples = signals.average.len();
+    Ok(Json(TurnView {
+        segment_id: segment.id,
+        unit: segment.unit,
+        turns,
+        teeth,
+        angle,
+        angle_deg: (0..samples).map(|n| 360.0 * n as f64 / samples as f64).collect(),
+        average: signals.average,
+        residual: signals.residual,
+        mesh_envelope: signals.mesh_envelope,
+    }))
+}
+
+/// The problem that a record has no such curve.
+pub(super) fn absent(what: &str, absence: Absence) -> Problem {
+    let reason = serde_json::to_value(absence).ok();
+    let reason = reason.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('_', " ");
+    Problem::new(StatusCode::UNPROCESSABLE_ENTITY, format!("this record has no {what}: {reason}"))
+}

@@ -1,0 +1,168 @@
+// A cursor over a spectrum: a family of equally spaced lines that follows a dragged one. Lines are elements of their own over the plot,
+// so that a drag moves them without drawing the plot anew.
+
+import { h, setChildren, setText } from "./dom.js";
+import { number, unit } from "./format.js";
+import { amplitudeAt, axisOf } from "./spectrum-plot.js";
+
+const MOST_HARMONICS = 30;
+const SIDEBANDS = 5;
+const SNAP = 4; // lines of the spectrum to each side within which a let-go cursor finds the peak
+
+/** A cursor of an address: `h~399.4`, or `s~399.4~16.64`; null for none. */
+export function parseCursor(text) {
+  const [kind, first, second] = (text ?? "").split("~");
+  const [base, spacing] = [Number(first), Number(second)];
+  if (kind === "h" && base > 0) return { kind, base };
+  return kind === "s" && base > 0 && spacing > 0 ? { kind, base, spacing } : null;
+}
+
+/** The cursor as an address has it. */
+export function formatCursor({ kind, base, spacing }) {
+  return [kind, base, spacing].filter((part) => part !== undefined).map((part) => (typeof part === "number" ? Number(part.toPrecision(7)) : part)).join("~");
+}
+
+function positions({ kind, base, spacing }, end) {
+  if (kind === "h") return Array.from({ length: Math.min(MOST_HARMONICS, Math.floor(end / base)) }, (_, n) => ({ x: (n + 1) * base, label: `${n + 1}×` }));
+  const offsets = Array.from({ length: 2 * SIDEBANDS + 1 }, (_, n) => n - SIDEBANDS);
+  return offsets.map((k) => ({ x: base + k * spacing, label: k === 0 ? "0" : `${k > 0 ? "+" : "−"}${Math.abs(k)}` })).filter(({ x }) => x > 0 && x <= end);
+}
+
+function nearestPeak({ frequency_hz: x, amplitude, resolution_hz: step }, value) {
+  let best = -1;
+  for (let n = 0; n < x.length; n++) if (Math.abs(x[n] - value) <= SNAP * step && (best < 0 || amplitude[n] > amplitude[best])) best = n;
+  return best < 0 ? value : x[best];
+}
+
+/** The lines of a cursor over one plot; `onSet` gets the cursor that the user has let go of. */
+export class CursorLayer {
+  #plot;
+  #onSet;
+  #cursor = null;
+  #spectrum;
+  #lines = h("div", { class: "cursor-lines", "aria-hidden": "true" });
+  #handles = { base: null, spacing: null };
+  #layer;
+  readout = h("p", { class: "cursor-readout", "aria-live": "polite", hidden: true });
+
+  constructor({ plot, frame }, onSet) {
+    this.#plot = plot;
+    this.#onSet = onSet;
+    this.#handles.base = this.#handle("base");
+    this.#handles.spacing = this.#handle("spacing");
+    this.#layer = h("div", { class: "cursor-layer", hidden: true }, this.#lines, this.#handles.base, this.#handles.spacing);
+    frame.append(this.#layer); // beside the plot, which is one picture to a screen reader
+  }
+
+  #handle(what) {
+    const handle = h("div", { class: "cursor-handle", role: "slider", tabindex: "0" });
+    handle.addEventListener("pointerdown", (event) => this.#drag(event, handle, what));
+    handle.addEventListener("keydown", (event) => this.#key(event, what));
+    return handle;
+  }
+
+  /** Shows a cursor over a spectrum, or none. */
+  show(cursor, spectrum) {
+    this.#cursor = cursor;
+    this.#spectrum = spectrum;
+    this.#layer.hidden = !cursor;
+    this.readout.hidden = !cursor;
+    if (!cursor) return;
+    if (!this.#plot.dataset.cursor && this.#plot.on) {
+      this.#plot.dataset.cursor = "true";
+      for (const event of ["plotly_relayout", "plotly_relayouting", "plotly_afterplot"]) this.#plot.on(event, () => this.#place());
+    }
+    this.#place();
+  }
+
+  #axis() {
+    const layout = this.#plot._fullLayout;
+    return layout ? { axis: layout.xaxis, left: layout._size.l, top: layout._size.t, height: layout._size.h, width: layout._size.w } : null;
+  }
+
+  #place() {
+    const frame = this.#cursor && this.#axis();
+    if (!frame) return;
+    const { axis, left, top, height, width } = frame;
+    Object.assign(this.#layer.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
+    const shown = positions(this.#cursor, this.#spectrum.frequency_hz.at(-1));
+    const inside = (x) => x >= 0 && x <= width;
+    const labelled = shown.length <= 12 || Math.abs(axis.l2p(shown[1].x) - axis.l2p(shown[0].x)) > 26;
+    setChildren(this.#lines, shown.map(({ x, label }, index) => {
+      const at = axis.l2p(x);
+      if (!inside(at)) return null;
+      const line = h("span", { class: "cursor-line" }, labelled || index === 0 ? h("span", {}, label) : null);
+      line.style.left = `${at}px`;
+      return line;
+    }));
+    const put = (handle, x, name) => {
+      const at = axis.l2p(x);
+      handle.hidden = !inside(at);
+      handle.style.left = `${at}px`;
+      handle.setAttribute("aria-label", name);
+      handle.setAttribute("aria-valuenow", String(Number(x.toPrecision(7))));
+      handle.setAttribute("aria-valuemin", "0");
+      handle.setAttribute("aria-valuemax", String(this.#spectrum.frequency_hz.at(-1)));
+      handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).say(x));
+    };
+    const { kind, base, spacing } = this.#cursor;
+    put(this.#handles.base, base, kind === "h" ? "Fundamental of the harmonic cursor" : "Centre of the sideband cursor");
+    if (kind === "s") put(this.#handles.spacing, base + spacing, "First upper sideband of the cursor");
+    else this.#handles.spacing.hidden = true;
+    setText(this.readout, this.#words(shown));
+  }
+
+  #words(shown) {
+    const { kind, base, spacing } = this.#cursor;
+    const spectrum = this.#spectrum;
+    const { say } = axisOf(spectrum);
+    const amplitudes = shown.map(({ x, label }) => ({ label, amplitude: amplitudeAt(spectrum, x) }));
+    const value = (amplitude) => `${number(amplitude, 3)} ${unit(spectrum.unit)}`.trim();
+    if (kind === "h") {
+      const strongest = amplitudes.reduce((a, b) => (b.amplitude > a.amplitude ? b : a));
+      const shaft = spectrum.shaft_speed_hz ? ` = ${number(base / spectrum.shaft_speed_hz, 4)} × shaft` : "";
+      return `Harmonics: spacing ${say(base)}${shaft}; ${shown.length} lines to ${say(shown.at(-1).x)}; strongest ${strongest.label} with ${value(strongest.amplitude)}`;
+    }
+    const centre = amplitudes.find(({ label }) => label === "0");
+    const sides = amplitudes.filter(({ label }) => label !== "0");
+    const rss = Math.sqrt(sides.reduce((sum, { amplitude }) => sum + amplitude ** 2, 0));
+    const shaft = spectrum.shaft_speed_hz ? ` = ${number(spacing / spectrum.shaft_speed_hz, 4)} × shaft` : "";
+    return `Sidebands: centre ${say(base)} with ${value(centre?.amplitude ?? 0)}; spacing ${say(spacing)}${shaft}; ${sides.length} lines, root sum square ${value(rss)}`;
+  }
+
+  #move(what, x) {
+    const step = this.#spectrum.resolution_hz;
+    const cursor = { ...this.#cursor };
+    if (what === "base") cursor.base = Math.max(2 * step, x);
+    else cursor.spacing = Math.max(2 * step, x - cursor.base);
+    this.#cursor = cursor;
+    this.#place();
+  }
+
+  #drag(event, handle, what) {
+    const { axis, left } = this.#axis();
+    event.preventDefault();
+    event.stopPropagation();
+    handle.focus();
+    handle.setPointerCapture(event.pointerId);
+    const move = (moved) => this.#move(what, axis.p2l(moved.clientX - this.#plot.getBoundingClientRect().left - left));
+    const end = () => {
+      handle.removeEventListener("pointermove", move);
+      const { base, spacing } = this.#cursor;
+      this.#move(what, nearestPeak(this.#spectrum, what === "base" ? base : base + spacing));
+      this.#onSet(this.#cursor);
+    };
+    handle.addEventListener("pointermove", move);
+    handle.addEventListener("pointerup", end, { once: true });
+  }
+
+  #key(event, what) {
+    const direction = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[event.key];
+    if (!direction) return;
+    event.preventDefault();
+    const { base, spacing } = this.#cursor;
+    const lines = event.shiftKey ? 10 : 1;
+    this.#move(what, (what === "base" ? base : base + spacing) + direction * lines * this.#spectrum.resolution_hz);
+    this.#onSet(this.#cursor);
+  }
+}

@@ -1,0 +1,58 @@
+// A tooth of each gear with what wear has taken from its working flank, drawn larger than it is, with its scale.
+
+import { h, setChildren, setText, svg } from "./dom.js";
+import { depth, number } from "./format.js";
+
+const SHOWN_MM = 0.9; // how wide the deepest wear is drawn, in mm of the tooth
+const MARGIN = 0.6;
+
+const path = (points, close = false) => `M${points.map(([x, y]) => `${x.toFixed(3)} ${y.toFixed(3)}`).join("L")}${close ? "Z" : ""}`;
+
+/** One tooth: its centre line is vertical, the tip on top, the worn flank on the right. */
+function tooth({ teeth, root_radius_mm: root, tip_radius_mm: tip, pitch_radius_mm: pitch, x_mm: xs, y_mm: ys, depth_um: depths }, exaggeration, name) {
+  const flank = xs.map((x, n) => [ys[n], -x]);
+  const worn = xs.map((x, n) => [ys[n] - (depths[n] / 1000) * exaggeration, -x]);
+  const foot = [flank[0][0] * 1.08, -root];
+  const mirrored = [...flank, foot].map(([x, y]) => [-x, y]);
+  const outline = [foot, ...flank, ...mirrored.slice(0, -1).reverse(), mirrored.at(-1)];
+  const half = foot[0] + MARGIN;
+  const lost = [...flank, ...[...worn].reverse()];
+  const box = `${-half - 1} ${-tip - MARGIN} ${2 * half + 2} ${tip - root + 2 * MARGIN}`;
+  const deepest = Math.max(...depths);
+  const where = depths.indexOf(deepest);
+  return h(
+    "div",
+    { class: "tooth" },
+    svg(
+      "svg",
+      { viewBox: box, role: "img", "aria-label": `${name}, ${teeth} teeth: deepest wear ${depth(deepest)} µm at a radius of ${number(Math.hypot(xs[where], ys[where]), 4)} mm` },
+      svg("path", { class: "tooth-body", d: path(outline, true) }),
+      svg("path", { class: "tooth-lost", d: path(lost, true) }),
+      svg("path", { class: "tooth-unworn", d: path(flank) }),
+      svg("path", { class: "tooth-worn", d: path(worn) }),
+      svg("line", { class: "tooth-pitch", x1: -half - 1, x2: half + 1, y1: -pitch, y2: -pitch }),
+      svg("line", { class: "tooth-scale", x1: -half - 0.7, x2: -half - 0.7, y1: -root - 2, y2: -root }),
+      svg("text", { class: "tooth-text", "font-size": 0.75, x: -half - 0.45, y: -root - 0.7 }, "2 mm"),
+    ),
+    h("p", { class: "muted" }, `${name}, ${teeth} teeth: deepest ${depth(deepest)} µm`),
+  );
+}
+
+/** The card of the flanks. */
+export class FlankCard {
+  #sub = h("p", { class: "muted plot-sub" });
+  #teeth = h("div", { class: "teeth" });
+  element = h("figure", { class: "card plot-card", "data-plot": "flank" }, h("figcaption", {}, h("h2", {}, "Flanks at the estimated wear"), this.#sub), this.#teeth);
+
+  /** Shows the flanks of an answer, or its error. */
+  show(flank, match) {
+    if (flank instanceof Error) {
+      setText(this.#sub, flank.message);
+      return setChildren(this.#teeth);
+    }
+    const { gears, wear_um: wear } = flank;
+    const exaggeration = wear > 0.5 ? Math.max(1, Math.round(SHOWN_MM / (wear / 1000))) : 1;
+    setText(this.#sub, `Wear drawn ${exaggeration} × as deep as it is (red); the tooth itself is to scale. Dashed: pitch circle, where the teeth roll. ${depth(match.wear_um)} µm is the deepest place, from the wear shape of the gear pair.`);
+    return setChildren(this.#teeth, gears.map((gear, index) => tooth(gear, exaggeration, index ? "Driven gear" : "Driving gear")));
+  }
+}

@@ -1,0 +1,47 @@
+// The libraries of simulated wear states on this server.
+
+import * as api from "./api.js";
+import { h, setChildren } from "./dom.js";
+import { depth, hertz } from "./format.js";
+import { format } from "./route.js";
+
+/** The list of libraries. */
+export class LibrariesPage {
+  #list = h("div", { class: "card table-card" }, h("p", { class: "notice" }, "Loading the libraries…"));
+  #shown;
+
+  constructor(root) {
+    document.title = "Libraries · flankwatch";
+    const words = "Each library holds one gear pair's simulated wear states, from unworn to the deepest. A record's features are compared with them.";
+    setChildren(root, h("h1", {}, "Libraries"), h("p", { class: "muted" }, words), this.#list);
+  }
+
+  update() {
+    return true;
+  }
+
+  /** Asks the server and shows what changed. */
+  async refresh(signal) {
+    const answer = await api.libraries(signal);
+    if (answer === this.#shown) return;
+    this.#shown = answer;
+    if (answer.items.length === 0) return setChildren(this.#list, h("p", { class: "notice" }, "No libraries yet. The server builds one for each asset whose gear pair is described."));
+    const rows = answer.items.map((library) =>
+      h(
+        "tr",
+        {},
+        h("th", { scope: "row" }, h("a", { href: format({ page: "library", id: library.id }) }, library.pair_name || library.id), h("span", { class: "muted id" }, library.id)),
+        h("td", {}, String(library.states)),
+        h("td", {}, `0 to ${depth(library.max_wear_um)} µm`),
+        h("td", {}, library.contact),
+        h("td", {}, `${library.seconds} s at ${hertz(library.sample_rate_hz)}`),
+        h("td", {}, `${library.preprocessing}, model ${library.model_version}`),
+      ),
+    );
+    const heads = ["Gear pair", "States", "Wear", "Contact rule", "Simulated", "Made by"];
+    setChildren(this.#list, h("table", {}, h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head)))), h("tbody", {}, rows)));
+  }
+
+  tick() {}
+  dispose() {}
+}

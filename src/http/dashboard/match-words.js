@@ -1,0 +1,65 @@
+// What a match says, in words: how sure it is, what it rests on, and what this record cannot tell.
+
+import { featureName } from "./feature-plot.js";
+import { h } from "./dom.js";
+import { depth, number, utc } from "./format.js";
+import { format } from "./route.js";
+import { wearState } from "./state.js";
+import { badge } from "./symbols.js";
+
+function fact(term, ...words) {
+  return h("div", { class: "fact" }, h("dt", {}, term), h("dd", {}, ...words));
+}
+
+const small = (text) => h("span", { class: "muted" }, text);
+
+/** How far from the model the record lies, in standard deviations of its features, the largest first. */
+function disagreement({ features }) {
+  const used = features.filter((row) => row.above_noise && row.expected_db != null);
+  const distance = (row) => {
+    const [low, high] = row.expected_interval_db;
+    const outside = Math.max(low - row.measured_db, row.measured_db - high, 0);
+    return outside / Math.max(row.scatter_db, 0.5);
+  };
+  return { used, odd: used.map((row) => ({ row, distance: distance(row) })).filter(({ distance: size }) => size > 3).sort((a, b) => b.distance - a.distance) };
+}
+
+function agreementFact(match) {
+  const { used, odd } = disagreement(match);
+  const names = odd.slice(0, 3).map(({ row }) => featureName(row.name)).join(", ");
+  return fact("Agreement with the model", `${used.length - odd.length} of ${used.length} features`, small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all within their bars"));
+}
+
+function noveltyFact({ novelty }) {
+  if (!novelty) return null;
+  const { p_value: probability, outside, sensor_fault: fault, most = [] } = novelty;
+  const words = fault ? `sensor: ${fault.replaceAll("_", " ")}` : outside ? "wear does not explain this record" : "explained by wear";
+  const odd = most.slice(0, 3).map(({ feature, deviations }) => `${featureName(feature)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`).join(", ");
+  return fact("Novelty", words, small(`as odd or odder with probability ${number(probability, 2)}${odd ? `; most: ${odd}` : ""}`));
+}
+
+function identifiableFact({ interval_um: [low, high] }, { resolved_um: resolved }) {
+  if (!resolved) return fact("What can be told here", `to within ${depth((high - low) / 2)} µm`, small("half of the 5 to 95 % interval"));
+  return fact("What can be told here", `${depth(resolved[0])} to ${depth(resolved[1])} µm look alike`, small("within them the library changes less than it may be wrong by, at this operating point"));
+}
+
+/** The text beside the plots of a match. */
+export function matchWords(segment, match, asset, query) {
+  const { wear } = segment;
+  const state = wearState(wear, asset.limits);
+  const overview = format({ page: "asset", id: asset.id, query: { ...query, segment: query.segment } });
+  return [
+    h("div", { class: "plot-head" }, h("h2", {}, `Record of ${utc(segment.start_time)}`), h("a", { href: overview }, "Open the record")),
+    badge(state, 26),
+    h("p", {}, `Best state of the library: number ${match.state_index}. ${wear.reason ? `${wear.reason[0].toUpperCase()}${wear.reason.slice(1)}.` : ""}`),
+    h(
+      "dl",
+      { class: "facts" },
+      fact("Wear depth, median", `${depth(match.wear_um)} µm`, small(`5 to 95 %: ${depth(match.interval_um[0])} to ${depth(match.interval_um[1])} µm`)),
+      agreementFact(match),
+      identifiableFact(match, wear),
+      noveltyFact(wear),
+      fact("Library", h("a", { href: format({ page: "library", id: match.library_id, query: { state: String(match.state_index) } }) }, match.library_id.slice(0, 8)), small("the grid and its figures")),
+    ),
+  ];
+}

@@ -1,0 +1,99 @@
+// What speaks for the wear depth of a record: its features beside the library's, the posterior, the flank, and the mesh of that state.
+
+import * as api from "./api.js";
+import { AssetFrame, refusal } from "./asset-frame.js";
+import { h, setChildren } from "./dom.js";
+import { FlankCard } from "./flank-drawing.js";
+import { assetName } from "./fleet-row.js";
+import { featureDrawing } from "./feature-plot.js";
+import { matchWords } from "./match-words.js";
+import { stiffnessDrawing, transmissionDrawing } from "./mesh-plots.js";
+import { PlotCard } from "./plot-card.js";
+import { posteriorDrawing } from "./posterior-plot.js";
+
+/** The match of one record, the selected or the latest one, with the library. */
+export class MatchPage {
+  #id;
+  #root;
+  #query;
+  #frame;
+  #data;
+  #words = h("section", { class: "card match-words" });
+  #features = new PlotCard("features", "Change since the baseline: measured and expected");
+  #posterior = new PlotCard("posterior", "Posterior over wear depth");
+  #flank = new FlankCard();
+  #stiffness = new PlotCard("stiffness", "Mesh stiffness");
+  #transmission = new PlotCard("transmission", "Unloaded transmission error");
+  #notice = h("p", { class: "notice" }, "Loading…");
+  #grid;
+
+  constructor(root, route) {
+    this.#root = root;
+    this.#id = route.id;
+    this.#query = route.query;
+    this.#frame = new AssetFrame(route.id, "match");
+    const left = h("div", { class: "column" }, this.#words, this.#features.element, this.#posterior.element);
+    const right = h("div", { class: "column" }, this.#flank.element, this.#stiffness.element, this.#transmission.element);
+    this.#grid = h("div", { class: "asset-grid", hidden: true }, left, right);
+    setChildren(root, this.#frame.element, this.#notice, this.#grid);
+    this.#frame.update(route.id, route.query);
+  }
+
+  /** Follows a changed address. */
+  update(route) {
+    this.#query = route.query;
+    return true;
+  }
+
+  /** Asks the server and shows what changed. */
+  async refresh(signal) {
+    const asset = await api.answer(api.asset(this.#id, signal));
+    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    this.#frame.update(assetName(asset), this.#query);
+    const latest = await api.answer(api.wear(this.#id, this.#query.channel, signal));
+    const id = this.#query.segment ?? latest.segment_id;
+    if (latest instanceof Error || !id) return this.#say(latest instanceof Error ? latest.message : "No records yet: there is nothing to match.");
+    const [segment, match] = await Promise.all([api.answer(api.segment(id, signal)), api.answer(api.match(id, signal))]);
+    if (match instanceof Error) return this.#say(match.message);
+    if (match === this.#data?.match && asset.updated_at === this.#data.asset.updated_at) return;
+    const { library_id: library, state_index: index, wear_um: depth } = match;
+    const [state, unworn, flank] = await Promise.all([
+      api.answer(api.libraryState(library, index, signal)),
+      api.answer(api.libraryState(library, 0, signal)),
+      api.answer(api.flank(library, Math.round(depth), signal)),
+    ]);
+    this.#data = { asset, segment, match, state, unworn, flank };
+    await this.redraw();
+  }
+
+  #say(words) {
+    this.#notice.textContent = words;
+    this.#notice.hidden = false;
+    this.#grid.hidden = true;
+  }
+
+  /** Draws what is known anew. */
+  async redraw() {
+    if (!this.#data) return;
+    const { asset, segment, match, state, unworn, flank } = this.#data;
+    this.#notice.hidden = true;
+    this.#grid.hidden = false;
+    const name = `${this.#id}-match-${segment.start_time}`;
+    setChildren(this.#words, matchWords(segment, match, asset, this.#query));
+    this.#flank.show(flank, match);
+    const mesh = state instanceof Error ? state : unworn;
+    await Promise.all([
+      this.#features.show(featureDrawing(match, this.#id), `${name}-features`),
+      this.#posterior.show(posteriorDrawing(segment.wear, asset.limits, segment.reference_wear_um, this.#id), `${name}-posterior`),
+      mesh instanceof Error ? this.#stiffness.say(mesh.message) : this.#stiffness.show(stiffnessDrawing(state, unworn, this.#id), `${name}-stiffness`),
+      mesh instanceof Error ? this.#transmission.say(mesh.message) : this.#transmission.show(transmissionDrawing(state, unworn, this.#id), `${name}-transmission-error`),
+    ]);
+  }
+
+  tick() {}
+
+  /** Frees the plots. */
+  dispose() {
+    for (const card of [this.#features, this.#posterior, this.#stiffness, this.#transmission]) card.dispose();
+  }
+}

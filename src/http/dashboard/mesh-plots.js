@@ -1,0 +1,41 @@
+// Stiffness and transmission error over one mesh period, of a worn state and the unworn one.
+
+import { depth, number } from "./format.js";
+import { palette } from "./plots.js";
+
+function drawing(state, unworn, { key, scale, title, unit }, revision) {
+  const colour = palette();
+  const curve = ({ phi1_rad: angle, [key]: values }, line) => ({
+    x: angle.map((radian) => 1000 * (radian - angle[0])),
+    y: values.map((value) => value * scale),
+    mode: "lines",
+    line,
+    hovertemplate: `%{x:.1f} mrad: %{y:.4g} ${unit}<extra></extra>`,
+  });
+  const worn = state.index > 0;
+  const mean = (values) => (values.reduce((sum, value) => sum + value, 0) / values.length) * scale;
+  const said = (value) => number(Math.abs(value) < 1e-6 ? 0 : value, 4); // what rounding leaves of nothing
+  return {
+    traces: [curve(unworn, { color: colour.muted, width: 1.5, dash: "dash" }), ...(worn ? [curve(state, { color: colour.accent, width: 2 })] : [])],
+    legend: [["dash", colour.muted, "unworn"], ...(worn ? [["line", colour.accent, `state ${state.index}, ${depth(state.wear_um)} µm`]] : [])],
+    table: () => [["phi1_rad", state.phi1_rad], [key, state[key]], [`unworn ${key}`, unworn[key]], ["pairs_in_contact", state.pairs_in_contact]],
+    sub: `Over one mesh period; the mean is ${said(mean(state[key]))} ${unit}, unworn ${said(mean(unworn[key]))} ${unit}.`,
+    summary: `${title} over one mesh period at ${depth(state.wear_um)} µm wear.`,
+    layout: {
+      uirevision: revision,
+      hovermode: "closest",
+      xaxis: { title: { text: "Rotation of the driving gear (mrad)" } },
+      yaxis: { title: { text: `${title} (${unit})` } },
+    },
+  };
+}
+
+/** Mesh stiffness of a state and of the unworn one. */
+export function stiffnessDrawing(state, unworn, revision) {
+  return drawing(state, unworn, { key: "stiffness_n_per_m", scale: 1e-6, title: "Mesh stiffness", unit: "N/µm" }, revision);
+}
+
+/** Unloaded static transmission error of a state and of the unworn one. */
+export function transmissionDrawing(state, unworn, revision) {
+  return drawing(state, unworn, { key: "uste_rad", scale: 1e6, title: "Transmission error", unit: "µrad" }, revision);
+}

@@ -1,0 +1,41 @@
+// Records told apart by operating point: a trend at one speed and load says more than one over all.
+
+import { number } from "./format.js";
+
+const MOST = 4;
+const LEAST_SPREAD = 0.01; // below this part of the mean all records are alike
+const QUANTITIES = {
+  speed: { name: "shaft speed", unit: "Hz", of: (segment) => segment.shaft_speed?.shaft_speed_hz },
+  torque: { name: "torque", unit: "N·m", of: (segment) => segment.operating_point?.torque_nm },
+};
+
+/** Bins of equal width over the latest records' speed or torque: `{ words, bins, of }` with the bin of each record's id; null without a choice. */
+export function operatingBins(segments, choice) {
+  const quantity = QUANTITIES[choice];
+  if (!quantity || !segments || segments instanceof Error) return null;
+  const known = segments.items.map((segment) => [segment.id, quantity.of(segment)]).filter(([, value]) => value != null);
+  if (known.length === 0) return { bins: [], of: new Map(), words: `No record says its ${quantity.name}.` };
+  const values = known.map(([, value]) => value);
+  const [low, high] = [Math.min(...values), Math.max(...values)];
+  const alike = high - low < LEAST_SPREAD * Math.abs(high);
+  const count = alike ? 1 : MOST;
+  const width = (high - low) / count || 1;
+  const bins = Array.from({ length: count }, (_, n) => `${number(low + n * width, 4)} to ${number(alike ? high : low + (n + 1) * width, 4)} ${quantity.unit}`);
+  const of = new Map(known.map(([id, value]) => [id, Math.min(count - 1, Math.floor((value - low) / width))]));
+  const latest = segments.next_cursor ? ` of the latest ${segments.items.length} records` : "";
+  return { bins, of, words: alike ? `The ${quantity.name}${latest} is the same within 1 %.` : `Coloured by ${quantity.name}${latest}.` };
+}
+
+/** One trace a bin, and one of records whose operating point is not known. */
+export function binTraces(items, name, { bins, of }, colour) {
+  const trace = (wanted, stroke) => {
+    const some = items.filter((item) => (of.get(item.segment_id) ?? -1) === wanted);
+    return { x: some.map((item) => item.start_time), y: some.map((item) => item[name]), mode: "markers", marker: { size: 4, color: stroke }, hoverinfo: "skip" };
+  };
+  return [trace(-1, colour.edge), ...bins.map((_, n) => trace(n, colour.series[n]))];
+}
+
+/** What the colours mean. */
+export function binEntries({ bins }, colour) {
+  return bins.map((words, n) => ["band", colour.series[n], words]);
+}

@@ -1,0 +1,41 @@
+// A record in words and figures, beside a pinned one where there is one to compare with.
+
+import { h } from "./dom.js";
+import { absence, count, hertz, indicatorName, number, span, unit, utc } from "./format.js";
+
+const SHOWN = ["rms", "peak", "crest_factor", "kurtosis", "omx"];
+const UNITLESS = ["kurtosis", "crest_factor"];
+
+/** Channel, length, rate, speed and load of a record. */
+export function recordWords(segment) {
+  const length = segment.samples / segment.sample_rate_hz;
+  const torque = segment.operating_point?.torque_nm;
+  const load = torque == null ? "" : `, ${number(torque)} N·m`;
+  const speed = segment.shaft_speed ? `, shaft ${hertz(segment.shaft_speed.shaft_speed_hz)}` : "";
+  return `Channel ${segment.channel}, ${length < 10 ? `${number(length, 3)} s` : span(length)} at ${hertz(segment.sample_rate_hz)}, ${count(segment.samples)} samples${speed}${load}`;
+}
+
+function amount(name, { indicators = {}, absent = {}, unit: unitName }) {
+  const value = indicators[name];
+  if (value == null) return h("span", { class: "muted" }, absence(absent[name] ?? "absent"));
+  return `${number(value)} ${UNITLESS.includes(name) ? "" : unit(unitName)}`.trim();
+}
+
+function fact(name, segment, pinned) {
+  const before = pinned?.indicators?.[name];
+  const now = segment.indicators?.[name];
+  const ratio = before && now != null ? ` (× ${number(now / before, 3)})` : "";
+  const compared = pinned ? h("span", { class: "pinned-value" }, amount(name, pinned), ratio) : null;
+  return h("div", { class: "fact" }, h("dt", {}, indicatorName(name)), h("dd", {}, amount(name, segment), compared));
+}
+
+/** The record's main indicators; under each that of the pinned record and how many times as large it is now. */
+export function recordFacts(segment, pinned) {
+  const { indicators = {}, absent = {} } = segment;
+  return SHOWN.filter((name) => name in indicators || name in absent).map((name) => fact(name, segment, pinned));
+}
+
+/** When the pinned record was taken. */
+export function pinnedWords(pinned) {
+  return pinned instanceof Error ? `The pinned record cannot be shown: ${pinned.message}.` : `Pinned: ${utc(pinned.start_time)}, drawn in orange under the selected one; its values stand second.`;
+}

@@ -1,0 +1,69 @@
+// The ways to look at a record: what each asks the server for and how it is drawn.
+
+import * as api from "./api.js";
+import { cepstrumDrawing } from "./cepstrum-plot.js";
+import { posteriorDrawing } from "./posterior-plot.js";
+import { envelopeDrawing, ofOrders, spectrumDrawing } from "./spectrum-plot.js";
+import { turnDrawing } from "./turn-plot.js";
+import { waveformDrawing } from "./waveform-plot.js";
+
+const DEFAULT = "spectrum,envelope,posterior";
+
+/** `[from, to]` in seconds of an address's `part`, or null. */
+export function partOf(text) {
+  const [from, to] = (text ?? "").split("~").map(Number);
+  return from >= 0 && to > from ? [from, to] : null;
+}
+
+function waveform(id, query, signal) {
+  const [from, to] = partOf(query.part) ?? [];
+  return api.waveform(id, from, to, signal);
+}
+
+function spectrum(id, query, signal) {
+  return query.axis === "orders" ? api.orders(id, signal).then(ofOrders) : api.spectrum(id, signal);
+}
+
+function posterior({ segment, asset, revision }) {
+  const { wear, reference_wear_um: reference } = segment;
+  if (!wear?.posterior) return wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.";
+  return posteriorDrawing(wear, asset.limits, reference, revision);
+}
+
+/** Each pane's `fetch(id, query, signal)` gives its data, `draw(data, other, context)` a drawing, or words where there is nothing to draw. */
+export const PANES = [
+  {
+    key: "waveform",
+    label: "Waveform",
+    fetch: waveform,
+    draw: (data, other, { segment, query, revision }) => waveformDrawing(data, other, partOf(query.part), segment.samples / segment.sample_rate_hz, revision),
+  },
+  {
+    key: "spectrum",
+    label: "Spectrum",
+    fetch: spectrum,
+    draw: (data, other, { view, revision }) => (data.frequency_hz.length ? spectrumDrawing(data, other, view, revision) : "The record is too short for a spectrum."),
+  },
+  {
+    key: "envelope",
+    label: "Envelope spectrum",
+    fetch: (id, query, signal) => api.envelope(id, signal),
+    draw: (data, other, { asset, view, revision }) => (data.frequency_hz.length ? envelopeDrawing(data, other, asset.gear.teeth, view, revision) : "The record is too short for a spectrum."),
+  },
+  { key: "turn", label: "Average over one turn", fetch: (id, query, signal) => api.turn(id, signal), draw: (data, other, { revision }) => turnDrawing(data, other, revision) },
+  { key: "cepstrum", label: "Cepstrum", fetch: (id, query, signal) => api.cepstrum(id, 0.2, signal), draw: (data, other, { revision }) => cepstrumDrawing(data, other, revision) },
+  { key: "posterior", label: "Posterior over wear depth", draw: (data, other, context) => posterior(context) },
+];
+
+/** The keys of the panes that an address asks for. */
+export function shownPanes(query) {
+  const keys = (query.show ?? DEFAULT).split(",");
+  return PANES.filter(({ key }) => keys.includes(key)).map(({ key }) => key);
+}
+
+/** What the shown panes need of a record, as answers of the server or errors, by the panes' keys. */
+export async function fetchPanes(id, query, signal) {
+  const panes = PANES.filter(({ key, fetch }) => fetch && shownPanes(query).includes(key));
+  const answers = await Promise.all(panes.map(({ fetch }) => api.answer(fetch(id, query, signal))));
+  return Object.fromEntries(panes.map(({ key }, index) => [key, answers[index]]));
+}

@@ -1,0 +1,135 @@
+// An asset's settings as a form, with its gear pair drawn to scale as it is typed.
+
+import * as api from "./api.js";
+import { AssetFrame, refusal } from "./asset-frame.js";
+import { h, setChildren, setText } from "./dom.js";
+import { assetName } from "./fleet-row.js";
+import { drawPair } from "./gear-drawing.js";
+import { GROUPS, putAt, valueAt } from "./settings-fields.js";
+
+const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"]; // shown with an asset, not part of its description
+
+/** The settings of one asset. */
+export class SettingsPage {
+  #id;
+  #root;
+  #query;
+  #frame;
+  #asset;
+  #inputs = new Map();
+  #drawing = h("div", { class: "gear-drawing" });
+  #pair = h("section", { class: "card" }, h("h2", {}, "Gear pair to scale"), this.#drawing);
+  #result = h("p", { class: "result", role: "status" });
+  #save = h("button", { type: "submit", class: "primary" }, "Save");
+  #undo = h("button", { type: "button", onclick: () => this.#fill() }, "Undo changes");
+  #form;
+
+  constructor(root, route) {
+    this.#root = root;
+    this.#id = route.id;
+    this.#query = route.query;
+    this.#frame = new AssetFrame(route.id, "settings");
+    setChildren(root, this.#frame.element, h("p", { class: "notice" }, "Loading the settings…"));
+    this.#frame.update(route.id, route.query);
+  }
+
+  update(route) {
+    this.#query = route.query;
+    return false;
+  }
+
+  /** Asks once: what is being typed must not be taken away. */
+  async refresh(signal) {
+    if (this.#asset) return;
+    const asset = await api.answer(api.asset(this.#id, signal));
+    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    this.#asset = asset;
+    this.#frame.update(assetName(asset), this.#query);
+    this.#build();
+    this.#fill();
+  }
+
+  #build() {
+    const groups = GROUPS.filter((group) => !group.pair || this.#asset.gear.pair).map((group) => h("fieldset", { class: "card" }, h("legend", {}, group.title), h("div", { class: "form-fields" }, group.fields.map((field) => this.#field(field)))));
+    const note = this.#asset.gear.pair ? null : h("p", { class: "notice" }, "No gear pair is described for this asset, so wear in µm is not estimated. Add gear.pair through the API to have a library built.");
+    const buttons = h("div", { class: "form-buttons" }, this.#save, this.#undo, h("span", { class: "muted" }, "A changed gear pair or baseline estimates the whole history anew."));
+    this.#form = h("form", { class: "settings", novalidate: true, onsubmit: (event) => this.#submit(event), oninput: () => this.#typed() }, groups, note, this.#result, buttons);
+    setChildren(this.#root, this.#frame.element, h("div", { class: "settings-grid" }, this.#form, this.#asset.gear.pair ? this.#pair : null));
+  }
+
+  #field(field) {
+    const { path, label, unit, kind = "number", hint } = field;
+    const id = `setting-${path.replaceAll(".", "-")}`;
+    const type = { text: "text", check: "checkbox" }[kind] ?? "number";
+    const input = h("input", { id, type, step: kind === "integer" ? "1" : "any", placeholder: hint, autocomplete: "off" });
+    this.#inputs.set(path, { field, input });
+    if (kind === "check") return h("label", { class: "check", for: id }, input, label);
+    return h("label", { class: "field", for: id }, h("span", {}, unit ? `${label} (${unit})` : label), input);
+  }
+
+  #fill() {
+    for (const [path, { field, input }] of this.#inputs) {
+      const value = valueAt(this.#asset, path);
+      if (field.kind === "check") input.checked = Boolean(value);
+      else input.value = value ?? "";
+      input.removeAttribute("aria-invalid");
+    }
+    setText(this.#result, "");
+    this.#result.dataset.kind = "";
+    this.#typed();
+  }
+
+  /** The description as the form has it. */
+  #description() {
+    const spec = structuredClone(this.#asset);
+    for (const name of FROM_SERVER) delete spec[name];
+    for (const [path, { field, input }] of this.#inputs) {
+      const { kind = "number", alike } = field;
+      const text = input.value.trim();
+      const value = kind === "check" ? input.checked : text === "" ? undefined : kind === "text" ? text : Number(text);
+      if (value === undefined && valueAt(spec, path) === undefined) continue;
+      putAt(spec, path, value);
+      if (alike && spec.gear.pair) putAt(spec, alike, value);
+    }
+    return spec;
+  }
+
+  #typed() {
+    const spec = this.#description();
+    if (spec.gear.pair) drawPair(this.#drawing, spec.gear.pair.geometry);
+  }
+
+  async #submit(event) {
+    event.preventDefault();
+    for (const { input } of this.#inputs.values()) input.removeAttribute("aria-invalid");
+    this.#save.disabled = true;
+    try {
+      this.#asset = await api.replaceAsset(this.#id, this.#description());
+      this.#fill();
+      this.#frame.update(assetName(this.#asset), this.#query);
+      this.#say("good", "Saved.");
+    } catch (error) {
+      this.#refuse(error);
+    } finally {
+      this.#save.disabled = false;
+    }
+  }
+
+  #refuse(error) {
+    const name = error.problem?.field;
+    const at = name && [...this.#inputs].find(([path]) => path === name || path.endsWith(`.${name}`) || path.startsWith(`${name}.`) || path.startsWith(`gear.pair.${name}`));
+    if (at) {
+      at[1].input.setAttribute("aria-invalid", "true");
+      at[1].input.focus();
+    }
+    this.#say("bad", `Not saved: ${error.message}.`);
+  }
+
+  #say(kind, words) {
+    this.#result.dataset.kind = kind;
+    setText(this.#result, words);
+  }
+
+  tick() {}
+  dispose() {}
+}

@@ -1,0 +1,62 @@
+// What can be chosen for a spectrum: its axis, the part that is shown, cursors, sidebands, and a logarithmic scale.
+
+import { h, setChildren } from "./dom.js";
+import { change } from "./route.js";
+
+function check(id, label, onchange) {
+  const input = h("input", { type: "checkbox", id, onchange: () => onchange(input.checked) });
+  return { input, element: h("label", { class: "check", for: id }, input, label) };
+}
+
+function choice(id, label, options, onchange) {
+  const select = h("select", { id, "aria-label": label, onchange: () => onchange(select.value) }, options.map(([value, text]) => h("option", { value }, text)));
+  return select;
+}
+
+/** The tools of the spectrum's card; everything chosen is in the address. */
+export class SpectrumTools {
+  #spectrum;
+  #query = {};
+  #axis = choice("spectrum-axis", "Axis of the spectrum", [["", "Hz"], ["orders", "Orders"]], (axis) => change({ axis, cursor: null }, { quiet: true }));
+  #cursor = choice("spectrum-cursor", "Cursor", [["", "No cursor"], ["h", "Harmonics"], ["s", "Sidebands"]], (kind) => this.#place(kind));
+  #zoom = choice("spectrum-zoom", "Part of the spectrum", [["", "Whole spectrum"]], (zoom) => change({ zoom }, { quiet: true }));
+  #sidebands = check("sidebands", "Sidebands", (on) => this.#showSidebands(on));
+  #log = check("spectrum-log", "Log", (on) => change({ slog: on ? "1" : null }, { quiet: true }));
+  elements = [this.#axis, this.#zoom, this.#cursor, this.#sidebands.element, this.#log.element];
+
+  /** Sidebands are too close to be told apart in the whole spectrum, so they bring the first mesh line near. */
+  #showSidebands(on) {
+    change({ side: on ? "1" : null, zoom: on ? this.#zoom.value || "1" : this.#zoom.value }, { quiet: true });
+  }
+
+  /** A cursor begins where it most often leads: on the mesh line, with sidebands one shaft speed apart. */
+  #place(kind) {
+    const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft, frequency_hz: x } = this.#spectrum;
+    const base = mesh ?? x.at(-1) / 10;
+    const near = kind === "s" ? { zoom: this.#query.zoom || (mesh ? "1" : null) } : {};
+    change({ cursor: kind && [kind, base, ...(kind === "s" ? [shaft ?? base / 20] : [])].map((part) => (typeof part === "number" ? part.toPrecision(7) : part)).join("~"), ...near }, { quiet: true });
+  }
+
+  /** Follows the address and the spectrum; gives the view that they ask for. */
+  update(spectrum, query) {
+    const usable = spectrum && !(spectrum instanceof Error);
+    this.#spectrum = spectrum;
+    this.#query = query;
+    const orders = usable ? spectrum.mesh_harmonics.map(({ order }) => order) : [];
+    if (this.#zoom.dataset.choices !== String(orders)) {
+      this.#zoom.dataset.choices = String(orders);
+      const choices = [["", "Whole spectrum"], ...orders.map((order) => [String(order), `Around ${order}× mesh`])];
+      setChildren(this.#zoom, choices.map(([value, label]) => h("option", { value }, label)));
+    }
+    const zoom = query.zoom ?? "";
+    this.#zoom.value = orders.includes(Number(zoom)) ? zoom : "";
+    this.#axis.value = query.axis === "orders" ? "orders" : "";
+    this.#cursor.value = (query.cursor ?? "").slice(0, 1);
+    this.#cursor.disabled = !usable;
+    for (const control of [this.#zoom, this.#sidebands.input]) control.disabled = orders.length === 0;
+    const view = { logarithmic: query.slog === "1", sidebands: query.side === "1", zoom };
+    this.#log.input.checked = view.logarithmic;
+    this.#sidebands.input.checked = view.sidebands;
+    return view;
+  }
+}

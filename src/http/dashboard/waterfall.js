@@ -1,0 +1,90 @@
+// Spectra over an asset's life as a heat map; a click on a line opens its record.
+
+import * as api from "./api.js";
+import { AssetFrame, refusal } from "./asset-frame.js";
+import { assetName } from "./fleet-row.js";
+import { h, setChildren } from "./dom.js";
+import { PlotCard } from "./plot-card.js";
+import { onPointClick } from "./plots.js";
+import { change, go } from "./route.js";
+import { waterfallDrawing } from "./waterfall-plot.js";
+
+const AGAIN_MS = 15_000; // spectra over a life change slowly
+const RECORDS = 600;
+const CELLS = 500;
+
+/** The waterfall of one asset. */
+export class WaterfallPage {
+  #id;
+  #root;
+  #query;
+  #frame;
+  #card = new PlotCard("waterfall", "Spectra over the life");
+  #axis = h("select", { id: "waterfall-axis", onchange: () => change({ axis: this.#axis.value, max: null }) }, h("option", { value: "" }, "Hz"), h("option", { value: "orders" }, "Orders"));
+  #max = h("input", { id: "waterfall-max", type: "number", min: "0", step: "any", size: 7, placeholder: "whole", onchange: () => change({ max: this.#max.value }) });
+  #floor = h("select", { id: "waterfall-floor", onchange: () => change({ floor: this.#floor.value }, { quiet: true }) }, [["", "60 dB"], ["40", "40 dB"], ["80", "80 dB"]].map(([value, text]) => h("option", { value }, text)));
+  #shown;
+  #asked = "";
+  #askedAt = 0;
+  #asset;
+
+  constructor(root, route) {
+    this.#root = root;
+    this.#id = route.id;
+    this.#query = route.query;
+    this.#frame = new AssetFrame(route.id, "waterfall");
+    const field = (input, label) => h("label", { class: "check", for: input.id }, label, input);
+    this.#card.tools.append(field(this.#axis, "Axis"), field(this.#max, "Up to"), field(this.#floor, "Range"));
+    setChildren(root, this.#frame.element, this.#card.element);
+    this.#frame.update(route.id, route.query);
+  }
+
+  /** Follows a changed address. */
+  update(route) {
+    const before = this.#query;
+    this.#query = route.query;
+    if (before.floor !== route.query.floor && this.#shown) {
+      this.redraw();
+      return false;
+    }
+    this.#card.busy(true);
+    return true;
+  }
+
+  /** Asks the server, for spectra only when some may have been added. */
+  async refresh(signal) {
+    const asset = await api.answer(api.asset(this.#id, signal));
+    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    const { axis, max, channel } = this.#query;
+    const asked = JSON.stringify([axis, max, channel]);
+    const same = asset === this.#asset || Date.now() - this.#askedAt < AGAIN_MS;
+    this.#frame.update(assetName(asset), this.#query);
+    if (asked === this.#asked && same) return;
+    if (!asset.summary.segments) return this.#card.say("No records yet: the waterfall begins with the first one.");
+    const answer = await api.answer(api.waterfall(this.#id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal));
+    [this.#asset, this.#asked, this.#askedAt] = [asset, asked, Date.now()];
+    this.#card.busy(false);
+    this.#axis.value = axis ?? "";
+    this.#max.value = max ?? "";
+    if (answer instanceof Error) return this.#card.say(answer.message);
+    this.#shown = answer;
+    await this.redraw();
+  }
+
+  /** Draws what is known anew. */
+  async redraw() {
+    if (!this.#shown) return;
+    this.#floor.value = this.#query.floor ?? "";
+    const drawing = waterfallDrawing(this.#shown, Number(this.#query.floor) || 60, this.#query.segment, `${this.#id} ${this.#asked}`);
+    if (typeof drawing === "string") return this.#card.say(drawing);
+    await this.#card.show(drawing, `${this.#id}-waterfall`);
+    onPointClick(this.#card.plot, (segment) => go({ page: "asset", id: this.#id, query: { channel: this.#query.channel, segment } }));
+  }
+
+  tick() {}
+
+  /** Frees the plot. */
+  dispose() {
+    this.#card.dispose();
+  }
+}

@@ -1,0 +1,207 @@
+//! `GET /v1/assets/{asset}/export`: everything that was computed, as one MCAP recording.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures_util::stream::{StreamExt, unfold};
+use jiff::Timestamp;
+use serde::Deserialize;
+use tokio::io::AsyncReadExt;
+
+use super::body::SpooledBody;
+use super::problem::{Details, Problem};
+use super::query::{AssetInPath, Parameters};
+use super::reduction;
+use super::router::App;
+use crate::asset::{AssetId, Segment};
+use crate::ingest::IngestError;
+use crate::recording::message::{Indicators, Spectrum, WearEstimate};
+use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
+use crate::store::{SegmentFilter, SegmentKey};
+
+/// Segments read at once: bounds memory.
+const PAGE: u32 = 200;
+
+/// Points of an exported spectrum.
+const SPECTRUM_POINTS: usize = 2000;
+
+/// Most spectra of one export: each is computed from its record's raw bytes.
+const MOST_SPECTRA: u64 = 10_000;
+
+/// Bytes read from the file at once.
+const PIECE: usize = 64 << 10;
+
+type Writer = HistoryWriter<BufWriter<File>>;
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ExportParameters {
+    /// Only this channel.
+    channel: Option<String>,
+    /// Only records that start at this time or later.
+    from: Option<Timestamp>,
+    /// Only records that start before this time.
+    to: Option<Timestamp>,
+    /// Spectra of how many records, spread evenly over the history; 100 where not given, at most 10000.
+    #[param(maximum = 10000)]
+    spectra: Option<u64>,
+}
+
+/// Export an asset's history
+///
+/// Indicators, wear and spectra as `flankwatch.v1` protobuf messages in MCAP, on `/{asset}/{channel}/indicators`, `…/wear` and `…/spectrum`.
+/// Plot `wear.median_um`, `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/export",
+    tag = "trends",
+    params(("asset" = AssetId, Path, description = "The asset"), ExportParameters),
+    responses(
+        (status = 200, body = Vec<u8>, content_type = "application/mcap"),
+        (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"),
+    ),
+)]
+pub(super) async fn export(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<ExportParameters>,
+) -> Result<Response, Problem> {
+    static COUNTER: AtomicU64 = AtomicU64::new(0);
+    let spectra = asked.spectra.unwrap_or(100);
+    if spectra > MOST_SPECTRA {
+        return Err(Problem::query("spectra", spectra, "a number from 0 to 10000"));
+    }
+    let store = app.ingest.store();
+    let spec = store.asset(&asset).await?.spec;
+    // An export reads as much as a recording that is taken.
+    let _ticket = app.ingest.workers().admit()?;
+    let channels = store.channels(&asset).await?;
+    let is_wanted = |name: &str| asked.channel.as_ref().is_none_or(|channel| channel == name);
+    let segments: u64 = channels
+        .iter()
+        .filter(|channel| is_wanted(&channel.channel))
+        .map(|channel| channel.segments)
+        .sum();
+    let path = app.uploads.join(format!("export-{}", COUNTER.fetch_add(1, Ordering::Relaxed)));
+    let spooled = SpooledBody::at(path.clone());
+    let file = File::create(&path).map_err(|source| IngestError::File {
+        action: "write",
+        path: path.clone(),
+        source,
+    })?;
+    let mut writer = HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(IngestError::from)?;
+    let about = [("id", spec.id.to_string()), ("name", spec.name.clone())];
+    let about: BTreeMap<String, String> = about.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
+    writer.metadata("asset", about).map_err(IngestError::from)?;
+    let mut filter = SegmentFilter {
+        channel: asked.channel.clone(),
+        from: asked.from,
+        to: asked.to,
+        ..SegmentFilter::default()
+    };
+    let mut number = 0;
+    loop {
+        let page = store.segments(&asset, &filter, PAGE).await?;
+        let Some(last) = page.last() else { break };
+        filter.after = Some(SegmentKey {
+            start_time: last.start_time,
+            id: last.id.clone(),
+        });
+        let mut with_spectra = Vec::with_capacity(page.len());
+        for segment in page {
+            // Every k-th record, so that there are about as many as were asked for.
+            let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
+            number += 1;
+            let spectrum = if is_chosen {
+                Some(spectrum_of(&app, &segment).await?)
+            } else {
+                None
+            };
+            with_spectra.push((segment, spectrum));
+        }
+        let written = app.ingest.workers().run("write a history", move || {
+            with_spectra
+                .iter()
+                .try_for_each(|(segment, spectrum)| write(&mut writer, segment, spectrum.as_ref()))?;
+            Ok::<_, RecordingError>(writer)
+        });
+        writer = written.await?.map_err(IngestError::from)?;
+    }
+    let finished = app.ingest.workers().run("write a history", move || writer.finish().map(drop));
+    finished.await?.map_err(IngestError::from)?;
+    let name = format!("attachment; filename=\"{asset}.mcap\"");
+    let fields = [
+        (header::CONTENT_TYPE, "application/mcap".to_string()),
+        (header::CONTENT_DISPOSITION, name),
+    ];
+    Ok((fields, stream(spooled).await?).into_response())
+}
+
+async fn spectrum_of(app: &App, segment: &Segment) -> Result<Spectrum, Problem> {
+    let (spectrum, _) = app.ingest.spectrum(segment).await?;
+    let kept = reduction::peaks(&spectrum.amplitude, SPECTRUM_POINTS);
+    Ok(Spectrum {
+        start_time_ns: nanoseconds(segment.start_time),
+        quantity: spectrum.quantity.to_string(),
+        unit: spectrum.unit,
+        window: spectrum.window.to_string(),
+        bandwidth_hz: spectrum.bandwidth_hz,
+        frequency_hz: kept.iter().map(|n| *n as f64 * spectrum.resolution_hz).collect(),
+        amplitude: kept.iter().map(|n| spectrum.amplitude[*n]).collect(),
+    })
+}
+
+fn write(writer: &mut Writer, segment: &Segment, spectrum: Option<&Spectrum>) -> Result<(), RecordingError> {
+    let base = format!("/{}/{}", segment.asset_id, segment.channel);
+    let (start, received) = (segment.start_time, segment.received_at);
+    let indicators = Indicators {
+        start_time_ns: nanoseconds(start),
+        values: segment.indicators.values.clone().into_iter().collect(),
+    };
+    writer.write(&base, HistoryKind::Indicators, start, received, &indicators)?;
+    let status = serde_json::to_value(segment.wear.status).unwrap_or_default();
+    let wear = WearEstimate {
+        start_time_ns: nanoseconds(start),
+        status: status.as_str().unwrap_or_default().to_string(),
+        median_um: segment.wear.median_um,
+        p05_um: segment.wear.p05_um,
+        p95_um: segment.wear.p95_um,
+    };
+    writer.write(&base, HistoryKind::Wear, start, received, &wear)?;
+    match spectrum {
+        Some(spectrum) => writer.write(&base, HistoryKind::Spectrum, start, received, spectrum),
+        None => Ok(()),
+    }
+}
+
+fn nanoseconds(time: Timestamp) -> i64 {
+    i64::try_from(time.as_nanosecond()).unwrap_or(i64::MAX)
+}
+
+/// The file piece by piece; it is removed when the last one is gone, or the client.
+async fn stream(spooled: SpooledBody) -> Result<Body, Problem> {
+    let opened = tokio::fs::File::open(spooled.path()).await;
+    let file = opened.map_err(|source| IngestError::File {
+        action: "read",
+        path: spooled.path().to_path_buf(),
+        source,
+    })?;
+    let pieces = unfold((file, spooled), |(mut file, spooled)| async move {
+        let mut piece = Vec::with_capacity(PIECE);
+        match file.read_buf(&mut piece).await {
+            Ok(0) => None,
+            Ok(_) => Some((Ok(Bytes::from(piece)), (file, spooled))),
+            Err(error) => Some((Err(error), (file, spooled))),
+        }
+    });
+    // Compression asks once more after the end.
+    Ok(Body::from_stream(pieces.fuse()))
+}

@@ -1,0 +1,148 @@
+//! The description of the API (OpenAPI 3.1), generated from the handlers, and the page that shows it.
+
+use axum::Router;
+use axum::http::{HeaderValue, header};
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::get;
+use bytes::Bytes;
+use serde_json::{Map, Value, json};
+use utoipa::PartialSchema;
+use utoipa::openapi::OpenApi;
+
+use super::problem::Details;
+
+/// Where the files of Swagger UI are found.
+const UI_FILES: &str = "/docs/ui";
+
+/// The page at `/docs`; its script is a file of its own because no script within a page may run.
+const PAGE: &str = include_str!("openapi/docs.html");
+
+const SCRIPT: &str = include_str!("openapi/docs.js");
+
+/// What the description says of the whole.
+const ABOUT: &str = "Vibration records in, condition indicators and wear depth with an honest interval out. Times are RFC 3339 in UTC, and a \
+    record's time is that of its first sample. Wear depths are in micrometres, frequencies in hertz, amplitudes of spectra are peak \
+    amplitudes. Lists are paged by `cursor`. What goes wrong is answered as a problem after RFC 9457 that names the field, its value and \
+    what was expected; only 429, 502, 503 and 504 are worth repeating, after the time in `Retry-After`.";
+
+/// Problems that any operation can answer with, and those of operations with a body or with a name in the path.
+const ALWAYS: &[(&str, &str)] = &[
+    ("400", "A parameter cannot be used"),
+    ("401", "A token is needed"),
+    ("403", "The token's scope does not reach so far"),
+    ("429", "Too many requests with this token"),
+    ("500", "A fault of the service"),
+    ("503", "Not now: the queue is full or the request took too long"),
+];
+const WITH_NAME: &[(&str, &str)] = &[("404", "There is no such thing")];
+const WITH_BODY: &[(&str, &str)] = &[
+    ("408", "The body took too long to come"),
+    ("413", "The body is too large"),
+    ("415", "The media type or content coding is not taken"),
+    ("422", "The body does not say what is needed"),
+    ("507", "There is no room"),
+];
+
+/// The finished description as JSON.
+pub(super) fn document(generated: OpenApi) -> Value {
+    // A plain structure of strings, numbers and maps: it always serialises.
+    let mut document = serde_json::to_value(generated).unwrap_or_default();
+    document["info"] = json!({
+        "title": "flankwatch",
+        "version": env!("CARGO_PKG_VERSION"),
+        "description": ABOUT,
+        "license": { "name": "Apache-2.0", "identifier": "Apache-2.0" },
+    });
+    document["servers"] = json!([{ "url": "/" }]);
+    document["components"]["schemas"]["Problem"] = json!(Details::schema());
+    document["components"]["securitySchemes"] = json!({ "token": {
+        "type": "http", "scheme": "bearer",
+        "description": "A token made by `flankwatch token create`; none is needed where the service has none.",
+    }});
+    document["security"] = json!([{}, { "token": [] }]);
+    let schemas = document["components"]["schemas"].clone();
+    open_what_is_flattened(&mut document, &schemas);
+    if let Some(paths) = document["paths"].as_object_mut() {
+        for (path, operations) in paths {
+            for operation in operations.as_object_mut().into_iter().flat_map(Map::values_mut) {
+                add_problems(path, operation);
+            }
+        }
+    }
+    document
+}
+
+fn add_problems(path: &str, operation: &mut Value) {
+    let mut problems = ALWAYS.to_vec();
+    if path.contains('{') {
+        problems.extend(WITH_NAME);
+    }
+    if operation.get("requestBody").is_some() {
+        problems.extend(WITH_BODY);
+    }
+    for (status, description) in problems {
+        let answers = &mut operation["responses"];
+        if answers.get(status).is_none() {
+            answers[status] = json!({
+                "description": description,
+                "content": { "application/problem+json": { "schema": { "$ref": "#/components/schemas/Problem" } } },
+            });
+        }
+    }
+}
+
+/// A schema that others take in whole cannot refuse their members: it is written out there without that rule.
+fn open_what_is_flattened(part: &mut Value, schemas: &Value) {
+    match part {
+        Value::Array(parts) => parts.iter_mut().for_each(|part| open_what_is_flattened(part, schemas)),
+        Value::Object(members) => {
+            for (name, member) in members {
+                if name == "allOf" {
+                    member
+                        .as_array_mut()
+                        .into_iter()
+                        .flatten()
+                        .for_each(|part| write_out(part, schemas));
+                }
+                open_what_is_flattened(member, schemas);
+            }
+        }
+        _ => {}
+    }
+}
+
+fn write_out(part: &mut Value, schemas: &Value) {
+    let name = part.get("$ref").and_then(Value::as_str).and_then(|text| text.rsplit('/').next());
+    let Some(named) = name.and_then(|name| schemas.get(name)) else {
+        return;
+    };
+    if named.get("additionalProperties") == Some(&Value::Bool(false)) {
+        let mut whole = named.clone();
+        if let Some(members) = whole.as_object_mut() {
+            members.remove("additionalProperties");
+        }
+        *part = whole;
+    }
+}
+
+/// `/openapi.json`, `/docs` and the files that it shows itself with.
+pub(super) fn routes<S: Clone + Send + Sync + 'static>(document: &Value) -> Router<S> {
+    let text = Bytes::from(document.to_string());
+    let ui = swagger_ui_dist::generate_routes::<&str>(swagger_ui_dist::ApiDefinition {
+        uri_prefix: UI_FILES,
+        api_definition: swagger_ui_dist::OpenApiSource::Uri("/openapi.json"),
+        title: None,
+    });
+    Router::new()
+        .route("/openapi.json", get(move || async move { typed("application/json", text) }))
+        .route("/docs", get(|| async { Html(PAGE) }))
+        .route(
+            "/docs/docs.js",
+            get(|| async { typed("text/javascript; charset=utf-8", Bytes::from_static(SCRIPT.as_bytes())) }),
+        )
+        .merge(ui.with_state(()))
+}
+
+fn typed(media_type: &'static str, bytes: Bytes) -> Response {
+    ([(header::CONTENT_TYPE, HeaderValue::from_static(media_type))], bytes).into_response()
+}

@@ -1,0 +1,54 @@
+//! `/v1/recomputations`: histories being computed again in the background.
+
+use axum::Json;
+use axum::extract::State;
+use serde::{Deserialize, Serialize};
+
+use super::problem::{Details, Problem};
+use super::query::Parameters;
+use super::router::App;
+use crate::asset::AssetId;
+use crate::ingest::Recomputation;
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ListParameters {
+    /// Those of this asset only.
+    asset: Option<String>,
+}
+
+/// The last recomputation of each channel since the start.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct RecomputationList {
+    /// One for each channel.
+    items: Vec<Recomputation>,
+}
+
+/// List recomputations
+///
+/// Histories that are computed again in the background after a change; the last one of each channel.
+#[utoipa::path(
+    get,
+    path = "/v1/recomputations",
+    tag = "assets",
+    params(ListParameters),
+    responses(
+        (status = 200, body = RecomputationList),
+        (status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"),
+        (status = 422, body = Details, content_type = "application/problem+json", description = "That is no asset's name"),
+    ),
+)]
+pub(super) async fn list(
+    State(app): State<App>,
+    Parameters(asked): Parameters<ListParameters>,
+) -> Result<Json<RecomputationList>, Problem> {
+    let asset = match asked.asset {
+        Some(id) => Some(app.ingest.store().asset(&AssetId::new(id)?).await?.spec.id),
+        None => None,
+    };
+    let shown = app.ingest.recomputations(asset.as_ref());
+    Ok(Json(RecomputationList {
+        items: shown.iter().map(|shown| Recomputation::clone(shown)).collect(),
+    }))
+}

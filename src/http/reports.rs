@@ -1,0 +1,102 @@
+//! `GET /v1/assets/{asset}/report`: the asset's report, for a browser or a printer.
+
+use std::collections::HashMap;
+
+use axum::extract::State;
+use axum::response::Html;
+use serde::Deserialize;
+
+use super::assets;
+use super::problem::Problem;
+use super::query::{AssetInPath, Parameters};
+use super::router::App;
+use super::waterfall::evenly;
+use crate::asset::{AssetSpec, Segment, SegmentId};
+use crate::report::{Report, ReportedRecord};
+
+/// Records that a report draws; of more, some evenly over the life.
+const MOST_RECORDS: usize = 600;
+
+/// Records at the end that are given in any case.
+const LATEST_RECORDS: usize = 100;
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ReportParameters {
+    /// The channel; the one that speaks for the asset where not given.
+    channel: Option<String>,
+}
+
+/// Report of an asset as a printable page
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/report",
+    tag = "assets",
+    params(("asset" = String, Path, description = "The asset"), ReportParameters),
+    responses((status = 200, body = String, content_type = "text/html")),
+)]
+pub(super) async fn show(
+    State(app): State<App>,
+    AssetInPath(id): AssetInPath,
+    Parameters(asked): Parameters<ReportParameters>,
+) -> Result<Html<String>, Problem> {
+    let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
+    let mut report = Report {
+        asset: Some(asset.spec.name_or_id().to_string()),
+        facts: facts(&asset.spec),
+        limits: asset.spec.limits,
+        ..Report::default()
+    };
+    if let Some(channel) = channel {
+        let trend = app.ingest.store().trend(&channel).await?;
+        let all = trend.segment_id.len();
+        let early = all.saturating_sub(LATEST_RECORDS);
+        let mut chosen = evenly(early, MOST_RECORDS - LATEST_RECORDS);
+        chosen.extend(early..all);
+        let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[*n].clone()).collect();
+        let segments = app.ingest.store().segments_by_id(&ids).await?;
+        let mut segments: HashMap<SegmentId, Segment> = segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
+        let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
+        if let Some(last) = segments.last() {
+            let _ticket = app.ingest.workers().admit()?;
+            report.last_spectrum = Some(app.ingest.spectrum(last).await?.0);
+        }
+        report.all_records = Some(all);
+        report.records = segments.into_iter().map(ReportedRecord::from).collect();
+    }
+    let html = app.ingest.workers().run("write a report", move || report.html()).await?;
+    Ok(Html(html))
+}
+
+fn facts(spec: &AssetSpec) -> Vec<(String, String)> {
+    let [driving, driven] = spec.gear.teeth;
+    let mut facts = vec![
+        ("Gears".to_owned(), format!("{driving} / {driven} teeth")),
+        (
+            "Nominal speed of the driving shaft".to_owned(),
+            format!("{} Hz", spec.gear.shaft_speed_hz),
+        ),
+    ];
+    if let Some(pair) = &spec.gear.pair {
+        facts.push(("Gear pair".to_owned(), pair.name.clone()));
+    }
+    facts
+}
+
+impl From<Segment> for ReportedRecord {
+    fn from(segment: Segment) -> Self {
+        Self {
+            name: segment.id.to_string(),
+            channel: segment.channel,
+            start_time: segment.start_time,
+            unit: segment.unit,
+            shaft_speed_hz: segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
+            indicators: segment.indicators,
+            shaft_angle: segment.basis.shaft_angle,
+            wear_words: segment.wear.reason.clone(),
+            wear: Some(segment.wear),
+            reference_wear_um: segment.reference_wear_um,
+        }
+    }
+}

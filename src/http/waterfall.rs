@@ -1,0 +1,321 @@
+//! `/v1/assets/{asset}/waterfall`: spectra over a channel's life, each reduced to the same cells.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::Json;
+use axum::extract::State;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use tokio::task::JoinSet;
+
+use super::problem::Problem;
+use super::query::{AssetInPath, Parameters};
+use super::router::App;
+use super::{assets, waveforms};
+use crate::asset::{Segment, SegmentId};
+use crate::ingest::IngestError;
+use crate::signal::Spectrum;
+
+/// Records and cells where the client does not say how many, and the most.
+const RECORDS: (usize, usize) = (200, 600);
+const CELLS: (usize, usize) = (400, 2000);
+
+/// Spectra that are worked out at the same time: each holds a whole record.
+const AT_ONCE: usize = 4;
+
+/// Values that are kept in memory, 4 bytes each.
+const MOST_KEPT: usize = 2_000_000;
+
+/// Below this level, in dB of one unit, there is only what a converter's steps leave.
+const LOWEST_DB: f64 = -200.0;
+
+/// What the cells are laid out over.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Axis {
+    /// Frequency in hertz.
+    #[default]
+    Hz,
+    /// Orders of the driving shaft: frequency over each record's own shaft speed.
+    Orders,
+}
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct WaterfallParameters {
+    /// The channel; the one that speaks for the asset where not given.
+    channel: Option<String>,
+    /// Records from here on.
+    from: Option<Timestamp>,
+    /// Records before this.
+    to: Option<Timestamp>,
+    /// What the cells are laid out over.
+    #[serde(default)]
+    axis: Axis,
+    /// Records at most, 2 to 600, evenly over the life.
+    #[param(minimum = 2, maximum = 600)]
+    max_records: Option<usize>,
+    /// Cells of each spectrum, 2 to 2000.
+    #[param(minimum = 2, maximum = 2000)]
+    cells: Option<usize>,
+    /// Where the last cell ends, in the axis's unit.
+    #[param(exclusive_minimum = 0.0)]
+    max: Option<f64>,
+}
+
+/// Spectra in the order of time.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct WaterfallView {
+    /// The channel; null without records.
+    channel: Option<String>,
+    /// What the cells are laid out over.
+    axis: Axis,
+    /// What the amplitudes are: `amplitude_peak`.
+    quantity: &'static str,
+    /// Unit of the amplitudes.
+    unit: String,
+    /// Window that was applied.
+    window: &'static str,
+    /// The middles of the cells.
+    position: Vec<f64>,
+    /// Where the mesh frequency lies, in the unit of the axis.
+    mesh_position: Option<f64>,
+    /// The records in time order.
+    items: Vec<WaterfallRow>,
+    /// Points were left out to keep to `max_points`.
+    reduced: bool,
+}
+
+/// One record's spectrum: the greatest amplitude (peak) in each cell in dB of one unit.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+struct WaterfallRow {
+    /// The record.
+    segment_id: SegmentId,
+    /// Time of the first sample.
+    start_time: Timestamp,
+    /// Shaft speed in hertz, where it is known.
+    shaft_speed_hz: Option<f64>,
+    /// Level of each cell in dB of one unit; null where the axis is orders and the speed unknown.
+    #[serde(serialize_with = "as_list")]
+    #[schema(value_type = Option<Vec<f32>>)]
+    level_db: Option<Line>,
+}
+
+fn as_list<S: serde::Serializer>(line: &Option<Line>, serializer: S) -> Result<S::Ok, S::Error> {
+    line.as_deref().serialize(serializer)
+}
+
+/// How a spectrum is cut into cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Grid {
+    axis: Axis,
+    cells: usize,
+    /// Bits of the end of the last cell, so that grids compare.
+    end_bits: u64,
+}
+
+impl Grid {
+    fn end(self) -> f64 {
+        f64::from_bits(self.end_bits)
+    }
+}
+
+/// The levels of one record's cells.
+type Line = Arc<[f32]>;
+
+/// Reduced spectra of records, which never change, so that a look again costs only what has come since.
+#[derive(Debug, Default)]
+pub(super) struct LineCache {
+    kept: Mutex<HashMap<(SegmentId, Grid), Line>>,
+}
+
+impl LineCache {
+    fn get(&self, segment: &SegmentId, grid: Grid) -> Option<Line> {
+        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.get(&(segment.clone(), grid)).cloned()
+    }
+
+    fn keep(&self, segment: SegmentId, grid: Grid, line: Line) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if (kept.len() + 1) * grid.cells > MOST_KEPT {
+            kept.clear();
+        }
+        kept.insert((segment, grid), line);
+    }
+}
+
+/// Spectra over a channel's life
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/waterfall",
+    tag = "trends",
+    params(("asset" = String, Path, description = "The asset"), WaterfallParameters),
+    responses((status = 200, body = WaterfallView)),
+)]
+pub(super) async fn show(
+    State(app): State<App>,
+    AssetInPath(id): AssetInPath,
+    Parameters(asked): Parameters<WaterfallParameters>,
+) -> Result<Json<WaterfallView>, Problem> {
+    let records = within("max_records", asked.max_records, RECORDS)?;
+    let cells = within("cells", asked.cells, CELLS)?;
+    let end = asked
+        .max
+        .map(|max| waveforms::max_hz(Some(max)).map_err(|_| Problem::query("max", max, "a number above 0")));
+    let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
+    let mut view = WaterfallView {
+        channel: None,
+        axis: asked.axis,
+        quantity: "amplitude_peak",
+        unit: String::new(),
+        window: "hann",
+        position: Vec::new(),
+        mesh_position: None,
+        items: Vec::new(),
+        reduced: false,
+    };
+    let Some(channel) = channel else { return Ok(Json(view)) };
+    let trend = app.ingest.store().trend(&channel).await?;
+    let range = trend.range(asked.from, asked.to);
+    let chosen = evenly(range.len(), records);
+    view.reduced = chosen.len() < range.len();
+    let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
+    view.unit = trend.unit.clone();
+    view.channel = Some(channel.channel);
+    let segments = app.ingest.store().segments_by_id(&ids).await?;
+    let mut segments: HashMap<SegmentId, Segment> = segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
+    let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
+    let Some(first) = segments.first() else { return Ok(Json(view)) };
+    let nominal_hz = asset.spec.gear.shaft_speed_hz;
+    let end = end.transpose()?.unwrap_or(match asked.axis {
+        Axis::Hz => first.sample_rate_hz / 2.0,
+        Axis::Orders => first.sample_rate_hz / 2.0 / nominal_hz,
+    });
+    let grid = Grid {
+        axis: asked.axis,
+        cells,
+        end_bits: end.to_bits(),
+    };
+    let teeth = f64::from(asset.spec.gear.teeth[0]);
+    view.mesh_position = match asked.axis {
+        Axis::Orders => Some(teeth),
+        Axis::Hz => segments
+            .iter()
+            .rev()
+            .find_map(|segment| segment.shaft_speed)
+            .map(|speed| speed.mesh_frequency_hz),
+    };
+    view.position = (0..cells).map(|n| (n as f64 + 0.5) * end / cells as f64).collect();
+    let _ticket = app.ingest.workers().admit()?;
+    let lines = lines(&app, &segments, grid).await?;
+    view.items = segments
+        .into_iter()
+        .zip(lines)
+        .map(|(segment, level_db)| WaterfallRow {
+            segment_id: segment.id,
+            start_time: segment.start_time,
+            shaft_speed_hz: segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
+            level_db,
+        })
+        .collect();
+    Ok(Json(view))
+}
+
+fn within(field: &str, asked: Option<usize>, (usual, most): (usize, usize)) -> Result<usize, Problem> {
+    match asked.unwrap_or(usual) {
+        number if (2..=most).contains(&number) => Ok(number),
+        number => Err(Problem::query(field, number, &format!("a number from 2 to {most}"))),
+    }
+}
+
+/// Positions evenly over a list, the first and the last among them.
+pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
+    if length <= most {
+        return (0..length).collect();
+    }
+    (0..most).map(|n| n * (length - 1) / (most - 1)).collect()
+}
+
+/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown.
+async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
+    let mut lines: Vec<Option<Line>> = segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
+    let mut missing = lines.iter().enumerate().filter(|(_, line)| line.is_none()).map(|(n, _)| n);
+    let missing: Vec<usize> = missing.by_ref().collect();
+    for some in missing.chunks(AT_ONCE) {
+        let mut tasks = JoinSet::new();
+        for n in some {
+            let (ingest, segment, n) = (app.ingest.clone(), segments[*n].clone(), *n);
+            let unit_hz = match grid.axis {
+                Axis::Hz => Some(1.0),
+                Axis::Orders => segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
+            };
+            let Some(unit_hz) = unit_hz else { continue };
+            tasks.spawn(async move {
+                let reduce = move |spectrum: &Spectrum| levels(&spectrum.amplitude, spectrum.resolution_hz / unit_hz, grid);
+                let line = ingest
+                    .analyse_stored(&segment, "reduce a spectrum", move |analyzer, record, _| {
+                        reduce(&analyzer.amplitude_spectrum(record))
+                    })
+                    .await;
+                (n, line)
+            });
+        }
+        while let Some(done) = tasks.join_next().await {
+            let (n, line) = done.map_err(|_| IngestError::WorkerLost("reduce a spectrum"))?;
+            let line: Line = line?.into();
+            app.lines.keep(segments[n].id.clone(), grid, line.clone());
+            lines[n] = Some(line);
+        }
+    }
+    Ok(lines)
+}
+
+/// The greatest of the amplitudes, `resolution` of the grid's axis apart, in each cell in dB; a cell narrower than that has the nearest one.
+fn levels(amplitude: &[f64], resolution: f64, grid: Grid) -> Vec<f32> {
+    let bins_per_cell = grid.end() / grid.cells as f64 / resolution;
+    let last = amplitude.len().saturating_sub(1);
+    let level = |n: usize| {
+        let low = (n as f64 * bins_per_cell).round() as usize;
+        let high = ((n + 1) as f64 * bins_per_cell).round() as usize;
+        if low > last {
+            return LOWEST_DB as f32;
+        }
+        let cell = &amplitude[low..high.clamp(low + 1, last + 1)];
+        let greatest = cell.iter().copied().fold(0.0, f64::max);
+        // One decimal is finer than any colour scale shows, and a third of the digits to send.
+        ((20.0 * greatest.log10()).max(LOWEST_DB) * 10.0).round() as f32 / 10.0
+    };
+    (0..grid.cells).map(level).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_stays_at_its_place_and_height() {
+        let mut amplitude = vec![1e-3; 1001];
+        amplitude[500] = 10.0;
+        let grid = |axis, cells, end: f64| Grid {
+            axis,
+            cells,
+            end_bits: end.to_bits(),
+        };
+        // 250 Hz of 500 Hz.
+        let line = levels(&amplitude, 0.5, grid(Axis::Hz, 100, 500.0));
+        assert_eq!((line[49], line[50], line[51]), (-60.0, 20.0, -60.0));
+        // Order 10 of a shaft with 25 Hz, of 20 orders.
+        let line = levels(&amplitude, 0.5 / 25.0, grid(Axis::Orders, 100, 20.0));
+        assert_eq!((line[50], line.iter().filter(|db| **db > 0.0).count()), (20.0, 1));
+        // Beyond half the sampling rate there is nothing.
+        assert_eq!(levels(&amplitude, 0.5, grid(Axis::Hz, 2, 2000.0))[1], LOWEST_DB as f32);
+    }
+
+    #[test]
+    fn the_first_and_the_last_are_shown() {
+        assert_eq!(evenly(5, 10), [0, 1, 2, 3, 4]);
+        assert_eq!(evenly(1000, 3), [0, 499, 999]);
+    }
+}

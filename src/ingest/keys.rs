@@ -1,0 +1,51 @@
+//! What results depend on, as hashes: whatever was computed under another key is computed again.
+
+use std::sync::Arc;
+
+use sha2::{Digest, Sha256};
+
+use crate::asset::AssetSpec;
+use crate::estimate::{EstimatorSettings, METHOD};
+use crate::library::Ensemble;
+use crate::signal::{GEAR_PREPROCESSING, INDICATORS, PREPROCESSING};
+use crate::store::AnalysisKeys;
+
+/// Everything but its raw bytes that the analysis of a record of this asset depends on.
+pub(super) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
+    let gear = &spec.gear;
+    let feature = hash(&[
+        PREPROCESSING,
+        &gear.teeth[0].to_string(),
+        &gear.shaft_speed_hz.to_bits().to_string(),
+        &gear.speed_tolerance.to_bits().to_string(),
+        &gear.speed_is_exact.to_string(),
+    ]);
+    let bands = serde_json::to_string(&spec.bands).unwrap_or_default();
+    let gear_indicators = if spec.gear_indicators { GEAR_PREPROCESSING } else { "" };
+    let analysis = hash(&[INDICATORS, &feature, &bands, gear_indicators]);
+    AnalysisKeys {
+        analysis: Arc::from(analysis),
+        feature: Arc::from(feature),
+    }
+}
+
+/// Everything but the features that a channel's estimates depend on, and how the features were made.
+pub(super) fn fold_key(settings: &EstimatorSettings, feature_key: &str, ensemble: Option<&Ensemble>) -> String {
+    hash(&[
+        env!("CARGO_PKG_VERSION"),
+        METHOD,
+        feature_key,
+        ensemble.map_or("", Ensemble::id),
+        &settings.baseline_records.to_string(),
+        &format!("{:?}", settings.limit_um),
+    ])
+}
+
+fn hash(parts: &[&str]) -> String {
+    let mut hash = Sha256::new();
+    for part in parts {
+        hash.update((part.len() as u64).to_le_bytes());
+        hash.update(part);
+    }
+    hash.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect()
+}

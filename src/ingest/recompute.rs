@@ -1,0 +1,359 @@
+//! Histories computed again in the background: after a change of the description, the library or the method, or where records came
+//! late. The old answers are served until the new ones are complete, and then all at once.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use serde::Serialize;
+
+use super::accept::analyse;
+use super::fold::{FoldInput, FoldPoint, read_point};
+use super::group_commit::states_of;
+use super::keys::analysis_keys;
+use super::libraries::KeyedTracker;
+use super::recall::recall_here;
+use super::{Announcement, Ingest, IngestError};
+use crate::asset::{AssetId, AssetSpec, SegmentId};
+use crate::recording::RecordDefaults;
+use crate::store::{Analysed, AnalysisGeneration, ChannelKeys, ChannelSummary, NewSegment, SegmentKey, Store, StoreError, WearGeneration};
+
+/// Records folded in one piece: bounds the memory and the length of a transaction.
+const FOLDED_AT_ONCE: u32 = 256;
+
+/// Records analysed in one piece.
+const ANALYSED_AT_ONCE: u32 = 32;
+
+/// Rows removed in one transaction.
+const REMOVED_AT_ONCE: u32 = 500;
+
+/// What a recomputation is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RecomputationState {
+    /// Indicators and features are computed again from the raw recordings.
+    Analysing,
+    /// The estimates are computed again.
+    Folding,
+    /// Everything is served as new.
+    Finished,
+    /// Could not go on; the old answers are served.
+    Failed,
+}
+
+/// One channel's history being computed again, and how far it is.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct Recomputation {
+    /// The asset.
+    pub asset: AssetId,
+    /// The channel.
+    pub channel: String,
+    /// What it is doing.
+    pub state: RecomputationState,
+    /// Records of the channel when it began.
+    pub records_total: u64,
+    /// Records analysed again from their raw bytes.
+    pub analysed: u64,
+    /// Records that keep their old indicators, since their raw bytes are not kept any more or cannot be read.
+    pub without_raw: u64,
+    /// Records folded.
+    pub folded: u64,
+    /// Why it failed.
+    pub error: Option<String>,
+    /// When it began.
+    pub started_at: Timestamp,
+    /// When it ended.
+    pub finished_at: Option<Timestamp>,
+}
+
+/// Recomputations since the start, the last one of each channel; and what is to be looked at.
+#[derive(Debug, Default)]
+pub(super) struct Recomputations {
+    held: Mutex<Held>,
+}
+
+#[derive(Debug, Default)]
+struct Held {
+    shown: BTreeMap<(AssetId, String), Arc<Recomputation>>,
+    waiting: VecDeque<AssetId>,
+    is_running: bool,
+}
+
+impl Recomputations {
+    fn lock(&self) -> MutexGuard<'_, Held> {
+        // Entries are replaced whole, so a panic elsewhere cannot have left half of one.
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Ingest {
+    /// The last recomputation of each channel since the start, of one asset or of all.
+    pub fn recomputations(&self, asset: Option<&AssetId>) -> Vec<Arc<Recomputation>> {
+        let held = self.inner.recomputations.lock();
+        let wanted = held.shown.values().filter(|shown| asset.is_none_or(|asset| shown.asset == *asset));
+        wanted.cloned().collect()
+    }
+
+    /// Brings the histories of assets up to what is asked for now, one after the other, in the background.
+    pub(super) fn recompute_in_background(&self, assets: Vec<AssetId>) {
+        let mut held = self.inner.recomputations.lock();
+        for asset in assets {
+            if !held.waiting.contains(&asset) {
+                held.waiting.push_back(asset);
+            }
+        }
+        if held.is_running || held.waiting.is_empty() {
+            return;
+        }
+        held.is_running = true;
+        drop(held);
+        let ingest = self.clone();
+        tokio::spawn(async move {
+            while let Some(asset) = ingest.next_to_recompute() {
+                if let Err(error) = ingest.recompute_asset(&asset).await {
+                    tracing::warn!(%asset, %error, "history not computed again");
+                }
+            }
+        });
+    }
+
+    fn next_to_recompute(&self) -> Option<AssetId> {
+        let mut held = self.inner.recomputations.lock();
+        let next = held.waiting.pop_front();
+        held.is_running = next.is_some();
+        next
+    }
+
+    async fn recompute_asset(&self, asset: &AssetId) -> Result<(), IngestError> {
+        for channel in self.inner.store.channels(asset).await? {
+            let done = self.bring_up_to_date(asset, &channel.channel).await;
+            if let Err(error) = done {
+                if matches!(error, IngestError::Store(StoreError::AssetUnknown(_))) {
+                    return Ok(());
+                }
+                self.show(asset, &channel.channel, |shown| {
+                    shown.state = RecomputationState::Failed;
+                    shown.error = Some(error.to_string());
+                });
+                return Err(error);
+            }
+        }
+        Ok(())
+    }
+
+    /// Computes a channel again as long as it is not what is asked for.
+    async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<(), IngestError> {
+        loop {
+            let (spec, tracker) = self.asked_for(asset).await?;
+            let Some(channel) = self.inner.store.channel(asset, name).await? else {
+                return Ok(());
+            };
+            let wanted = ChannelKeys {
+                analysed: analysis_keys(&spec),
+                fold: tracker.fold_key.clone(),
+            };
+            if channel.segments == 0 || (channel.keys == wanted && !channel.must_fold) {
+                return self.remove_leftovers(&channel).await;
+            }
+            self.recompute(&spec, &tracker, &channel, wanted).await?;
+        }
+    }
+
+    /// The description of an asset and its tracker, once its library is there.
+    async fn asked_for(&self, asset: &AssetId) -> Result<(AssetSpec, KeyedTracker), IngestError> {
+        loop {
+            let spec = self.inner.store.asset(asset).await?.spec;
+            match self.inner.libraries.tracker(&spec).await {
+                // A library that takes its time.
+                Err(IngestError::Busy { retry_after_s, .. }) => tokio::time::sleep(Duration::from_secs(retry_after_s.into())).await,
+                Err(error) => return Err(error),
+                Ok(tracker) => return Ok((spec, tracker)),
+            }
+        }
+    }
+
+    async fn recompute(
+        &self,
+        spec: &AssetSpec,
+        tracker: &KeyedTracker,
+        channel: &ChannelSummary,
+        wanted: ChannelKeys,
+    ) -> Result<(), IngestError> {
+        let (asset, name) = (&channel.asset_id, channel.channel.as_str());
+        self.begin_showing(channel);
+        let slot = self.inner.channels.slot(asset, name);
+        slot.lock().await.earliest_new = None;
+        let analyses = if channel.keys.analysed == wanted.analysed {
+            channel.served_analyses()
+        } else {
+            let analyses = self.inner.store.next_analyses(channel, &wanted.analysed).await?;
+            self.analyse_again(spec, channel, analyses).await?;
+            analyses
+        };
+        let wear = self.inner.store.next_wear(channel).await?;
+        self.show(asset, name, |shown| shown.state = RecomputationState::Folding);
+        let mut point = None;
+        while self.fold_piece(tracker, channel, analyses, wear, &mut point).await? >= FOLDED_AT_ONCE as usize {}
+        // From here on nothing new comes in: what came meanwhile is little.
+        let mut slot = slot.lock().await;
+        if analysis_keys(&self.inner.store.asset(asset).await?.spec) != wanted.analysed {
+            // Changed again meanwhile; what was made is not what is asked for.
+            return Ok(());
+        }
+        if channel.keys.analysed != wanted.analysed {
+            self.analyse_again(spec, channel, analyses).await?;
+        }
+        let passed = |point: &Option<FoldPoint>, key: &SegmentKey| point.as_ref().is_some_and(|point| point.last >= *key);
+        if let Some(earliest) = slot.earliest_new.take()
+            && passed(&point, &earliest)
+        {
+            let stored = self.inner.store.state_of_generation(channel, wear, &earliest).await?;
+            point = stored.and_then(|stored| read_point(channel, stored));
+        }
+        while self.fold_piece(tracker, channel, analyses, wear, &mut point).await? > 0 {}
+        self.inner.store.serve(channel, analyses, wear, wanted).await?;
+        slot.points = None;
+        drop(slot);
+        tracing::info!(%asset, channel = name, records = channel.segments, "history computed again");
+        let now = self.inner.clock.now();
+        self.show(asset, name, |shown| {
+            shown.state = RecomputationState::Finished;
+            shown.finished_at = Some(now);
+        });
+        self.announce(Announcement::HistoryFolded {
+            asset: asset.clone(),
+            channel: name.to_owned(),
+        });
+        Ok(())
+    }
+
+    /// Analyses again what is not analysed yet in a generation.
+    async fn analyse_again(&self, spec: &AssetSpec, channel: &ChannelSummary, generation: AnalysisGeneration) -> Result<(), IngestError> {
+        let store = &self.inner.store;
+        let mut after: Option<SegmentKey> = None;
+        loop {
+            let segments = store.not_analysed(channel, generation, after.as_ref(), ANALYSED_AT_ONCE).await?;
+            let Some(last) = segments.last() else { return Ok(()) };
+            after = Some(last.key());
+            // One task for each record, so that records that come in meanwhile have their turn in between.
+            let mut tasks = tokio::task::JoinSet::new();
+            for segment in segments {
+                let (ingest, spec) = (self.clone(), spec.clone());
+                tasks.spawn(async move {
+                    let store = ingest.inner.store.clone();
+                    let again = move || analyse_one(&store, &spec, segment);
+                    ingest.inner.workers.run("analyse a record again", again).await
+                });
+            }
+            let mut analyses: Vec<(SegmentId, Analysed)> = Vec::new();
+            let mut without_raw = 0;
+            while let Some(done) = tasks.join_next().await {
+                let (id, analysed, is_new) = done.map_err(|_| IngestError::WorkerLost("analyse a record again"))??;
+                without_raw += u64::from(!is_new);
+                analyses.push((id, analysed));
+            }
+            store.add_analyses(generation, &analyses).await?;
+            self.show(&channel.asset_id, &channel.channel, |shown| {
+                shown.analysed += analyses.len() as u64 - without_raw;
+                shown.without_raw += without_raw;
+            });
+        }
+    }
+
+    /// Folds the records after `point`, at most so many at once, and returns how many they were.
+    async fn fold_piece(
+        &self,
+        tracker: &KeyedTracker,
+        channel: &ChannelSummary,
+        analyses: AnalysisGeneration,
+        wear: WearGeneration,
+        point: &mut Option<FoldPoint>,
+    ) -> Result<usize, IngestError> {
+        let store = &self.inner.store;
+        let after = point.as_ref().map(|point| &point.last);
+        let stored = store.features_of_generation(channel, analyses, after, FOLDED_AT_ONCE).await?;
+        let count = stored.len();
+        if count == 0 {
+            return Ok(0);
+        }
+        let inputs = stored
+            .into_iter()
+            .map(|stored| FoldInput::of(stored, &tracker.feature_key))
+            .collect();
+        let position = point.as_ref().map_or(0, |point| point.position);
+        let mut folded = self.fold_on(tracker, point.take(), inputs).await?;
+        let states = states_of(&folded.points)?;
+        store.add_wears(channel, wear, &folded.results, position, &states).await?;
+        *point = folded.points.pop();
+        self.show(&channel.asset_id, &channel.channel, |shown| shown.folded = position + count as u64);
+        Ok(count)
+    }
+
+    async fn remove_leftovers(&self, channel: &ChannelSummary) -> Result<(), IngestError> {
+        if !channel.leftovers {
+            return Ok(());
+        }
+        let mut after = None;
+        loop {
+            after = self.inner.store.remove_leftovers(channel, after.as_ref(), REMOVED_AT_ONCE).await?;
+            if after.is_none() {
+                return Ok(());
+            }
+        }
+    }
+
+    fn begin_showing(&self, channel: &ChannelSummary) {
+        let shown = Recomputation {
+            asset: channel.asset_id.clone(),
+            channel: channel.channel.clone(),
+            state: RecomputationState::Analysing,
+            records_total: channel.segments,
+            analysed: 0,
+            without_raw: 0,
+            folded: 0,
+            error: None,
+            started_at: self.inner.clock.now(),
+            finished_at: None,
+        };
+        let key = (channel.asset_id.clone(), channel.channel.clone());
+        self.inner.recomputations.lock().shown.insert(key, Arc::new(shown));
+    }
+
+    fn show(&self, asset: &AssetId, channel: &str, change: impl FnOnce(&mut Recomputation)) {
+        let mut held = self.inner.recomputations.lock();
+        if let Some(shown) = held.shown.get_mut(&(asset.clone(), channel.to_owned())) {
+            change(Arc::make_mut(shown));
+            let shown = Arc::clone(shown);
+            drop(held);
+            self.announce(Announcement::RecomputationChanged(shown));
+        }
+    }
+
+    /// Forgets the recomputations of an asset that is gone.
+    pub(super) fn forget_recomputations(&self, asset: &AssetId) {
+        let mut held = self.inner.recomputations.lock();
+        let gone: BTreeSet<_> = held.shown.keys().filter(|(of, _)| of == asset).cloned().collect();
+        held.shown.retain(|key, _| !gone.contains(key));
+    }
+}
+
+/// What a stored record says when it is asked again; what it said before where its raw bytes cannot be had.
+fn analyse_one(store: &Store, spec: &AssetSpec, segment: NewSegment) -> (SegmentId, Analysed, bool) {
+    if segment.analysed.keys == analysis_keys(spec) {
+        return (segment.id, segment.analysed, true);
+    }
+    let defaults = RecordDefaults {
+        channel: Some(segment.channel.clone()),
+        start_time: segment.start_time,
+        unit: Some(segment.unit.clone()),
+        operating_point: segment.operating_point,
+    };
+    match recall_here(store, &segment.raw, &defaults) {
+        Ok(record) => (segment.id, analyse(&record, spec), true),
+        Err(error) => {
+            tracing::debug!(segment = %segment.id, %error, "keeps its old analysis");
+            (segment.id, segment.analysed, false)
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! What was computed from records, as an MCAP recording that MCAP tools plot.
+
+use std::collections::{BTreeMap, HashMap};
+use std::io::{Seek, Write};
+
+use jiff::Timestamp;
+use mcap::records::{MessageHeader, Metadata};
+use prost::Message;
+
+use super::RecordingError;
+use super::mcap_writer::mcap_time;
+use super::message::DESCRIPTOR_SET;
+
+/// Kinds of messages of a history; each is a schema of `proto/`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum HistoryKind {
+    /// `flankwatch.v1.Indicators`.
+    Indicators,
+    /// `flankwatch.v1.Spectrum`.
+    Spectrum,
+    /// `flankwatch.v1.WearEstimate`.
+    Wear,
+}
+
+impl HistoryKind {
+    fn schema(self) -> &'static str {
+        match self {
+            Self::Indicators => "flankwatch.v1.Indicators",
+            Self::Spectrum => "flankwatch.v1.Spectrum",
+            Self::Wear => "flankwatch.v1.WearEstimate",
+        }
+    }
+
+    fn topic(self, base: &str) -> String {
+        let name = match self {
+            Self::Indicators => "indicators",
+            Self::Spectrum => "spectrum",
+            Self::Wear => "wear",
+        };
+        format!("{base}/{name}")
+    }
+}
+
+/// Writes messages in chunks compressed with zstd, with a summary.
+pub struct HistoryWriter<W: Write + Seek> {
+    inner: mcap::Writer<W>,
+    /// By topic: its number and how many messages it has.
+    topics: HashMap<String, (u16, u32)>,
+}
+
+impl<W: Write + Seek> HistoryWriter<W> {
+    /// Begins a recording.
+    pub fn new(writer: W) -> Result<Self, RecordingError> {
+        let inner = mcap::WriteOptions::new()
+            .library(concat!("flankwatch/", env!("CARGO_PKG_VERSION")))
+            .compression(Some(mcap::Compression::Zstd))
+            // Compression in the calling thread: the same bytes on every machine.
+            .compression_threads(0)
+            .create(writer)
+            .map_err(RecordingError::McapWrite)?;
+        Ok(Self {
+            inner,
+            topics: HashMap::new(),
+        })
+    }
+
+    /// Writes what was computed from the record that began at `start_time` and came at `received_at`. `base` is `/{asset}/{channel}`.
+    pub fn write(
+        &mut self,
+        base: &str,
+        kind: HistoryKind,
+        start_time: Timestamp,
+        received_at: Timestamp,
+        message: &impl Message,
+    ) -> Result<(), RecordingError> {
+        let (publish_time, log_time) = (mcap_time("start_time", start_time)?, mcap_time("received_at", received_at)?);
+        let topic = kind.topic(base);
+        let (channel_id, sequence) = match self.topics.get_mut(&topic) {
+            Some(known) => known,
+            None => {
+                let schema = self.inner.add_schema(kind.schema(), "protobuf", DESCRIPTOR_SET);
+                let schema = schema.map_err(RecordingError::McapWrite)?;
+                let channel = self.inner.add_channel(schema, &topic, "protobuf", &BTreeMap::new());
+                let channel = channel.map_err(RecordingError::McapWrite)?;
+                self.topics.entry(topic).or_insert((channel, 0))
+            }
+        };
+        *sequence = sequence.wrapping_add(1);
+        let header = MessageHeader {
+            channel_id: *channel_id,
+            sequence: *sequence,
+            log_time,
+            publish_time,
+        };
+        self.inner
+            .write_to_known_channel(&header, &message.encode_to_vec())
+            .map_err(RecordingError::McapWrite)
+    }
+
+    /// Writes a metadata record.
+    pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), RecordingError> {
+        let record = Metadata {
+            name: name.to_owned(),
+            metadata: entries,
+        };
+        self.inner.write_metadata(&record).map_err(RecordingError::McapWrite)
+    }
+
+    /// Writes the summary and the end. Without this the recording is not whole.
+    pub fn finish(mut self) -> Result<W, RecordingError> {
+        self.inner.finish().map_err(RecordingError::McapWrite)?;
+        Ok(self.inner.into_inner())
+    }
+}

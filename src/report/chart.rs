@@ -1,0 +1,275 @@
+//! Line charts as SVG, for paper as for a screen.
+
+use std::fmt::Write;
+
+use super::page::escape;
+use super::ticks::{self, Tick};
+
+const WIDTH: f64 = 760.0;
+const HEIGHT: f64 = 250.0;
+const LEFT: f64 = 64.0;
+const RIGHT: f64 = 12.0;
+const TOP: f64 = 10.0;
+const BOTTOM: f64 = 46.0;
+
+/// What the horizontal axis counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Horizontal {
+    /// Seconds since 1970, written as times in UTC.
+    Time,
+    /// Numbers.
+    Number,
+}
+
+/// One curve: points in the order of x, with gaps where there is no value.
+#[derive(Debug)]
+pub(super) struct Series {
+    pub(super) name: String,
+    pub(super) points: Vec<(f64, Option<f64>)>,
+    /// The class that the page's style draws it by.
+    pub(super) class: &'static str,
+}
+
+/// A level to compare with.
+#[derive(Debug)]
+pub(super) struct Level {
+    pub(super) name: String,
+    pub(super) y: f64,
+    pub(super) class: &'static str,
+}
+
+/// A chart with curves, a band and levels.
+#[derive(Debug)]
+pub(super) struct Chart {
+    pub(super) horizontal: Horizontal,
+    pub(super) x_title: String,
+    pub(super) y_title: String,
+    pub(super) series: Vec<Series>,
+    /// Lower and upper edge over x.
+    pub(super) band: Vec<(f64, f64, f64)>,
+    pub(super) levels: Vec<Level>,
+    /// Whether the vertical axis begins at 0.
+    pub(super) from_zero: bool,
+}
+
+/// Places of the plot's area.
+struct Frame {
+    x: [f64; 2],
+    y: [f64; 2],
+}
+
+impl Frame {
+    fn across(&self, x: f64) -> f64 {
+        LEFT + (x - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT)
+    }
+
+    fn up(&self, y: f64) -> f64 {
+        HEIGHT - BOTTOM - (y - self.y[0]) / (self.y[1] - self.y[0]) * (HEIGHT - TOP - BOTTOM)
+    }
+}
+
+impl Chart {
+    /// Whether there is anything to draw.
+    pub(super) fn is_empty(&self) -> bool {
+        self.series.iter().all(|series| series.points.iter().all(|(_, y)| y.is_none()))
+    }
+
+    /// The drawing; described in words by `label`.
+    pub(super) fn svg(&self, label: &str) -> String {
+        let frame = self.frame();
+        let mut svg = format!(
+            "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
+            escape(label)
+        );
+        self.axes(&frame, &mut svg);
+        if !self.band.is_empty() {
+            let upper = self.band.iter().map(|(x, _, high)| (*x, *high));
+            let lower = self.band.iter().rev().map(|(x, low, _)| (*x, *low));
+            let outline: String = upper.chain(lower).map(|(x, y)| place(&frame, x, y)).collect();
+            let _ = write!(svg, "<polygon class=\"band\" points=\"{}\"/>", outline.trim_end());
+        }
+        for level in &self.levels {
+            let y = frame.up(level.y);
+            let _ = write!(
+                svg,
+                "<line class=\"{0}\" x1=\"{LEFT}\" x2=\"{1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/><text class=\"{0}\" x=\"{2}\" y=\"{3:.1}\">{4}</text>",
+                level.class,
+                WIDTH - RIGHT,
+                LEFT + 4.0,
+                y - 4.0,
+                escape(&level.name)
+            );
+        }
+        for series in &self.series {
+            for stretch in series.points.split(|(_, y)| y.is_none()).filter(|stretch| !stretch.is_empty()) {
+                let kept = thin(stretch, &frame);
+                let points: String = kept.iter().map(|(x, y)| place(&frame, *x, *y)).collect();
+                let _ = write!(svg, "<polyline class=\"{}\" points=\"{}\"/>", series.class, points.trim_end());
+            }
+        }
+        svg + "</svg>"
+    }
+
+    /// The names of curves and band, to stand below the drawing.
+    pub(super) fn legend(&self, band: Option<&str>) -> String {
+        let band = band.filter(|_| !self.band.is_empty()).map(|name| ("band", name));
+        let names = self.series.iter().map(|series| (series.class, series.name.as_str())).chain(band);
+        let entries: String = names.map(|(class, name)| entry(class, name)).collect();
+        format!("<ul class=\"legend\">{entries}</ul>")
+    }
+
+    fn frame(&self) -> Frame {
+        let xs = || self.series.iter().flat_map(|series| series.points.iter().map(|(x, _)| *x));
+        let ys = self.series.iter().flat_map(|series| series.points.iter().filter_map(|(_, y)| *y));
+        let ys = ys
+            .chain(self.band.iter().flat_map(|(_, low, high)| [*low, *high]))
+            .chain(self.levels.iter().map(|level| level.y));
+        let [mut low, high] = extent(ys);
+        if self.from_zero {
+            low = low.min(0.0);
+        }
+        let room = 0.06 * (high - low);
+        let below = if self.from_zero && low == 0.0 { 0.0 } else { room };
+        Frame {
+            x: extent(xs()),
+            y: [low - below, high + room],
+        }
+    }
+
+    fn axes(&self, frame: &Frame, svg: &mut String) {
+        let (right, bottom) = (WIDTH - RIGHT, HEIGHT - BOTTOM);
+        for Tick { at, label } in ticks::numbers(frame.y[0], frame.y[1], 5) {
+            let y = frame.up(at);
+            let _ = write!(
+                svg,
+                "<line class=\"grid\" x1=\"{LEFT}\" x2=\"{right}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/><text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
+                LEFT - 6.0,
+                y + 4.0
+            );
+        }
+        let across = match self.horizontal {
+            Horizontal::Time => ticks::times(frame.x[0], frame.x[1], 6),
+            Horizontal::Number => ticks::numbers(frame.x[0], frame.x[1], 8),
+        };
+        for Tick { at, label } in across {
+            let x = frame.across(at);
+            let _ = write!(
+                svg,
+                "<line class=\"tick\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{bottom}\" y2=\"{}\"/><text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>",
+                bottom + 5.0,
+                bottom + 18.0
+            );
+        }
+        let _ = write!(
+            svg,
+            "<line class=\"axis\" x1=\"{LEFT}\" x2=\"{right}\" y1=\"{bottom}\" y2=\"{bottom}\"/>\
+             <text class=\"title\" x=\"{}\" y=\"{}\" text-anchor=\"middle\">{}</text>\
+             <text class=\"title\" transform=\"translate(14 {}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
+            (LEFT + right) / 2.0,
+            HEIGHT - 8.0,
+            escape(&self.x_title),
+            (TOP + bottom) / 2.0,
+            escape(&self.y_title)
+        );
+    }
+}
+
+fn entry(class: &str, name: &str) -> String {
+    let swatch = if class == "band" {
+        "<rect class=\"band\" width=\"24\" height=\"12\"/>".to_owned()
+    } else {
+        format!("<polyline class=\"{class}\" points=\"0,6 24,6\"/>")
+    };
+    format!(
+        "<li><svg class=\"swatch\" viewBox=\"0 0 24 12\" width=\"24\" height=\"12\" aria-hidden=\"true\">{swatch}</svg> {}</li>",
+        escape(name)
+    )
+}
+
+fn place(frame: &Frame, x: f64, y: f64) -> String {
+    format!("{:.1},{:.1} ", frame.across(x), frame.up(y))
+}
+
+/// The least and the greatest, apart from each other in any case.
+fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let [low, high] = values
+        .filter(|value| value.is_finite())
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+            [low.min(value), high.max(value)]
+        });
+    if low > high {
+        [0.0, 1.0]
+    } else if low == high {
+        [low - 0.5 * low.abs().max(1.0), high + 0.5 * high.abs().max(1.0)]
+    } else {
+        [low, high]
+    }
+}
+
+/// The lowest and the highest of the points that fall on one half of a unit across, in the order of x: no more is to be seen.
+fn thin(stretch: &[(f64, Option<f64>)], frame: &Frame) -> Vec<(f64, f64)> {
+    let column = |x: f64| (2.0 * frame.across(x)).floor() as i64;
+    let mut kept = Vec::new();
+    for points in stretch.chunk_by(|a, b| column(a.0) == column(b.0)) {
+        let valued = points.iter().filter_map(|(x, y)| Some((*x, (*y)?)));
+        let by_height = |a: &(f64, f64), b: &(f64, f64)| a.1.total_cmp(&b.1);
+        let (least, greatest) = (valued.clone().min_by(by_height), valued.max_by(by_height));
+        let (Some(least), Some(greatest)) = (least, greatest) else {
+            continue;
+        };
+        kept.push(if least.0 <= greatest.0 { least } else { greatest });
+        if least != greatest {
+            kept.push(if least.0 <= greatest.0 { greatest } else { least });
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chart(points: Vec<(f64, Option<f64>)>) -> Chart {
+        Chart {
+            horizontal: Horizontal::Number,
+            x_title: "x".to_owned(),
+            y_title: "y".to_owned(),
+            series: vec![Series {
+                name: "a < b".to_owned(),
+                points,
+                class: "one",
+            }],
+            band: Vec::new(),
+            levels: Vec::new(),
+            from_zero: true,
+        }
+    }
+
+    #[test]
+    fn a_gap_breaks_the_curve() {
+        let svg = chart(vec![
+            (0.0, Some(1.0)),
+            (1.0, Some(2.0)),
+            (2.0, None),
+            (3.0, Some(1.0)),
+            (4.0, Some(0.5)),
+        ])
+        .svg("words");
+        assert_eq!(svg.matches("<polyline").count(), 2);
+    }
+
+    #[test]
+    fn a_spike_among_many_points_is_drawn() {
+        let mut points: Vec<_> = (0..100_000).map(|n| (f64::from(n), Some(0.0))).collect();
+        points[54_321].1 = Some(7.0);
+        let chart = chart(points);
+        let frame = chart.frame();
+        let kept = thin(&chart.series[0].points, &frame);
+        assert!(kept.len() < 4000 && kept.contains(&(54_321.0, 7.0)), "{}", kept.len());
+    }
+
+    #[test]
+    fn names_are_escaped() {
+        assert!(chart(Vec::new()).legend(None).contains("a &lt; b"));
+    }
+}

@@ -1,0 +1,248 @@
+//! The report's page.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use super::chart::{Chart, Horizontal, Level, Series};
+use super::{Report, ReportedRecord, angle_words};
+
+/// Indicators that are drawn: name, heading and caption.
+const INDICATORS: [(&str, &str, &str); 7] = [
+    ("rms", "RMS", "Root mean square of each record, mean not removed."),
+    ("kurtosis", "Kurtosis", "Gaussian noise has 3, a sine 1.5."),
+    ("omx", "OMX", "Peak amplitude of the first mesh order."),
+    (
+        "omx_tracked",
+        "OMX, order-tracked",
+        "The same over the shaft's angle: a changing speed does not smear it.",
+    ),
+    (
+        "fm0",
+        "FM0",
+        "Peak to peak of the synchronous average over the sum of its mesh harmonics.",
+    ),
+    (
+        "fm4",
+        "FM4",
+        "Kurtosis of the difference signal: single damaged teeth raise it above 3.",
+    ),
+    (
+        "na4",
+        "NA4",
+        "Fourth moment of the residual over the squared mean of its variance in the run so far: grows with spreading damage.",
+    ),
+];
+
+/// Indicators of these without a unit.
+const DIMENSIONLESS: [&str; 4] = ["kurtosis", "fm0", "fm4", "na4"];
+
+/// Classes of curves where there are several channels.
+const CLASSES: [&str; 4] = ["one", "two", "three", "four"];
+
+/// Records in the table; the latest ones where there are more.
+const TABLE_ROWS: usize = 200;
+
+const STYLE: &str = include_str!("report.css");
+
+pub(super) fn html(report: &Report) -> String {
+    let title = report
+        .asset
+        .as_ref()
+        .map_or_else(|| "Vibration report".to_owned(), |name| format!("Vibration report: {name}"));
+    let title = escape(&title);
+    let (first, last) = (report.records.first(), report.records.last());
+    let span = first.zip(last).map_or_else(String::new, |(first, last)| {
+        format!(", {} to {}", first.start_time.strftime(MINUTES), last.start_time.strftime(MINUTES))
+    });
+    let count = report.all_records.unwrap_or(report.records.len());
+    let mut body = format!("<h1>{title}</h1><p>{count} records{span}.</p>");
+    verdict(report, &mut body);
+    let channels: BTreeMap<&str, Vec<&ReportedRecord>> = report.records.iter().fold(BTreeMap::new(), |mut channels, record| {
+        channels.entry(record.channel.as_str()).or_insert_with(Vec::new).push(record);
+        channels
+    });
+    for (channel, records) in &channels {
+        wear_section(report, channel, records, &mut body);
+    }
+    for indicator in INDICATORS {
+        indicator_section(indicator, &channels, &mut body);
+    }
+    spectrum_section(report, &mut body);
+    table(report, &mut body);
+    format!(
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
+         <title>{title}</title><style>{STYLE}</style></head><body>{body}</body></html>"
+    )
+}
+
+const MINUTES: &str = "%Y-%m-%d %H:%M UTC";
+
+/// The latest estimate and what is known of the asset.
+fn verdict(report: &Report, body: &mut String) {
+    let latest = report
+        .records
+        .iter()
+        .rev()
+        .find(|record| record.wear.is_some() || !record.wear_words.is_empty());
+    let mut facts: Vec<(&str, &str)> = latest.iter().map(|record| ("Wear", record.wear_words.as_str())).collect();
+    facts.extend(report.facts.iter().map(|(term, words)| (term.as_str(), words.as_str())));
+    if facts.is_empty() {
+        return;
+    }
+    let facts: String = facts
+        .iter()
+        .map(|(term, words)| format!("<div><dt>{}</dt><dd>{}</dd></div>", escape(term), escape(words)))
+        .collect();
+    let _ = write!(body, "<dl>{facts}</dl>");
+}
+
+fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], body: &mut String) {
+    let of = |pick: fn(&ReportedRecord) -> Option<f64>| records.iter().map(|record| (seconds(record), pick(record))).collect::<Vec<_>>();
+    let median = of(|record| record.wear.as_ref()?.median_um);
+    if median.iter().all(|(_, um)| um.is_none()) {
+        return;
+    }
+    let edges = records.iter().filter_map(|record| {
+        let wear = record.wear.as_ref()?;
+        Some((seconds(record), wear.p05_um?, wear.p95_um?))
+    });
+    let mut series = vec![Series {
+        name: "median".to_owned(),
+        points: median,
+        class: "one",
+    }];
+    let reference = of(|record| record.reference_wear_um);
+    if reference.iter().any(|(_, um)| um.is_some()) {
+        series.push(Series {
+            name: "reference (simulated or inspected)".to_owned(),
+            points: reference,
+            class: "reference",
+        });
+    }
+    let limits = [("warning", report.limits.warning_um), ("danger", report.limits.danger_um)];
+    let chart = Chart {
+        horizontal: Horizontal::Time,
+        x_title: "start of the record (UTC)".to_owned(),
+        y_title: "wear depth (µm)".to_owned(),
+        series,
+        band: edges.collect(),
+        levels: limits
+            .into_iter()
+            .filter_map(|(class, um)| {
+                Some(Level {
+                    name: format!("{class} limit {} µm", um?),
+                    y: um?,
+                    class,
+                })
+            })
+            .collect(),
+        from_zero: true,
+    };
+    let caption = format!("Channel {channel}: median, and the interval that holds the wear depth with 90 % probability.");
+    section("Wear depth", &caption, &chart, Some("5 % to 95 %"), body);
+}
+
+fn indicator_section((name, heading, caption): (&str, &str, &str), channels: &BTreeMap<&str, Vec<&ReportedRecord>>, body: &mut String) {
+    let series = channels.iter().enumerate().map(|(n, (channel, records))| Series {
+        name: format!("channel {channel}"),
+        points: records
+            .iter()
+            .map(|record| (seconds(record), record.indicators.get(name)))
+            .collect(),
+        class: CLASSES[n % CLASSES.len()],
+    });
+    let unit = channels.values().flatten().next().map_or("", |record| record.unit.as_str());
+    let unit = if DIMENSIONLESS.contains(&name) { "–" } else { unit };
+    let chart = Chart {
+        horizontal: Horizontal::Time,
+        x_title: "start of the record (UTC)".to_owned(),
+        y_title: format!("{heading} ({unit})"),
+        series: series.collect(),
+        band: Vec::new(),
+        levels: Vec::new(),
+        from_zero: false,
+    };
+    section(heading, caption, &chart, None, body);
+}
+
+fn spectrum_section(report: &Report, body: &mut String) {
+    let Some(spectrum) = &report.last_spectrum else { return };
+    let points = spectrum.amplitude.iter().enumerate();
+    let chart = Chart {
+        horizontal: Horizontal::Number,
+        x_title: "frequency (Hz)".to_owned(),
+        y_title: format!("peak amplitude ({})", spectrum.unit),
+        series: vec![Series {
+            name: "last record".to_owned(),
+            points: points.map(|(bin, a)| (bin as f64 * spectrum.resolution_hz, Some(*a))).collect(),
+            class: "one",
+        }],
+        band: Vec::new(),
+        levels: Vec::new(),
+        from_zero: true,
+    };
+    let caption = format!(
+        "Last record: {} window, bandwidth {:.3} Hz.",
+        spectrum.window, spectrum.bandwidth_hz
+    );
+    section("Spectrum", &caption, &chart, None, body);
+}
+
+fn section(heading: &str, caption: &str, chart: &Chart, band: Option<&str>, body: &mut String) {
+    if chart.is_empty() {
+        return;
+    }
+    let _ = write!(
+        body,
+        "<section><h2>{}</h2><figure>{}{}<figcaption>{}</figcaption></figure></section>",
+        escape(heading),
+        chart.svg(&format!("{heading}. {caption}")),
+        chart.legend(band),
+        escape(caption)
+    );
+}
+
+fn table(report: &Report, body: &mut String) {
+    let shown = &report.records[report.records.len().saturating_sub(TABLE_ROWS)..];
+    let rows: String = shown.iter().map(row).collect();
+    let which = if shown.len() < report.records.len() || report.all_records.is_some_and(|all| all > shown.len()) {
+        format!("<p>The latest {} records.</p>", shown.len())
+    } else {
+        String::new()
+    };
+    let _ = write!(
+        body,
+        "<h2>Records</h2>{which}<table><thead><tr><th>Record</th><th>Channel</th><th>Start (UTC)</th><th>Shaft (Hz)</th><th>RMS</th>\
+         <th>Kurtosis</th><th>OMX</th><th>FM4</th><th>NA4</th><th>Shaft angle</th><th>Wear</th></tr></thead><tbody>{rows}</tbody></table>"
+    );
+}
+
+fn row(record: &ReportedRecord) -> String {
+    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4}"));
+    format!(
+        "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+        escape(&record.name),
+        escape(&record.channel),
+        record.start_time.strftime("%Y-%m-%d %H:%M:%S"),
+        number(record.shaft_speed_hz),
+        number(record.indicators.get("rms")),
+        number(record.indicators.get("kurtosis")),
+        number(record.indicators.get("omx")),
+        number(record.indicators.get("fm4")),
+        number(record.indicators.get("na4")),
+        record.shaft_angle.as_ref().map_or_else(|| "–".to_owned(), angle_words),
+        escape(&record.wear_words),
+    )
+}
+
+fn seconds(record: &ReportedRecord) -> f64 {
+    record.start_time.as_nanosecond() as f64 * 1e-9
+}
+
+/// Text as it stands in markup.
+pub(super) fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}

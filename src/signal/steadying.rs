@@ -1,0 +1,223 @@
+//! Taking the wander of the speed out of the mesh lines, so that features of records at a wandering speed and at a constant one
+//! are the same.
+
+use std::f64::consts::TAU;
+
+use realfft::num_complex::Complex;
+
+use super::line::{MAIN_LOBE_BINS, noise_amplitude, read_line};
+use super::mesh_comb::SHAFT_RESOLVED_BINS;
+use super::mesh_phase::MeshBand;
+use super::record_spectrum::RecordSpectrum;
+use super::shaft_angle::ShaftAngle;
+use super::spectrum::{HANN_BANDWIDTH_BINS, hann_amplitude};
+
+/// Harmonics that show whether the speed wanders: the higher ones show it more.
+const SHOWING: usize = 5;
+
+/// A line is wide where the energy around it is this many times that of a single line ...
+const WIDE: f64 = 1.15;
+
+/// ... and it stands this far above the noise, as a ratio of amplitudes.
+const CLEAR: f64 = 4.0;
+
+/// What is steadied around each mesh harmonic, in shaft rates: the sidebands that features read, and a little more.
+const REACH_SHAFTS: f64 = 2.75;
+
+/// Where the mesh stands in one record.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Mesh {
+    /// The mesh frequency in bins.
+    pub(super) bins: f64,
+    /// Teeth of the shaft.
+    pub(super) teeth: u32,
+    /// Samples a second.
+    pub(super) sample_rate_hz: f64,
+}
+
+/// What was done to a transform, and what it was before.
+pub(super) struct Steadied {
+    /// The mean mesh frequency in bins, which the lines have now.
+    pub(super) mesh_bins: f64,
+    bins: Vec<Complex<f64>>,
+    amplitude: Vec<f64>,
+}
+
+impl Steadied {
+    /// Puts the transform back.
+    pub(super) fn undo(self, work: &mut RecordSpectrum) {
+        work.bins = self.bins;
+        work.amplitude = self.amplitude;
+    }
+}
+
+/// Replaces the bins around the mesh harmonics by those the record would have at its mean speed: the band's analytic signal is turned
+/// back by the harmonic's share of the mesh phase's wander. `None` where nothing was done because the speed does not wander or cannot be
+/// followed.
+pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) -> Option<Steadied> {
+    let shaft_bins = mesh.bins / f64::from(mesh.teeth);
+    if shaft_bins < SHAFT_RESOLVED_BINS || !wanders(work, mesh.bins, shaft_bins) {
+        return None;
+    }
+    let duration_s = work.length as f64 / mesh.sample_rate_hz;
+    let band = MeshBand {
+        bins: &work.bins,
+        length: work.length,
+        sample_rate_hz: mesh.sample_rate_hz,
+        teeth: mesh.teeth,
+        mesh_hz: mesh.bins / duration_s,
+    };
+    // The comb is found where the speed lingers, which may be the end of its swing: once more from the mean.
+    let first = band.track_known(&mut work.transforms)?;
+    let mesh_hz = first.mean_speed_hz() * f64::from(mesh.teeth);
+    let band = MeshBand { mesh_hz, ..band };
+    let angle = band.track_known(&mut work.transforms).unwrap_or(first);
+    let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
+    // Revolutions ahead of the mean speed.
+    let ahead = Wander::of(&angle, mean_bins / f64::from(mesh.teeth) / duration_s, duration_s);
+    let mut steadied = work.bins.clone();
+    for order in 1..=harmonics {
+        let centre = order as f64 * mean_bins;
+        let inner = REACH_SHAFTS * mean_bins / f64::from(mesh.teeth);
+        let reach = inner + ahead.speed_part * centre;
+        let (first, last) = ((centre - reach).ceil(), (centre + reach).floor());
+        if first < 1.0 || last >= 0.5 * work.length as f64 {
+            continue;
+        }
+        let (first, last) = (first as usize, last as usize);
+        let turns_each = order as f64 * f64::from(mesh.teeth);
+        let band = MeshBand { bins: &work.bins, ..band };
+        let mut signal = band.analytic(first, last, &mut work.transforms);
+        let samples = signal.len();
+        for (j, z) in signal.iter_mut().enumerate() {
+            let back = TAU * turns_each * ahead.revolutions(j as f64 / samples as f64);
+            *z *= Complex::from_polar(1.0, -back);
+        }
+        let mut part = |values: Vec<f64>| {
+            let (mut values, mut bins) = (values, Vec::new());
+            work.transforms.forward(&mut values, &mut bins);
+            bins
+        };
+        let real = part(signal.iter().map(|z| z.re).collect());
+        let imaginary = part(signal.iter().map(|z| z.im).collect());
+        // The analytic signal holds each bin twice over the record's length.
+        let scale = work.length as f64 / (2.0 * samples as f64);
+        let kept = (centre - inner).ceil() as usize..=(centre + inner).floor() as usize;
+        for bin in kept.filter(|bin| (first..=last).contains(bin)) {
+            let m = bin - first + 1;
+            steadied[bin] = (real[m] + imaginary[m] * Complex::i()) * scale;
+        }
+    }
+    let bins = std::mem::replace(&mut work.bins, steadied);
+    let amplitude = std::mem::take(&mut work.amplitude);
+    hann_amplitude(&work.bins, work.length, &mut work.amplitude);
+    Some(Steadied {
+        mesh_bins: mean_bins,
+        bins,
+        amplitude,
+    })
+}
+
+/// Whether some clear harmonic is wider than a line at a constant speed.
+fn wanders(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> bool {
+    let RecordSpectrum { amplitude, sorting, .. } = work;
+    (1..=SHOWING).any(|order| {
+        let centre = order as f64 * mesh_bins;
+        let reach = 0.45 * shaft_bins;
+        let Some(line) = read_line(amplitude, centre) else { return false };
+        let (first, last) = ((centre - reach).ceil() as usize, (centre + reach).floor() as usize);
+        if first < 1 || last + 1 >= amplitude.len() || reach < MAIN_LOBE_BINS + 1.0 {
+            return false;
+        }
+        sorting.clear();
+        let aside = (shaft_bins * 0.5) as usize;
+        sorting.extend_from_slice(&amplitude[first.saturating_sub(aside)..(last + aside).min(amplitude.len() - 1)]);
+        let noise = noise_amplitude(sorting).unwrap_or(0.0);
+        let bins = (last - first + 1) as f64;
+        let energy: f64 = amplitude[first..=last].iter().map(|a| a * a).sum::<f64>();
+        let around = (energy - bins * noise * noise) / HANN_BANDWIDTH_BINS;
+        let single = line.amplitude * line.amplitude;
+        around > CLEAR * CLEAR * noise * noise && around > WIDE * single
+    })
+}
+
+/// How far a shaft is ahead of its mean speed, over the parts of a record.
+struct Wander {
+    revolutions: Vec<f64>,
+    /// Greatest deviation of the speed as a part of the mean.
+    speed_part: f64,
+}
+
+impl Wander {
+    /// Steps over the record; the speed wanders slowly.
+    const STEPS: usize = 512;
+
+    fn of(angle: &ShaftAngle, mean_hz: f64, duration_s: f64) -> Self {
+        let step_s = duration_s / Self::STEPS as f64;
+        let revolutions: Vec<f64> = (0..=Self::STEPS)
+            .map(|i| {
+                let t = i as f64 * step_s;
+                angle.revolution(t) - mean_hz * t
+            })
+            .collect();
+        let fastest = revolutions.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+        Self {
+            revolutions,
+            speed_part: (fastest / (mean_hz * step_s)).min(0.02),
+        }
+    }
+
+    /// At a part of the record, 0 to 1.
+    fn revolutions(&self, part: f64) -> f64 {
+        let place = part * Self::STEPS as f64;
+        let i = (place as usize).min(Self::STEPS - 1);
+        self.revolutions[i] + (place - i as f64) * (self.revolutions[i + 1] - self.revolutions[i])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::Timestamp;
+
+    use super::super::{AnalysisSettings, Analyzer, MeshContext, Record};
+    use super::*;
+
+    /// Harmonics of amplitude 1/h with once-per-turn modulation of depth 0.2; the speed swings by this part at 0.7 Hz.
+    fn features(swing: f64) -> super::super::Features {
+        let (rate_hz, shaft_hz, swing_hz) = (20_000.0, 16.64, 0.7);
+        let samples = (0..40_000).map(|i| {
+            let t = f64::from(i) / rate_hz;
+            let turn = TAU * shaft_hz * (t + swing * (1.0 - (TAU * swing_hz * t).cos()) / (TAU * swing_hz));
+            let lines: f64 = (1..=10)
+                .map(|h| (1.0 + 0.2 * turn.cos()) / f64::from(h) * (24.0 * f64::from(h) * turn + f64::from(h * h)).sin())
+                .sum();
+            // A little that is neither.
+            (lines + 0.01 * (f64::from(i * i % 977) / 977.0 - 0.5)) as f32
+        });
+        let record = Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, "g", samples.collect()).unwrap();
+        let mesh = MeshContext {
+            teeth: 24,
+            nominal_shaft_speed_hz: 16.64,
+            tolerance: 0.05,
+            nominal_is_exact: false,
+        };
+        Analyzer::new(AnalysisSettings::default()).analyze(&record, &mesh).features
+    }
+
+    /// The amplitudes put in, whatever the speed does: ln(1/h), sidebands 0.1·√2/h; within 8 %, as the first and the last turn are not followed.
+    #[test]
+    fn lines_at_a_wandering_speed_read_as_at_a_constant_one() {
+        for swing in [0.0, 0.002, 0.005, -0.005] {
+            let got = features(swing);
+            for order in 1..=10 {
+                let line = got.values[&format!("ln_mesh_{order}")];
+                assert!((line + f64::from(order).ln()).abs() < 0.08, "{swing} {order}: {line}");
+            }
+            for order in 1..=4 {
+                let sideband = got.values[&format!("ln_sideband_{order}")];
+                let expected = (0.1 * 2.0_f64.sqrt() / f64::from(order)).ln();
+                assert!((sideband - expected).abs() < 0.15, "{swing} {order}: {sideband} {expected}");
+            }
+        }
+    }
+}

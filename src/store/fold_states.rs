@@ -1,0 +1,132 @@
+//! States of the fold over a channel's records: the newest one, and some of earlier ones to begin again from.
+
+use sqlx::any::AnyRow;
+
+use super::commit::Commit;
+use super::rows::{get, get_count, get_time, to_ns};
+use super::{ChannelSummary, SegmentKey, Store, StoreError};
+use crate::asset::SegmentId;
+
+/// Records from one kept state to the next.
+pub const SEGMENTS_PER_STATE: u64 = 64;
+
+/// States further back than this many records are thinned out to every [`SPARSE_EVERY`] records.
+const DENSE_RECORDS: u64 = 2048;
+
+/// Records from one kept state to the next among the early ones.
+const SPARSE_EVERY: u64 = 1024;
+
+/// What is known after some of a channel's records in the order of time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoldState {
+    /// The last record that went in.
+    pub last: SegmentKey,
+    /// Number of records that went in.
+    pub position: u64,
+    /// The state as JSON.
+    pub state: String,
+}
+
+impl Store {
+    /// The state after the latest record of a channel, in the generation that is served.
+    pub async fn newest_state(&self, channel: &ChannelSummary) -> Result<Option<FoldState>, StoreError> {
+        let row = sqlx::query("SELECT * FROM fold_states WHERE channel_no = $1 AND generation = $2 ORDER BY position DESC LIMIT 1")
+            .bind(channel.channel_no)
+            .bind(channel.wear_generation)
+            .fetch_optional(self.read())
+            .await?;
+        row.as_ref().map(state_of).transpose()
+    }
+
+    /// The latest kept state, of the generation that is served, in which neither `key` nor any later record is.
+    pub async fn state_before(&self, channel: &ChannelSummary, key: &SegmentKey) -> Result<Option<FoldState>, StoreError> {
+        self.state_before_in(channel, channel.wear_generation, key).await
+    }
+
+    pub(super) async fn state_before_in(
+        &self,
+        channel: &ChannelSummary,
+        generation: i64,
+        key: &SegmentKey,
+    ) -> Result<Option<FoldState>, StoreError> {
+        let row = sqlx::query(
+            "SELECT * FROM fold_states WHERE channel_no = $1 AND generation = $2 AND (start_time_ns, segment_id) < ($3, $4)
+             ORDER BY position DESC LIMIT 1",
+        )
+        .bind(channel.channel_no)
+        .bind(generation)
+        .bind(to_ns(key.start_time)?)
+        .bind(key.id.0.as_str())
+        .fetch_optional(self.read())
+        .await?;
+        row.as_ref().map(state_of).transpose()
+    }
+}
+
+impl Commit {
+    /// Replaces the states after position `after` by `states`, in rising order; keeps of the earlier ones those worth it.
+    pub(super) async fn set_states_in(
+        &mut self,
+        channel: &ChannelSummary,
+        generation: i64,
+        after: u64,
+        states: &[FoldState],
+    ) -> Result<(), StoreError> {
+        let from_count = |count: u64| i64::try_from(count).unwrap_or(i64::MAX);
+        // The newest one of before is kept only where its position is one of those that are.
+        let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) {
+            after + 1
+        } else {
+            after
+        };
+        sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND position >= $3")
+            .bind(channel.channel_no)
+            .bind(generation)
+            .bind(from_count(first_removed))
+            .execute(&mut *self.transaction)
+            .await?;
+        let newest = states.last().map_or(after, |state| state.position);
+        for state in states {
+            let is_kept = state.position == newest || is_worth_keeping(state.position, newest);
+            if !is_kept {
+                continue;
+            }
+            sqlx::query(
+                "INSERT INTO fold_states (channel_no, generation, position, start_time_ns, segment_id, state) VALUES ($1, $2, $3, $4, $5, $6)",
+            )
+            .bind(channel.channel_no)
+            .bind(generation)
+            .bind(from_count(state.position))
+            .bind(to_ns(state.last.start_time)?)
+            .bind(state.last.id.0.as_str())
+            .bind(state.state.as_str())
+            .execute(&mut *self.transaction)
+            .await?;
+        }
+        if newest / SEGMENTS_PER_STATE > after / SEGMENTS_PER_STATE && newest > DENSE_RECORDS {
+            sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND position < $3 AND position % $4 <> 0")
+                .bind(channel.channel_no)
+                .bind(generation)
+                .bind(from_count(newest - DENSE_RECORDS))
+                .bind(from_count(SPARSE_EVERY))
+                .execute(&mut *self.transaction)
+                .await?;
+        }
+        Ok(())
+    }
+}
+
+fn is_worth_keeping(position: u64, newest: u64) -> bool {
+    position.is_multiple_of(SPARSE_EVERY) || (position.is_multiple_of(SEGMENTS_PER_STATE) && position + DENSE_RECORDS >= newest)
+}
+
+fn state_of(row: &AnyRow) -> Result<FoldState, StoreError> {
+    Ok(FoldState {
+        last: SegmentKey {
+            start_time: get_time(row, "start_time_ns")?,
+            id: SegmentId(get(row, "segment_id")?),
+        },
+        position: get_count(row, "position")?,
+        state: get(row, "state")?,
+    })
+}

@@ -1,0 +1,164 @@
+// Choosing a record, the ways to look at it, cursors, comparison; and that a link brings all of it back.
+
+import assert from "node:assert/strict";
+import { asset, close, drawn, json, open, overviewDrawn, parameters, recordShown } from "./page.mjs";
+
+const selectedTime = (page) => page.locator(".record-bar h2").textContent();
+const readout = (page) => page.locator(".cursor-readout");
+
+export const CHECKS = {
+  "a click on a record selects it, and the link restores it": async (name) => {
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await overviewDrawn(page);
+    const area = await page.locator('[data-plot="wear"] .nsewdrag').first().boundingBox();
+    // Plotly tells what is clicked from what is pointed at
+    await page.mouse.move(area.x + 0.4 * area.width, area.y + 0.5 * area.height);
+    await page.locator('[data-plot="wear"] .hoverlayer .legend, [data-plot="wear"] .hoverlayer .hovertext').first().waitFor();
+    await page.mouse.click(area.x + 0.4 * area.width, area.y + 0.5 * area.height);
+    await page.waitForFunction(() => location.hash.includes("segment="));
+    const clicked = await recordShown(page);
+    const latest = await json(`assets/${asset}/wear`);
+    assert.notEqual(clicked.id, latest.segment_id, "not the latest record");
+
+    const restored = await open(new URL(page.url()).hash);
+    await recordShown(restored.page);
+    assert.equal(await selectedTime(restored.page), await selectedTime(page));
+    await close(restored, `${name} restored`);
+    await close(opened, name);
+  },
+
+  "records are chosen by keyboard": async (name) => {
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await overviewDrawn(page);
+    await page.getByRole("button", { name: "Previous" }).focus();
+    await page.keyboard.press("Enter");
+    await page.waitForFunction(() => location.hash.includes("segment="));
+    const first = await recordShown(page);
+    await page.keyboard.press("Enter");
+    await page.waitForFunction((id) => !location.hash.includes(id), first.id);
+    const second = await recordShown(page);
+    assert.ok(Date.parse(second.start_time) < Date.parse(first.start_time));
+    await page.goBack();
+    await recordShown(page);
+    assert.equal(parameters(page).get("segment"), first.id);
+    await close(opened, name);
+  },
+
+  "every way to look at a record is drawn, and the link brings them back": async (name) => {
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await overviewDrawn(page);
+    for (const label of ["Waveform", "Average over one turn", "Cepstrum"]) await page.getByRole("button", { name: label, exact: true }).click();
+    for (const kind of ["waveform", "turn", "cepstrum"]) await drawn(page, kind);
+    const restored = await open(new URL(page.url()).hash);
+    for (const kind of ["waveform", "turn", "cepstrum", "spectrum"]) await drawn(restored.page, kind);
+    await close(restored, `${name} restored`);
+    await close(opened, name);
+  },
+
+  "a waveform is zoomed down to its samples": async (name) => {
+    const opened = await open(`#/assets/${asset}?show=waveform&part=0.1~0.11`);
+    const { page } = opened;
+    await drawn(page, "waveform");
+    await page.locator('[data-plot="waveform"] .plot-sub', { hasText: "every sample" }).waitFor();
+    const { sample_rate_hz: rate } = await json(`segments/${(await json(`assets/${asset}/wear`)).segment_id}`);
+    const points = await page.evaluate(() => document.querySelector('[data-plot="waveform"] .plot').data[0].x.length);
+    assert.ok(Math.abs(points - 0.01 * rate) <= 2, `${points} samples in 10 ms at ${rate} Hz`);
+    await close(opened, name);
+  },
+
+  "a harmonic cursor is dragged onto a line and tells count and spacing": async (name) => {
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await overviewDrawn(page);
+    await page.getByLabel("Cursor", { exact: true }).selectOption("h");
+    await readout(page).waitFor();
+    const { mesh_frequency_hz: mesh } = (await json(`assets/${asset}/wear`)).shaft_speed;
+    assert.ok((await readout(page).textContent()).includes("24 × shaft"), await readout(page).textContent());
+    const handle = page.getByRole("slider", { name: "Fundamental of the harmonic cursor" });
+    await handle.scrollIntoViewIfNeeded();
+    const box = await handle.boundingBox();
+    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+    const reach = await page.evaluate((hertz) => {
+      const { xaxis } = document.querySelector('[data-plot="spectrum"] .plot')._fullLayout;
+      return xaxis.l2p(2 * hertz) - xaxis.l2p(hertz);
+    }, mesh);
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x + reach, y, { steps: 6 });
+    await page.mouse.up();
+    // let go near the second mesh harmonic, it stands on that line's peak
+    await page.waitForFunction((hertz) => Math.abs(Number(/cursor=h(?:%7E|~)([\d.]+)/.exec(location.hash)?.[1]) / hertz - 2) < 0.02, mesh);
+    await handle.focus();
+    const before = parameters(page).get("cursor");
+    await page.keyboard.press("ArrowRight");
+    await page.waitForFunction((was) => new URLSearchParams(location.hash.split("?")[1]).get("cursor") !== was, before);
+    await page.getByLabel("Cursor", { exact: true }).selectOption("s");
+    await readout(page).getByText("Sidebands: centre").waitFor();
+    const spacing = page.getByRole("slider", { name: "First upper sideband" });
+    assert.ok(await spacing.isVisible());
+    await close(opened, name);
+  },
+
+  "over orders the mesh line stands at the tooth number": async (name) => {
+    const opened = await open(`#/assets/${asset}?axis=orders`);
+    const { page } = opened;
+    await drawn(page, "spectrum");
+    await page.locator('[data-plot="spectrum"] .infolayer', { hasText: "Order of the driving shaft" }).first().waitFor();
+    const { gear } = await json(`assets/${asset}`);
+    const first = await page.evaluate(() => document.querySelector('[data-plot="spectrum"] .plot').data.at(-1).x[0]);
+    assert.equal(first, gear.teeth[0]);
+    await close(opened, name);
+  },
+
+  "a pinned record is drawn with the selected one": async (name) => {
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await overviewDrawn(page);
+    await page.getByRole("button", { name: "Pin to compare" }).click();
+    await page.waitForFunction(() => location.hash.includes("pin="));
+    await page.getByRole("button", { name: "Previous" }).click();
+    await recordShown(page);
+    await page.locator('[data-plot="spectrum"] .legend', { hasText: "pinned record" }).waitFor();
+    assert.ok((await page.locator(".record-bar .fact .pinned-value").count()) >= 4);
+    await close(opened, name);
+  },
+
+  "a zoom is kept while new data comes in": async (name) => {
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await overviewDrawn(page);
+    const area = await page.locator('[data-plot="wear"] .nsewdrag').first().boundingBox();
+    const y = area.y + 0.5 * area.height;
+    await page.mouse.move(area.x + 0.4 * area.width, y);
+    await page.mouse.down();
+    await page.mouse.move(area.x + 0.7 * area.width, y, { steps: 5 });
+    await page.mouse.up();
+    const range = (kind) => page.evaluate((k) => document.querySelector(`[data-plot="${k}"] .plot`).layout.xaxis.range.map(String), kind);
+    await page.waitForFunction(() => document.querySelector('[data-plot="wear"] .plot').layout.xaxis.autorange !== true);
+    const zoomed = await range("wear");
+    await page.waitForTimeout(4500);
+    assert.deepEqual(await range("wear"), zoomed);
+    assert.deepEqual(await range("trends"), zoomed, "the trends show the same stretch of time");
+    await close(opened, name);
+  },
+
+  "numbers are saved as CSV and drawings as PNG": async (name) => {
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await overviewDrawn(page);
+    const save = async (button) => {
+      const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: button, exact: true }).click()]);
+      const chunks = [];
+      for await (const chunk of await download.createReadStream()) chunks.push(chunk);
+      return Buffer.concat(chunks);
+    };
+    const csv = (await save("Spectrum: save as CSV")).toString();
+    assert.match(csv, /^frequency_hz,amplitude_peak \(.*\)\r\n\d/);
+    assert.ok(csv.split("\r\n").length > 100);
+    assert.equal((await save("Spectrum: save as PNG")).subarray(1, 4).toString(), "PNG");
+    await close(opened, name);
+  },
+};

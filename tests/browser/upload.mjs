@@ -1,0 +1,90 @@
+// Files from the page: a WAV, a CSV, dropped ones, and broken ones that are refused in words.
+
+import assert from "node:assert/strict";
+import { asset, base, json, open } from "./page.mjs";
+
+const RATE = 4000;
+const value = (n) => Math.sin((2 * Math.PI * 310 * n) / RATE) + 0.3 * Math.sin(n * n);
+
+/** A WAV file of 16-bit samples. */
+function wav(samples) {
+  const bytes = Buffer.alloc(44 + 2 * samples);
+  bytes.write("RIFF", 0);
+  bytes.writeUInt32LE(36 + 2 * samples, 4);
+  bytes.write("WAVEfmt ", 8);
+  [[16, 16, 4], [20, 1, 2], [22, 1, 2], [24, RATE, 4], [28, 2 * RATE, 4], [32, 2, 2], [34, 16, 2]].forEach(([at, number, size]) => bytes.writeUIntLE(number, at, size));
+  bytes.write("data", 36);
+  bytes.writeUInt32LE(2 * samples, 40);
+  for (let n = 0; n < samples; n++) bytes.writeInt16LE(Math.round(9000 * value(n)), 44 + 2 * n);
+  return bytes;
+}
+
+const csv = (rows, broken) => ["time,a1", ...Array.from({ length: rows }, (_, n) => `${n / RATE},${n === broken ? "none" : value(n)}`)].join("\n");
+
+/** A page of a new asset with its dialog open. */
+async function dialog() {
+  const id = `upload-${Date.now()}`;
+  const spec = { id, gear: { teeth: [31, 62], shaft_speed_hz: 10 }, sensor: { unit: "m/s2" } };
+  await fetch(`${base}/v1/assets`, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(spec) });
+  const opened = await open(`#/assets/${id}`);
+  await opened.page.getByRole("button", { name: "Add records…" }).first().click();
+  return { id, ...opened };
+}
+
+async function end({ id, page }) {
+  await page.context().close();
+  await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
+}
+
+export const CHECKS = {
+  "a WAV file becomes a record": async () => {
+    const opened = await dialog();
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", { name: "bearing.wav", mimeType: "audio/wav", buffer: wav(2000) });
+    await page.locator('.result[data-kind="good"]').getByText("bearing.wav").waitFor();
+    assert.equal((await json(`assets/${id}`)).summary.segments, 1);
+    assert.deepEqual(opened.faults, []);
+    await end(opened);
+  },
+
+  "a CSV file becomes a record at the rate of its time column": async () => {
+    const opened = await dialog();
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", { name: "samples.csv", mimeType: "text/csv", buffer: Buffer.from(csv(2000)) });
+    await page.locator('.result[data-kind="good"]').getByText("samples.csv").waitFor();
+    const { items } = await json(`assets/${id}/segments`);
+    assert.deepEqual([items[0].samples, items[0].sample_rate_hz], [2000, RATE]);
+    const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
+    assert.ok(wave.value.every((sample, n) => Math.abs(sample - value(n)) < 1e-6), "no sample is changed");
+    await end(opened);
+  },
+
+  "files dropped anywhere on the page are taken": async () => {
+    const opened = await dialog();
+    const { id, page } = opened;
+    await page.getByRole("button", { name: "Close" }).click();
+    const bytes = [...wav(1000)];
+    await page.evaluate((content) => {
+      const transfer = new DataTransfer();
+      transfer.items.add(new File([new Uint8Array(content)], "dropped.wav", { type: "audio/wav" }));
+      document.querySelector("main h1").dispatchEvent(new DragEvent("drop", { bubbles: true, cancelable: true, dataTransfer: transfer }));
+    }, bytes);
+    await page.locator('.result[data-kind="good"]').getByText("dropped.wav").waitFor();
+    assert.equal((await json(`assets/${id}`)).summary.segments, 1);
+    await end(opened);
+  },
+
+  "broken files are refused in words": async () => {
+    const { page } = await open(`#/assets/${asset}`);
+    await page.getByRole("button", { name: "Add records" }).click();
+    const refused = async (name, content, words) => {
+      await page.setInputFiles("#upload-file", { name, mimeType: "application/octet-stream", buffer: Buffer.from(content) });
+      await page.locator('.result[data-kind="bad"]').getByText(words).first().waitFor();
+    };
+    await refused("broken.wav", "not a recording", "broken.wav was not taken");
+    await refused("broken.csv", csv(100, 41), "line 43, column “a1” is “none”, expected a finite number");
+    await refused("untimed.csv", "a1\n1\n2\n3", "the sampling rate is needed");
+    await refused("notes.txt", "words", "expected a file that ends in .wav, .mcap, .csv");
+    await page.context().close();
+  },
+};

@@ -1,0 +1,81 @@
+// Waterfall, match and settings: what is clicked and typed in them.
+
+import assert from "node:assert/strict";
+import { asset, base, close, drawn, json, open, parameters, recordShown } from "./page.mjs";
+
+export const CHECKS = {
+  "a click on a line of the waterfall opens its record": async (name) => {
+    const opened = await open(`#/assets/${asset}/waterfall?axis=orders&max=60`);
+    const { page } = opened;
+    await drawn(page, "waterfall");
+    const title = await page.locator('[data-plot="waterfall"] .infolayer').first().textContent();
+    assert.ok(title.includes("Order of the driving shaft"), title);
+    const box = await page.locator('[data-plot="waterfall"] .nsewdrag').first().boundingBox();
+    const [x, y] = [box.x + 0.5 * box.width, box.y + 0.5 * box.height];
+    await page.mouse.move(x, y);
+    await page.locator('[data-plot="waterfall"] .hoverlayer .hovertext').first().waitFor();
+    await page.mouse.click(x, y);
+    await page.waitForURL((url) => url.hash.startsWith(`#/assets/${asset}?`) && url.hash.includes("segment="));
+    await recordShown(page);
+    await close(opened, name);
+  },
+
+  "the match shows features, flank and the mesh of the best state": async (name) => {
+    const opened = await open(`#/assets/${asset}/match`);
+    const { page } = opened;
+    for (const kind of ["features", "posterior", "stiffness", "transmission"]) await drawn(page, kind);
+    const { segment_id: id } = await json(`assets/${asset}/wear`);
+    const match = await json(`segments/${id}/match`);
+    await page.locator(".match-words", { hasText: `number ${match.state_index}` }).waitFor();
+    assert.equal(await page.locator(".tooth svg").count(), 2);
+    const labels = await page.locator('[data-plot="features"] .ytick').allTextContents();
+    assert.equal(labels.length, match.features.length, `${labels}`);
+    await close(opened, name);
+  },
+
+  "settings are changed, and a wrong one is refused at its field": async (name) => {
+    const id = `settings-${Date.now()}`;
+    const spec = { id, name: "Before", gear: { teeth: [31, 62], shaft_speed_hz: 10 }, limits: { warning_um: 50, danger_um: 90 } };
+    const made = await fetch(`${base}/v1/assets`, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(spec) });
+    assert.equal(made.status, 201);
+    const { page, faults } = await open(`#/assets/${id}/settings`);
+    await page.getByLabel("Name", { exact: true }).fill("After");
+    await page.getByLabel("Danger (µm)").fill("120");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await page.getByText("Saved.").waitFor();
+    const saved = await json(`assets/${id}`);
+    assert.deepEqual([saved.name, saved.limits.danger_um], ["After", 120]);
+    assert.deepEqual(faults, []);
+    await page.getByLabel("Teeth, driving").fill("-3");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await page.getByText("Not saved:").waitFor();
+    assert.equal((await json(`assets/${id}`)).gear.teeth[0], 31);
+    await page.context().close();
+    await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
+  },
+
+  "the gear pair is drawn to scale as it is typed": async (name) => {
+    const opened = await open(`#/assets/${asset}/settings`);
+    const { page } = opened;
+    const drawing = page.locator(".gear-drawing svg");
+    await drawing.waitFor();
+    const before = await drawing.getAttribute("aria-label");
+    assert.ok(before.includes("24 teeth"), before);
+    await page.getByLabel("Teeth, driving").fill("40");
+    await page.locator('.gear-drawing svg[aria-label*="40 teeth"]').waitFor();
+    await close(opened, name);
+  },
+
+  "trends are chosen, on a logarithmic scale, by operating point": async (name) => {
+    const opened = await open(`#/assets/${asset}?trend=kurtosis,peak&bins=speed`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    await page.locator('[data-plot="trends"] .legend li').first().waitFor();
+    await page.getByLabel("Log", { exact: true }).first().check();
+    await page.waitForFunction(() => document.querySelector('[data-plot="trends"] .plot').layout.yaxis.type === "log");
+    assert.equal(parameters(page).get("log"), "1");
+    const titles = await page.locator('[data-plot="trends"] .infolayer').first().textContent();
+    assert.ok(titles.includes("Kurtosis") && titles.includes("Peak"), titles);
+    await close(opened, name);
+  },
+};

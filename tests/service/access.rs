@@ -1,0 +1,212 @@
+//! Who may do what, and how many at once.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
+use std::time::Duration;
+
+use flankwatch::http::{Scope, ServiceConfig, ServiceError, TlsFiles, Tokens, start};
+use flankwatch::ingest::SystemClock;
+use jiff::Timestamp;
+
+use crate::running::{Answer, Service, plain_asset, record};
+
+fn with_token(service: &Service, token: &str, method: &str, path: &str, body: &str) -> Answer {
+    let authorization = format!("Bearer {token}");
+    let headers = [("authorization", authorization.as_str()), ("content-type", "application/json")];
+    service.send(method, path, &headers, body.as_bytes())
+}
+
+#[test]
+fn a_token_opens_what_its_scope_says_until_it_is_revoked() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let tokens = Tokens::of(service.folder());
+    let make = |scope| tokens.create("test", scope, Timestamp::UNIX_EPOCH).unwrap();
+    let (read, write, admin) = (make(Scope::Read), make(Scope::Write), make(Scope::Admin));
+    let refused = service.get("/v1/assets");
+    assert_eq!(refused.header("www-authenticate"), "Bearer");
+    refused.expect_problem(401, &["token"]);
+    with_token(&service, "fwt_00000000_0", "GET", "/v1/assets", "").expect_problem(401, &["revoked"]);
+    for path in ["/", "/static/app.js", "/docs", "/openapi.json", "/healthz", "/readyz"] {
+        service.get(path).expect(200);
+    }
+    service.get("/metrics").expect_problem(401, &[]);
+    service.get("/v1/nothing").expect_problem(401, &[]);
+    with_token(&service, &read, "GET", "/metrics", "").expect(200);
+    let other = plain_asset("other").to_string();
+    let block = flankwatch::recording::encode_block(&record("1", 1), flankwatch::recording::BlockEncoding::Json);
+    let block = String::from_utf8(block).unwrap();
+    let segments = "/v1/assets/pump/segments";
+    with_token(&service, &read, "POST", segments, &block).expect_problem(403, &["read", "write"]);
+    with_token(&service, &write, "POST", segments, &block).expect(201);
+    with_token(&service, &write, "POST", "/v1/assets", &other).expect_problem(403, &["admin"]);
+    with_token(&service, &write, "DELETE", "/v1/assets/pump", "").expect_problem(403, &["admin"]);
+    with_token(&service, &admin, "POST", "/v1/assets", &other).expect(201);
+    for token in tokens.list().unwrap().unwrap().iter() {
+        tokens.revoke(&token.id).unwrap();
+    }
+    with_token(&service, &admin, "GET", "/v1/assets", "").expect_problem(401, &[]);
+    std::fs::remove_file(service.folder().join("tokens.json")).unwrap();
+    service.get("/v1/assets").expect_problem(401, &[]);
+}
+
+#[test]
+fn too_many_requests_with_one_token_are_put_off() {
+    let service = Service::start_with(|config| config.http.requests_per_s = 1.try_into().unwrap());
+    let tokens = Tokens::of(service.folder());
+    let token = tokens.create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+    let other = tokens.create("b", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+    let answers: Vec<Answer> = (0..20).map(|_| with_token(&service, &token, "GET", "/v1/assets", "")).collect();
+    assert_eq!(answers[0].status, 200);
+    let put_off = answers.into_iter().find(|answer| answer.status == 429).unwrap();
+    assert!(put_off.header("retry-after").parse::<u32>().unwrap() >= 1);
+    put_off.expect_problem(429, &["too many"]);
+    with_token(&service, &other, "GET", "/v1/assets", "").expect(200);
+}
+
+fn start_on(address: &str, change: impl FnOnce(&mut ServiceConfig)) -> Result<(), ServiceError> {
+    let folder = tempfile::tempdir().unwrap();
+    let mut config = ServiceConfig::new(address.parse::<SocketAddr>().unwrap(), folder.path());
+    change(&mut config);
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    runtime.block_on(async { start(config, Arc::new(SystemClock)).await?.stop().await })
+}
+
+#[test]
+fn an_address_that_others_reach_needs_tokens() {
+    for address in ["0.0.0.0:0", "[::]:0"] {
+        let error = start_on(address, |_| {}).unwrap_err();
+        assert!(matches!(error, ServiceError::NoTokens(_)), "{error}");
+    }
+    start_on("127.0.0.1:0", |_| {}).unwrap();
+    start_on("0.0.0.0:0", |config| config.insecure_no_tokens = true).unwrap();
+    start_on("0.0.0.0:0", |config| {
+        Tokens::of(&config.data_dir)
+            .create("a", Scope::Read, Timestamp::UNIX_EPOCH)
+            .unwrap();
+    })
+    .unwrap();
+}
+
+#[test]
+fn a_page_of_another_host_sends_nothing() {
+    let service = Service::start();
+    let headers = [("origin", "http://evil.example"), ("content-type", "application/json")];
+    let body = plain_asset("pump").to_string();
+    service
+        .send("POST", "/v1/assets", &headers, body.as_bytes())
+        .expect_problem(403, &["evil.example"]);
+    let answer = service.get("/v1/assets").expect(200);
+    assert_eq!(answer.header("access-control-allow-origin"), "");
+    assert_eq!(answer.header("x-content-type-options"), "nosniff");
+    assert!(answer.header("content-security-policy").starts_with("default-src 'self'"));
+}
+
+#[test]
+fn a_client_that_sends_no_head_is_let_go_and_others_are_served() {
+    let service = Service::start_with(|config| {
+        config.http.header_timeout = Duration::from_millis(300);
+        config.http.connections = 2;
+    });
+    let address = service.url("").trim_start_matches("http://").to_string();
+    let mut slow: Vec<TcpStream> = (0..2).map(|_| TcpStream::connect(&address).unwrap()).collect();
+    for stream in &mut slow {
+        stream.write_all(b"GET / HTTP/1.1\r\nhost:").unwrap();
+    }
+    // Both places are taken until the slow ones are let go.
+    service.get("/healthz").expect(200);
+    for stream in &mut slow {
+        let mut answer = String::new();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream.read_to_string(&mut answer).unwrap();
+        assert!(!answer.contains(" 200 "), "{answer}");
+    }
+}
+
+#[test]
+fn a_head_that_is_too_long_is_refused() {
+    let service = Service::start_with(|config| config.http.header_bytes = 8192);
+    let address = service.url("").trim_start_matches("http://").to_string();
+    let mut stream = TcpStream::connect(&address).unwrap();
+    let head = format!("GET / HTTP/1.1\r\nhost: x\r\nx-long: {}\r\n\r\n", "a".repeat(20_000));
+    let _ = stream.write_all(head.as_bytes());
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer);
+    assert!(
+        String::from_utf8_lossy(&answer).starts_with("HTTP/1.1 431 "),
+        "{}",
+        String::from_utf8_lossy(&answer)
+    );
+    service.get("/healthz").expect(200);
+}
+
+#[test]
+fn certificates_that_are_none_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let (certificate, key) = (folder.path().join("c.pem"), folder.path().join("k.pem"));
+    std::fs::write(&certificate, "no certificate").unwrap();
+    std::fs::write(&key, "no key").unwrap();
+    let error = start_on("127.0.0.1:0", |config| config.tls = Some(TlsFiles { certificate, key })).unwrap_err();
+    assert!(
+        error.to_string().contains("c.pem") || error.to_string().contains("k.pem"),
+        "{error}"
+    );
+}
+
+/// A certificate for localhost in `folder`, made by OpenSSL, and whether its tool is there.
+fn certificate(folder: &std::path::Path) -> Option<TlsFiles> {
+    let files = TlsFiles {
+        certificate: folder.join("c.pem"),
+        key: folder.join("k.pem"),
+    };
+    let made = std::process::Command::new("openssl")
+        .args([
+            "req",
+            "-x509",
+            "-newkey",
+            "ec",
+            "-pkeyopt",
+            "ec_paramgen_curve:prime256v1",
+            "-nodes",
+            "-days",
+            "2",
+        ])
+        .args(["-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout"])
+        .arg(&files.key)
+        .arg("-out")
+        .arg(&files.certificate)
+        .output();
+    let found = made.ok().filter(|output| output.status.success()).map(|_| files);
+    crate::left_out::unless_absent(found, "openssl")
+}
+
+#[test]
+fn openssl_speaks_tls_with_the_service() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(files) = certificate(folder.path()) else { return };
+    let authority = files.certificate.clone();
+    let mut config = ServiceConfig::new("127.0.0.1:0".parse().unwrap(), folder.path().join("data"));
+    config.tls = Some(files);
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let service = runtime.block_on(start(config, Arc::new(SystemClock))).unwrap();
+    assert!(service.url().starts_with("https://"));
+    let mut client = std::process::Command::new("openssl")
+        .args(["s_client", "-quiet", "-verify_return_error", "-CAfile"])
+        .arg(&authority)
+        .args(["-connect", &service.address().to_string()])
+        .stdin(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut input = client.stdin.take().unwrap();
+    input
+        .write_all(b"GET /healthz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n")
+        .unwrap();
+    let mut said = String::new();
+    client.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+    client.wait().unwrap();
+    assert!(said.starts_with("HTTP/1.1 200 ") && said.contains("\"status\":\"ok\""), "{said}");
+    runtime.block_on(service.stop()).unwrap();
+}

@@ -1,0 +1,84 @@
+//! A disk that is full: nothing is lost, everything can be read, and it goes on when there is room.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::left_out::unless_absent;
+use crate::running::{Service, record};
+
+/// A small file system in memory, gone when dropped.
+struct SmallDisk {
+    folder: PathBuf,
+    _parent: tempfile::TempDir,
+}
+
+impl SmallDisk {
+    fn mount() -> Option<Self> {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("disk");
+        std::fs::create_dir(&folder).unwrap();
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", "size=4m", "tmpfs"])
+            .arg(&folder)
+            .output();
+        mounted
+            .is_ok_and(|output| output.status.success())
+            .then_some(Self { folder, _parent: parent })
+    }
+
+    fn path(&self) -> &Path {
+        &self.folder
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg("--lazy").arg(&self.folder).status();
+    }
+}
+
+#[test]
+fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
+    let Some(disk) = unless_absent(SmallDisk::mount(), "the right to mount a small file system") else {
+        return;
+    };
+    let ballast = disk.path().join("ballast");
+    std::fs::write(&ballast, vec![1; 2 << 20]).unwrap();
+    let mut service = Service::start_at(disk.path());
+    service.plain_asset("pump");
+    let mut stored = Vec::new();
+    let mut refused = 0;
+    for n in 0..200 {
+        let block = flankwatch::recording::encode_block(&record("1", n), flankwatch::recording::BlockEncoding::Json);
+        let answer = service.post("/v1/assets/pump/segments", "application/json", &block);
+        if answer.status == 507 {
+            answer.expect_problem(507, &[]);
+            refused += 1;
+            if refused == 5 {
+                break;
+            }
+        } else {
+            stored.push(answer.expect(201).json()["id"].as_str().unwrap().to_owned());
+        }
+    }
+    assert_eq!(refused, 5, "{} records went in", stored.len());
+    let is_readable = |service: &Service, stored: &[String]| {
+        service.get("/healthz").expect(200);
+        assert_eq!(
+            service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
+            stored.len()
+        );
+        for id in stored {
+            service.get(&format!("/v1/segments/{id}/waveform")).expect(200);
+        }
+    };
+    is_readable(&service, &stored);
+    std::fs::remove_file(&ballast).unwrap();
+    for n in 200..210 {
+        stored.push(service.upload("pump", &record("1", n))["id"].as_str().unwrap().to_owned());
+    }
+    is_readable(&service, &stored);
+    service.restart();
+    is_readable(&service, &stored);
+    service.stop();
+}

@@ -1,0 +1,152 @@
+//! Other programs that work with the service: Prometheus, Python's MCAP reader.
+
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::left_out;
+use crate::running::{Service, record};
+
+/// A process that ends with the test.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn on_path(name: &str) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&path)
+        .map(|folder| folder.join(name))
+        .find(|path| path.is_file())
+}
+
+#[test]
+fn prometheus_scrapes_service_and_assets() {
+    let Some(program) = left_out::unless_absent(on_path("prometheus"), "prometheus (apt install prometheus)") else {
+        return;
+    };
+    let service = Service::start();
+    service.plain_asset("pump");
+    let segment = service.upload("pump", &record("1", 1));
+    let folder = tempfile::tempdir().unwrap();
+    let target = service.url("").trim_start_matches("http://").to_string();
+    let config =
+        format!("global: {{scrape_interval: 1s}}\nscrape_configs:\n- job_name: flankwatch\n  static_configs:\n  - targets: ['{target}']\n");
+    std::fs::write(folder.path().join("prometheus.yml"), config).unwrap();
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let child = Command::new(program)
+        .arg(format!("--config.file={}", folder.path().join("prometheus.yml").display()))
+        .arg(format!("--storage.tsdb.path={}", folder.path().join("data").display()))
+        .arg(format!("--web.listen-address={free}"))
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let _prometheus = Running(child);
+    let value = |query: &str| -> Option<f64> {
+        let mut answer = ureq::get(format!("http://{free}/api/v1/query")).query("query", query).call().ok()?;
+        let answer: Value = serde_json::from_str(&answer.body_mut().read_to_string().ok()?).ok()?;
+        answer["data"]["result"][0]["value"][1].as_str()?.parse().ok()
+    };
+    let wait = |query: &str| {
+        let began = Instant::now();
+        loop {
+            if let Some(value) = value(query) {
+                return value;
+            }
+            assert!(began.elapsed() < Duration::from_secs(90), "no value of {query}");
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    };
+    let rms = wait("flankwatch_indicator{asset=\"pump\",indicator=\"rms\"}");
+    assert_eq!(Some(rms), segment["indicators"]["rms"].as_f64());
+    assert_eq!(wait("flankwatch_segments"), 1.0);
+    assert_eq!(
+        wait("flankwatch_request_duration_seconds_bucket{method=\"POST\",route=\"/v1/assets/{asset}/segments\",le=\"+Inf\"}"),
+        1.0
+    );
+    assert_eq!(wait("up{job=\"flankwatch\"}"), 1.0);
+}
+
+/// Prints what an MCAP file holds, one JSON object a message.
+const READ: &str = r#"
+import json, sys
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+with open(sys.argv[1], "rb") as file:
+    reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
+    assert reader.get_summary().statistics.message_count > 0
+    for schema, channel, message, decoded in reader.iter_decoded_messages():
+        out = {"topic": channel.topic, "schema": schema.name, "publish_time": message.publish_time}
+        if schema.name.endswith("Indicators"):
+            out["rms"] = decoded.values["rms"]
+        elif schema.name.endswith("WearEstimate"):
+            out["status"] = decoded.status
+        else:
+            out["peak"] = max(decoded.amplitude)
+            out["points"] = len(decoded.frequency_hz)
+            assert len(decoded.frequency_hz) == len(decoded.amplitude)
+        print(json.dumps(out))
+"#;
+
+#[test]
+fn pythons_reader_opens_an_exported_history() {
+    let python = on_path("python3").filter(|python| {
+        let has_reader = Command::new(python)
+            .args(["-c", "import mcap.reader, mcap_protobuf.decoder"])
+            .output();
+        has_reader.is_ok_and(|output| output.status.success())
+    });
+    let python = left_out::unless_absent(python, "Python's MCAP reader (pip install mcap mcap-protobuf-support)");
+    let Some(python) = python else { return };
+    let service = Service::start();
+    service.plain_asset("pump");
+    let segments: Vec<Value> = (0..6).map(|n| service.upload("pump", &record("in", n))).collect();
+    service.upload("pump", &record("out", 9));
+    let export = service.get("/v1/assets/pump/export?channel=in&spectra=3").expect(200);
+    assert_eq!(export.header("content-type"), "application/mcap");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("pump.mcap");
+    std::fs::write(&path, &export.bytes).unwrap();
+    let output = Command::new(python).args(["-c", READ]).arg(&path).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = String::from_utf8(output.stdout).unwrap();
+    let messages: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let of = |kind: &str| -> Vec<&Value> {
+        messages
+            .iter()
+            .filter(|message| message["topic"] == format!("/pump/in/{kind}"))
+            .collect()
+    };
+    assert_eq!(messages.len(), 6 + 6 + 3);
+    let rms: Vec<&Value> = of("indicators").iter().map(|message| &message["rms"]).collect();
+    let expected: Vec<&Value> = segments.iter().map(|segment| &segment["indicators"]["rms"]).collect();
+    assert_eq!(rms, expected);
+    assert!(of("wear").iter().all(|message| message["status"] == "collecting_baseline"));
+    assert_eq!(of("spectrum").len(), 3);
+    let spectrum = service.get(&format!(
+        "/v1/segments/{}/spectrum?max_points=200000",
+        segments[0]["id"].as_str().unwrap()
+    ));
+    let spectrum = spectrum.expect(200).json();
+    let peak = spectrum["amplitude"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap())
+        .fold(0.0, f64::max);
+    assert_eq!(of("spectrum")[0]["peak"].as_f64(), Some(peak));
+    let left: Vec<_> = std::fs::read_dir(service.folder().join("uploads")).unwrap().collect();
+    assert!(left.is_empty(), "{left:?}");
+    service.get("/v1/assets/none/export").expect_problem(404, &["none"]);
+    service
+        .get("/v1/assets/pump/export?spectra=99999")
+        .expect_problem(400, &["spectra"]);
+}

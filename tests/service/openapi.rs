@@ -1,0 +1,123 @@
+//! The API's description, and the API held against it.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use serde_json::{Value, json};
+
+use crate::left_out;
+use crate::running::{Service, record};
+
+fn description(service: &Service) -> Value {
+    service.get("/openapi.json").expect(200).json()
+}
+
+#[test]
+fn every_field_parameter_and_operation_is_described() {
+    let service = Service::start();
+    let document = description(&service);
+    assert_eq!(document["openapi"], "3.1.0");
+    let mut silent = Vec::new();
+    for (name, schema) in document["components"]["schemas"].as_object().unwrap() {
+        let parts = schema["allOf"].as_array().into_iter().flatten().chain([schema]);
+        for (field, property) in parts.filter_map(|part| part["properties"].as_object()).flatten() {
+            // That of an optional structure stands beside the reference to it.
+            let mut places = property["oneOf"].as_array().into_iter().flatten().chain([property]);
+            if !places.any(|place| place["description"].as_str().is_some_and(|text| !text.is_empty())) {
+                silent.push(format!("{name}.{field}"));
+            }
+        }
+    }
+    let mut operations = 0;
+    for (path, methods) in document["paths"].as_object().unwrap() {
+        for (method, operation) in methods.as_object().unwrap() {
+            operations += 1;
+            if operation["summary"].as_str().is_none_or(str::is_empty) {
+                silent.push(format!("{method} {path}"));
+            }
+            for parameter in operation["parameters"].as_array().into_iter().flatten() {
+                if parameter["description"].as_str().is_none_or(str::is_empty) {
+                    silent.push(format!("{method} {path} {}", parameter["name"]));
+                }
+            }
+        }
+    }
+    assert!(silent.is_empty(), "without a description: {}", silent.join(", "));
+    assert!(operations > 20, "{operations}");
+}
+
+#[test]
+fn the_page_of_the_description_asks_nothing_of_other_hosts() {
+    let service = Service::start();
+    let page = service.get("/docs").expect(200);
+    let text = String::from_utf8(page.bytes).unwrap();
+    assert!(!text.contains("http://") && !text.contains("https://"), "{text}");
+    for file in text.split("src=\"").skip(1).map(|rest| rest.split('"').next().unwrap()) {
+        assert!(
+            service
+                .get(&format!("/{file}"))
+                .expect(200)
+                .header("content-type")
+                .starts_with("text/javascript")
+        );
+    }
+    assert!(service.get("/docs/ui/swagger-ui.css").expect(200).bytes.len() > 10_000);
+}
+
+/// The tool, where it is on the path or named by the environment.
+fn schemathesis() -> Option<PathBuf> {
+    let named = std::env::var_os("FLANKWATCH_SCHEMATHESIS").map(PathBuf::from);
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let on_path = std::env::split_paths(&path).map(|folder| folder.join("schemathesis"));
+    let found = named.into_iter().chain(on_path).find(|path| path.is_file());
+    left_out::unless_absent(found, "schemathesis (pip install schemathesis)")
+}
+
+#[test]
+fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
+    let Some(tool) = schemathesis() else { return };
+    let service = Service::start();
+    service.plain_asset("gearbox-1");
+    let segment = service.upload("gearbox-1", &record("a1", 1));
+    let segment = segment["id"].as_str().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    // What exists is asked for too, not only made-up names.
+    let hints = json!({ "asset": "gearbox-1", "segment": segment });
+    let config = format!(
+        "[parameters]\n{}",
+        hints
+            .as_object()
+            .unwrap()
+            .iter()
+            .map(|(name, value)| format!("\"path.{name}\" = {value}\n"))
+            .collect::<String>()
+    );
+    std::fs::write(folder.path().join("schemathesis.toml"), config).unwrap();
+    let hooks = "import schemathesis\n\nschemathesis.serializer.alias(\"application/offset+octet-stream\", \"application/octet-stream\")\n";
+    std::fs::write(folder.path().join("hooks.py"), hooks).unwrap();
+    let output = Command::new(tool)
+        .current_dir(folder.path())
+        .arg("run")
+        .arg(service.url("/openapi.json"))
+        .args([
+            "--checks",
+            "not_a_server_error,status_code_conformance,content_type_conformance,response_schema_conformance",
+        ])
+        .args([
+            "--max-examples",
+            "15",
+            "--seed",
+            "1",
+            "--phases",
+            "examples,coverage,fuzzing",
+            "--suppress-health-check",
+            "all",
+        ])
+        // A stream of events has no end; it has a test of its own.
+        .args(["--exclude-method", "DELETE", "--exclude-path", "/v1/events", "--no-color"])
+        .env("SCHEMATHESIS_HOOKS", "hooks")
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+}

@@ -1,0 +1,179 @@
+//! Histories computed again in the background: after a change, after an upgrade, and after records that come very late.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::running::{Service, mcap, plain_asset, record};
+
+/// Waits until the asset's last recomputation is over.
+fn recomputed(service: &Service, asset: &str) -> Value {
+    let list = service.wait_for(&format!("/v1/recomputations?asset={asset}"), |list| {
+        let items = list["items"].as_array().unwrap();
+        !items.is_empty() && items.iter().all(|item| !item["finished_at"].is_null() || item["state"] == "failed")
+    });
+    list["items"][0].clone()
+}
+
+/// Every number of every record in the order of time.
+fn history(service: &Service, asset: &str) -> [Value; 2] {
+    ["wear/history", "indicators"].map(|path| {
+        let mut answer = service.get(&format!("/v1/assets/{asset}/{path}")).expect(200).json();
+        for item in answer["items"].as_array_mut().unwrap() {
+            item.as_object_mut().unwrap().remove("segment_id");
+        }
+        answer["items"].take()
+    })
+}
+
+#[test]
+fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
+    let mut service = Service::start();
+    service.plain_asset("pump");
+    let mut segments = Vec::new();
+    for n in 0..12 {
+        segments.push(service.upload("pump", &record("1", n)));
+    }
+    // One has no raw bytes any more.
+    let name = segments[5]["raw"]["sha256"].as_str().unwrap();
+    std::fs::remove_file(service.folder().join("raw").join(&name[..2]).join(name)).unwrap();
+    let mut description = plain_asset("pump");
+    description["bands"] = json!([{ "name": "mesh", "band_hz": [200, 400] }]);
+    service.put_json("/v1/assets/pump", &description).expect(200);
+    let done = recomputed(&service, "pump");
+    assert_eq!(
+        (&done["state"], &done["analysed"], &done["without_raw"], &done["folded"]),
+        (&json!("finished"), &json!(11), &json!(1), &json!(12)),
+        "{done}"
+    );
+    // As if the band had been there from the start.
+    description["id"] = json!("fresh");
+    service.post_json("/v1/assets", &description).expect(201);
+    for n in 0..12 {
+        service.upload("fresh", &record("1", n));
+    }
+    let ([wear, found], [fresh_wear, fresh]) = (history(&service, "pump"), history(&service, "fresh"));
+    assert_eq!(wear, fresh_wear);
+    for (n, (found, fresh)) in found.as_array().unwrap().iter().zip(fresh.as_array().unwrap()).enumerate() {
+        if n == 5 {
+            assert_eq!((&found["band_mesh"], &found["rms"]), (&Value::Null, &fresh["rms"]));
+        } else {
+            assert!(found["band_mesh"].is_number());
+            assert_eq!(found, fresh);
+        }
+    }
+    // Nothing is done again after a restart, and new records go on as they should.
+    service.restart();
+    for asset in ["pump", "fresh"] {
+        service.upload(asset, &record("1", 12));
+    }
+    assert_eq!(service.get("/v1/recomputations").expect(200).json()["items"], json!([]));
+    assert_eq!(history(&service, "pump")[0], history(&service, "fresh")[0]);
+}
+
+#[test]
+fn old_answers_are_served_until_the_new_ones_are_complete() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let records: Vec<_> = (0..150).map(|n| record("1", n)).collect();
+    service
+        .post("/v1/assets/pump/segments", "application/mcap", &mcap(&records))
+        .expect(201);
+    let old = history(&service, "pump");
+    let mut description = plain_asset("pump");
+    description["gear"]["shaft_speed_hz"] = json!(10.1);
+    service.put_json("/v1/assets/pump", &description).expect(200);
+    let mut seen = Vec::new();
+    let began = Instant::now();
+    loop {
+        let list = service.get("/v1/recomputations?asset=pump").expect(200).json();
+        let is_over = list["items"][0]["state"] == "finished";
+        for now in history(&service, "pump") {
+            assert_eq!(now.as_array().unwrap().len(), 150);
+            if seen.last() != Some(&now) {
+                seen.push(now);
+            }
+        }
+        if is_over {
+            break;
+        }
+        assert!(began.elapsed() < Duration::from_secs(100), "{list}");
+    }
+    // Analysing again with nearly the same description gives nearly the same numbers; what matters is that they are all there.
+    assert!(seen.contains(&old[0]));
+    service.upload("pump", &record("1", 150));
+    assert_eq!(history(&service, "pump")[0].as_array().unwrap().len(), 151);
+}
+
+#[test]
+fn a_record_that_comes_after_hundreds_of_later_ones_is_folded_in_the_background() {
+    let service = Service::start();
+    for asset in ["late", "in-order"] {
+        service.plain_asset(asset);
+    }
+    let records: Vec<_> = (0..700).map(|n| record("1", n)).collect();
+    let without: Vec<_> = records
+        .iter()
+        .filter(|record| record.start_time() != records[3].start_time())
+        .cloned()
+        .collect();
+    for (asset, records) in [("late", &without), ("in-order", &records)] {
+        let path = format!("/v1/assets/{asset}/segments");
+        service.post(&path, "application/mcap", &mcap(records)).expect(201);
+    }
+    assert_ne!(history(&service, "late"), history(&service, "in-order"));
+    let answer = service.upload("late", &records[3]);
+    assert_eq!(answer["wear"]["baseline"]["have"], 4);
+    recomputed(&service, "late");
+    assert_eq!(history(&service, "late"), history(&service, "in-order"));
+    // The states kept on the way serve the next ones.
+    for asset in ["late", "in-order"] {
+        service.upload(asset, &record("1", 701));
+        service.upload(asset, &record("1", 700));
+    }
+    assert_eq!(history(&service, "late"), history(&service, "in-order"));
+}
+
+/// Fills a data folder with what the program of database version 1 wrote.
+fn version_1(folder: &Path) {
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/store/version-1");
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        sqlx::any::install_default_drivers();
+        let url = format!("sqlite://{}?mode=rwc", folder.join("flankwatch.db").display());
+        let pool = sqlx::any::AnyPoolOptions::new().max_connections(1).connect(&url).await.unwrap();
+        let dump = std::fs::read_to_string(fixture.join("database.sql")).unwrap();
+        sqlx::raw_sql(sqlx::AssertSqlSafe(dump)).execute(&pool).await.unwrap();
+        pool.close().await;
+    });
+    for object in std::fs::read_dir(fixture.join("raw")).unwrap() {
+        let path = object.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let shard = folder.join("raw").join(&name[..2]);
+        std::fs::create_dir_all(&shard).unwrap();
+        std::fs::copy(&path, shard.join(name)).unwrap();
+    }
+}
+
+#[test]
+fn a_database_of_version_1_is_opened_and_brought_up_to_date() {
+    let service = Service::start_on(version_1);
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
+    let done = recomputed(&service, "pump");
+    assert_eq!((&done["state"], &done["analysed"]), (&json!("finished"), &json!(10)), "{done}");
+    let list = service.get("/v1/assets/pump/segments").expect(200).json();
+    let segments = list["items"].as_array().unwrap();
+    assert_eq!(segments.len(), 10);
+    for segment in segments {
+        let id = segment["id"].as_str().unwrap();
+        let waveform = service.get(&format!("/v1/segments/{id}/waveform")).expect(200).json();
+        assert_eq!(waveform["unit"], "m/s2");
+        let samples: Vec<f64> = waveform["value"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+        let rms = (samples.iter().map(|x| x * x).sum::<f64>() / samples.len() as f64).sqrt();
+        assert!((segment["indicators"]["rms"].as_f64().unwrap() / rms - 1.0).abs() < 1e-6);
+    }
+    assert_eq!(segments[9]["wear"]["status"], "no_library");
+    service.upload("pump", &record("1", 20));
+    assert_eq!(service.get("/v1/assets/pump/wear").expect(200).json()["baseline"]["have"], 8);
+}

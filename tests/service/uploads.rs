@@ -1,0 +1,266 @@
+//! Every way in which a recording can come.
+
+use std::io::Write;
+
+use serde_json::Value;
+
+use crate::running::{Service, mcap, record, samples, wav};
+
+const SEGMENTS: &str = "/v1/assets/pump/segments";
+
+fn waveform(service: &Service, segment: &Value) -> Vec<f32> {
+    let path = format!("/v1/segments/{}/waveform?max_points=200000", segment["id"].as_str().unwrap());
+    let answer = service.get(&path).expect(200).json();
+    answer["value"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap() as f32)
+        .collect()
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+#[test]
+fn bare_samples_are_taken_with_what_is_said_beside_them() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let bare = "application/octet-stream";
+    let floats: Vec<u8> = samples(1).iter().flat_map(|x| x.to_le_bytes()).collect();
+    let time = "start_time=2026-01-01T00:00:00Z";
+    let path = format!("{SEGMENTS}?sample=f32&sample_rate_hz=4000&unit=m/s2&channel=a1&{time}");
+    let segment = service.post(&path, bare, &floats).expect(201).json();
+    assert_eq!((&segment["channel"], &segment["samples"]), (&"a1".into(), &2000.into()));
+    assert_eq!(waveform(&service, &segment), samples(1));
+    // The same samples as WAV have the same indicators.
+    let as_wav = format!("{SEGMENTS}?channel=a2&unit=m/s2&{time}");
+    let from_wav = service.post(&as_wav, "audio/wav", &wav(&[samples(1)])).expect(201).json();
+    assert_eq!(segment["indicators"], from_wav["indicators"]);
+    let integers: Vec<u8> = (0..4000_i16).flat_map(|n| (n % 100).to_le_bytes()).collect();
+    let path = format!("{SEGMENTS}?sample=i16&sample_rate_hz=4000&channels=2&scale=0.5&channel_names=in,out&{time}");
+    let both = service.post(&path, bare, &integers).expect(201).json();
+    assert_eq!(both["segments"][1]["channel"], "out");
+    assert_eq!(waveform(&service, &both["segments"][1])[..3], [0.5, 1.5, 2.5]);
+    for (query, word) in [
+        ("sample_rate_hz=4000", "sample"),
+        ("sample=f32", "sample_rate_hz"),
+        ("sample=f64&sample_rate_hz=4000", "f64"),
+    ] {
+        let answer = service.post(&format!("{SEGMENTS}?{query}"), bare, &floats);
+        assert!(matches!(answer.status, 400 | 422), "{}", answer.status);
+        let status = answer.status;
+        answer.expect_problem(status, &[word]);
+    }
+    service
+        .post(&format!("{SEGMENTS}?sample=f32&sample_rate_hz=4000"), bare, &floats[..7])
+        .expect_problem(422, &["7"]);
+    service
+        .post(&format!("{SEGMENTS}?channel_names=a,b"), "audio/wav", &wav(&[samples(1)]))
+        .expect_problem(422, &["channel_names"]);
+}
+
+#[test]
+fn coded_bodies_are_decoded_and_capped() {
+    let service = Service::start_with(|config| {
+        config.http.record_bytes = 100_000;
+        config.http.recording_bytes = 100_000;
+    });
+    service.plain_asset("pump");
+    let whole = wav(&[samples(1)]);
+    let time = format!("{SEGMENTS}?start_time=2026-01-01T00:00:00Z");
+    let plain = service.post(&time, "audio/wav", &whole).expect(201).json();
+    for (coding, coded) in [("gzip", gzip(&whole)), ("zstd", zstd::bulk::compress(&whole, 3).unwrap())] {
+        let headers = [("content-type", "audio/wav"), ("content-encoding", coding)];
+        assert_eq!(service.send("POST", &time, &headers, &coded).expect(201).json(), plain);
+        service
+            .send("POST", &time, &headers, &coded[..coded.len() / 2])
+            .expect_problem(400, &["content-encoding"]);
+        service
+            .send("POST", &time, &headers, b"not coded")
+            .expect_problem(400, &["content-encoding"]);
+    }
+    // 64 MiB of zeros in a few kilobytes.
+    let zeros = vec![0; 64 << 20];
+    for (coding, coded) in [("gzip", gzip(&zeros)), ("zstd", zstd::bulk::compress(&zeros, 3).unwrap())] {
+        assert!(coded.len() < 500_000);
+        for media_type in ["audio/wav", "application/mcap"] {
+            let headers = [("content-type", media_type), ("content-encoding", coding)];
+            service.send("POST", SEGMENTS, &headers, &coded).expect_problem(413, &["100000"]);
+        }
+    }
+}
+
+#[test]
+fn a_browsers_form_brings_fields_and_files() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let mut body = b"--x\r\ncontent-disposition: form-data; name=\"start_time\"\r\n\r\n2026-01-01T00:00:00Z\r\n".to_vec();
+    body.extend(b"--x\r\ncontent-disposition: form-data; name=\"torque_nm\"\r\n\r\n\r\n");
+    for (name, bytes) in [("a.wav", wav(&[samples(1)])), ("b.MCAP", mcap(&[record("2", 1), record("2", 2)]))] {
+        body.extend(format!("--x\r\ncontent-disposition: form-data; name=\"file\"; filename=\"{name}\"\r\n").bytes());
+        body.extend(b"content-type: application/octet-stream\r\n\r\n");
+        body.extend(bytes);
+        body.extend(b"\r\n");
+        if name == "a.wav" {
+            continue;
+        }
+        body.extend(b"--x--\r\n");
+    }
+    let form = "multipart/form-data; boundary=x";
+    // The second file says everything itself, so that the field before is refused for it.
+    service.post(SEGMENTS, form, &body).expect_problem(400, &["start_time"]);
+    let first = service.get(SEGMENTS).expect(200).json();
+    assert_eq!(first["items"][0]["start_time"], "2026-01-01T00:00:00Z");
+    let alone = [
+        &b"--x\r\ncontent-disposition: form-data; name=\"file\"; filename=\"b.mcap\"\r\n\r\n"[..],
+        &mcap(&[record("2", 1)]),
+        b"\r\n--x--\r\n",
+    ]
+    .concat();
+    let answer = service.post(SEGMENTS, form, &alone).expect(201).json();
+    assert_eq!(answer["files"][0]["stored"], 1, "{answer}");
+    service.post(SEGMENTS, form, b"--x--\r\n").expect_problem(422, &["file"]);
+    service.post(SEGMENTS, form, b"--x\r\nbroken").expect_problem(400, &["form"]);
+    service
+        .post(SEGMENTS, "multipart/form-data", b"")
+        .expect_problem(415, &["boundary"]);
+}
+
+#[test]
+fn an_upload_under_a_key_happens_once() {
+    let mut service = Service::start();
+    service.plain_asset("pump");
+    let bytes = wav(&[samples(1)]);
+    let headers = |key: &'static str, media_type: &'static str| [("idempotency-key", key), ("content-type", media_type)];
+    let first = service
+        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
+        .expect(201)
+        .json();
+    service.clock.advance(3600);
+    let again = service
+        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
+        .expect(201)
+        .json();
+    assert_eq!(again, first);
+    service.restart();
+    let again = service
+        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
+        .expect(201)
+        .json();
+    assert_eq!(again, first);
+    service
+        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &wav(&[samples(2)]))
+        .expect_problem(409, &["one"]);
+    // Under another key it is another record, of another time.
+    let other = service
+        .send("POST", SEGMENTS, &headers("two", "audio/wav"), &bytes)
+        .expect(201)
+        .json();
+    assert_ne!(other["id"], first["id"]);
+    let recording = mcap(&[record("2", 1), record("2", 2)]);
+    let stored = service
+        .send("POST", SEGMENTS, &headers("three", "application/mcap"), &recording)
+        .expect(201);
+    let replayed = service
+        .send("POST", SEGMENTS, &headers("three", "application/mcap"), &recording)
+        .expect(201);
+    assert_eq!(
+        (replayed.header("idempotency-replayed"), stored.header("idempotency-replayed")),
+        ("true", "")
+    );
+    assert_eq!(replayed.json(), stored.json());
+    service.clock.advance(8 * 24 * 3600);
+    let later = service
+        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
+        .expect(201)
+        .json();
+    assert_ne!(later["id"], first["id"], "the key is forgotten");
+}
+
+fn base64(text: &str) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let chunk = |chunk: &[u8]| -> String {
+        let word = (0..3).fold(0_u32, |word, n| word << 8 | u32::from(chunk.get(n).copied().unwrap_or(0)));
+        let digit = |n: usize| {
+            if n <= chunk.len() {
+                char::from(DIGITS[(word >> (18 - 6 * n) & 63) as usize])
+            } else {
+                '='
+            }
+        };
+        (0..4).map(digit).collect()
+    };
+    text.as_bytes().chunks(3).map(chunk).collect()
+}
+
+#[test]
+fn a_large_recording_is_resumed_also_after_a_restart() {
+    let mut service = Service::start();
+    service.plain_asset("pump");
+    let recording = mcap(&(0..5).map(|n| record("1", n)).collect::<Vec<_>>());
+    let tus = ("tus-resumable", "1.0.0");
+    let length = recording.len().to_string();
+    let metadata = format!("asset {}", base64("pump"));
+    let options = service.send("OPTIONS", "/v1/uploads", &[], b"").expect(204);
+    assert_eq!(
+        (options.header("tus-version"), options.header("tus-extension")),
+        ("1.0.0", "creation,termination,expiration")
+    );
+    let begin = |metadata: &str, length: &str| {
+        service.send(
+            "POST",
+            "/v1/uploads",
+            &[tus, ("upload-length", length), ("upload-metadata", metadata)],
+            b"",
+        )
+    };
+    begin("asset eA==", &length).expect_problem(404, &["x"]);
+    begin("", &length).expect_problem(400, &["asset"]);
+    begin(&metadata, "9999999999999").expect_problem(413, &[]);
+    service
+        .send("POST", "/v1/uploads", &[("upload-length", "1")], b"")
+        .expect_problem(412, &["tus-resumable"]);
+    let location = begin(&metadata, &length).expect(201).header("location").to_string();
+    let given_up = begin(&metadata, &length).expect(201).header("location").to_string();
+    service.send("DELETE", &given_up, &[tus], b"").expect(204);
+    service.send("HEAD", &given_up, &[tus], b"").expect(404);
+    let patch = |service: &Service, at: usize, bytes: &[u8]| {
+        let at = at.to_string();
+        let headers = [
+            tus,
+            ("upload-offset", at.as_str()),
+            ("content-type", "application/offset+octet-stream"),
+        ];
+        service.send("PATCH", &location, &headers, bytes)
+    };
+    let half = recording.len() / 2;
+    assert_eq!(
+        patch(&service, 0, &recording[..half]).expect(204).header("upload-offset"),
+        half.to_string()
+    );
+    patch(&service, 0, &recording[..half]).expect_problem(409, &["upload-offset"]);
+    service.restart();
+    let head = service.send("HEAD", &location, &[tus], b"").expect(200);
+    assert_eq!(
+        (head.header("upload-offset"), head.header("upload-length")),
+        (half.to_string().as_str(), length.as_str())
+    );
+    patch(&service, half, &[&recording[half..], b"more"].concat()).expect_problem(413, &[]);
+    let head = service.send("HEAD", &location, &[tus], b"").expect(200);
+    let at: usize = head.header("upload-offset").parse().unwrap();
+    patch(&service, at, &recording[at..]).expect(204);
+    let done = service.wait_for(&location, |upload| upload["state"] == "finished");
+    assert_eq!((&done["result"]["stored"], &done["error"]), (&5.into(), &Value::Null));
+    service.clock.advance(25 * 3600);
+    begin_again(&service, &metadata);
+    service.get(&location).expect_problem(404, &[]);
+}
+
+fn begin_again(service: &Service, metadata: &str) {
+    let headers = [("tus-resumable", "1.0.0"), ("upload-length", "1"), ("upload-metadata", metadata)];
+    service.send("POST", "/v1/uploads", &headers, b"").expect(201);
+}
