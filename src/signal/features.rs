@@ -8,7 +8,7 @@ use super::indicators::Absence;
 use super::record::OperatingPoint;
 
 /// Identifier of what the features are made by. Values are comparable only where it is the same.
-pub const PREPROCESSING: &str = "steadied-lines-2";
+pub const PREPROCESSING: &str = "steadied-lines-3";
 
 /// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of amplitudes)
 /// and changes relative to a healthy baseline are differences.

@@ -10,6 +10,9 @@ use super::transform::Transforms;
 /// Harmonics that are tried; the one that gives the angle best is taken.
 const HARMONICS: u32 = 5;
 
+/// The same where the wander of the speed is known roughly.
+const HARMONICS_ALONG: u32 = 10;
+
 /// Reach of the band around a line whose frequency is known, in shaft rates: just short of the first sidebands.
 const KNOWN_REACH_SHAFTS: f64 = 0.9;
 
@@ -67,30 +70,33 @@ impl MeshBand<'_> {
         self.track(reach, transforms)
     }
 
+    /// The shaft's angle where it is known roughly: harmonics up to a higher one, as their lines are narrow once that is taken off.
+    /// `ahead_periods` is how many periods the mesh is ahead of `mesh_hz` at a part of the record, its speed within `part` of that.
+    pub(super) fn track_along(&self, ahead_periods: &dyn Fn(f64) -> f64, part: f64, transforms: &mut Transforms) -> Option<ShaftAngle> {
+        let shaft_hz = self.mesh_hz / f64::from(self.teeth);
+        let angles = (1..=HARMONICS_ALONG).filter_map(|harmonic| {
+            let reach_hz = KNOWN_REACH_SHAFTS * shaft_hz + part * f64::from(harmonic) * self.mesh_hz;
+            self.follow(harmonic, reach_hz, Some(ahead_periods), transforms)
+        });
+        best(angles)
+    }
+
     fn track(&self, reach_hz: impl Fn(f64) -> Option<f64>, transforms: &mut Transforms) -> Option<ShaftAngle> {
-        let quality = |angle: &ShaftAngle| match angle.source() {
-            AngleSource::MeshPhase {
-                line_to_background,
-                angle_error_deg,
-                ..
-            } if line_to_background >= SAFE_RATIO => (true, -angle_error_deg),
-            AngleSource::MeshPhase { line_to_background, .. } => (false, line_to_background),
-            _ => (false, 0.0),
-        };
-        (1..=HARMONICS)
-            .filter_map(|harmonic| self.follow(harmonic, reach_hz(f64::from(harmonic))?, transforms))
-            .max_by(|a, b| {
-                let ((a_is_safe, a), (b_is_safe, b)) = (quality(a), quality(b));
-                a_is_safe.cmp(&b_is_safe).then(a.total_cmp(&b))
-            })
+        best((1..=HARMONICS).filter_map(|harmonic| self.follow(harmonic, reach_hz(f64::from(harmonic))?, None, transforms)))
     }
 
     /// Follows one harmonic in the band of ± `reach_hz` around where it is expected.
     ///
     /// The band's analytic signal at a low rate gives a frequency over one turn at a time, weighted by power, and with it a first phase.
     /// What the signal's phase differs from it, below 0.45 shaft rates, is added: three times, as each step brings the line nearer to
-    /// zero frequency, where sidebands no longer pass.
-    fn follow(&self, harmonic: u32, reach_hz: f64, transforms: &mut Transforms) -> Option<ShaftAngle> {
+    /// zero frequency, where sidebands no longer pass. Where `ahead_periods` is known it gives the first phase instead.
+    fn follow(
+        &self,
+        harmonic: u32,
+        reach_hz: f64,
+        ahead_periods: Option<&dyn Fn(f64) -> f64>,
+        transforms: &mut Transforms,
+    ) -> Option<ShaftAngle> {
         let duration_s = self.length as f64 / self.sample_rate_hz;
         let orders = f64::from(harmonic) * f64::from(self.teeth);
         let shaft_bins = self.mesh_hz / f64::from(self.teeth) * duration_s;
@@ -105,7 +111,14 @@ impl MeshBand<'_> {
         let signal = self.analytic(first, last, transforms);
         let samples = signal.len();
         let turn = (samples as f64 / shaft_bins).round().max(1.0) as usize;
-        let mut phase = first_phase(&signal, turn);
+        let mut phase = match ahead_periods {
+            None => first_phase(&signal, turn),
+            Some(ahead_periods) => {
+                let constant = TAU * (centre_hz * duration_s - (first - 1) as f64) / samples as f64;
+                let ahead = |j: usize| TAU * f64::from(harmonic) * ahead_periods(j as f64 / samples as f64);
+                (0..samples).map(|j| constant * j as f64 + ahead(j)).collect()
+            }
+        };
         let reach_bins = (LINE_REACH_SHAFTS * shaft_bins).ceil() as usize;
         let mut line = Vec::new();
         for _ in 0..STEPS {
@@ -150,7 +163,15 @@ impl MeshBand<'_> {
 
     /// The analytic signal of the bins `first` to `last`, moved down to begin at bin 1, at four samples a bin or somewhat more.
     pub(super) fn analytic(&self, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
-        let samples = (4 * (last - first + 1)).next_power_of_two();
+        self.analytic_at((4 * (last - first + 1)).next_power_of_two(), first, last, transforms)
+    }
+
+    /// The same at two samples a bin or somewhat more.
+    pub(super) fn analytic_sparse(&self, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
+        self.analytic_at((2 * (last - first + 2)).next_power_of_two(), first, last, transforms)
+    }
+
+    fn analytic_at(&self, samples: usize, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
         let scale = 1.0 / self.length as f64;
         let mut part = |factor: Complex<f64>| {
             let mut packed = vec![Complex::default(); samples / 2 + 1];
@@ -165,6 +186,23 @@ impl MeshBand<'_> {
         let imaginary = part(Complex::new(0.0, -scale));
         real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
     }
+}
+
+/// The angle that is followed best.
+fn best(angles: impl Iterator<Item = ShaftAngle>) -> Option<ShaftAngle> {
+    let quality = |angle: &ShaftAngle| match angle.source() {
+        AngleSource::MeshPhase {
+            line_to_background,
+            angle_error_deg,
+            ..
+        } if line_to_background >= SAFE_RATIO => (true, -angle_error_deg),
+        AngleSource::MeshPhase { line_to_background, .. } => (false, line_to_background),
+        _ => (false, 0.0),
+    };
+    angles.max_by(|a, b| {
+        let ((a_is_safe, a), (b_is_safe, b)) = (quality(a), quality(b));
+        a_is_safe.cmp(&b_is_safe).then(a.total_cmp(&b))
+    })
 }
 
 /// The integral of the frequency over `turn` samples around each sample, weighted by power.

@@ -37,6 +37,7 @@ mod reference;
 mod shaft_angle;
 mod spectrum;
 mod speed;
+mod speed_wander;
 mod steadying;
 mod transform;
 

@@ -9,17 +9,25 @@ use super::line::{MAIN_LOBE_BINS, noise_amplitude, read_line};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::mesh_phase::MeshBand;
 use super::record_spectrum::RecordSpectrum;
-use super::shaft_angle::ShaftAngle;
+use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::spectrum::{HANN_BANDWIDTH_BINS, hann_amplitude};
+use super::speed_wander::SpeedWander;
+use super::transform::Transforms;
 
 /// Harmonics that show whether the speed wanders: the higher ones show it more.
-const SHOWING: usize = 5;
+const SHOWING: usize = 10;
+
+/// From this one on a narrow line says that the speed is constant.
+const TELLING: usize = 4;
 
 /// A line is wide where the energy around it is this many times that of a single line ...
 const WIDE: f64 = 1.15;
 
 /// ... and it stands this far above the noise, as a ratio of amplitudes.
 const CLEAR: f64 = 4.0;
+
+/// Error of the highest harmonic's phase up to which no better angle is looked for: 2 % of its amplitude.
+const MOST_ERROR_DEG: f64 = 12.0;
 
 /// What is steadied around each mesh harmonic, in shaft rates: the sidebands that features read, and a little more.
 const REACH_SHAFTS: f64 = 2.75;
@@ -56,7 +64,11 @@ impl Steadied {
 /// followed.
 pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) -> Option<Steadied> {
     let shaft_bins = mesh.bins / f64::from(mesh.teeth);
-    if shaft_bins < SHAFT_RESOLVED_BINS || !wanders(work, mesh.bins, shaft_bins) {
+    if shaft_bins < SHAFT_RESOLVED_BINS {
+        return None;
+    }
+    let width = line_width(work, mesh.bins, shaft_bins);
+    if width == LineWidth::Narrow {
         return None;
     }
     let duration_s = work.length as f64 / mesh.sample_rate_hz;
@@ -67,11 +79,22 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
         teeth: mesh.teeth,
         mesh_hz: mesh.bins / duration_s,
     };
-    // The comb is found where the speed lingers, which may be the end of its swing: once more from the mean.
-    let first = band.track_known(&mut work.transforms)?;
-    let mesh_hz = first.mean_speed_hz() * f64::from(mesh.teeth);
-    let band = MeshBand { mesh_hz, ..band };
-    let angle = band.track_known(&mut work.transforms).unwrap_or(first);
+    let alone = (width == LineWidth::Wide)
+        .then(|| track_alone(&band, &mut work.transforms))
+        .flatten();
+    let angle = match alone {
+        Some(angle) if serves(&angle, harmonics * mesh.teeth as usize) => angle,
+        Some(angle) => {
+            let rough = Wander::of(&angle, band.mesh_hz / f64::from(mesh.teeth), duration_s);
+            let ahead_periods = |part: f64| rough.revolutions(part) * f64::from(mesh.teeth);
+            band.track_along(&ahead_periods, rough.speed_part, &mut work.transforms)
+                .unwrap_or(angle)
+        }
+        None => {
+            let rough = SpeedWander::of(&band, &mut work.transforms)?;
+            band.track_along(&|part| rough.ahead_periods(part), rough.reach(), &mut work.transforms)?
+        }
+    };
     let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
     // Revolutions ahead of the mean speed.
     let ahead = Wander::of(&angle, mean_bins / f64::from(mesh.teeth) / duration_s, duration_s);
@@ -118,16 +141,43 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
     })
 }
 
-/// Whether some clear harmonic is wider than a line at a constant speed.
-fn wanders(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> bool {
+/// Whether an angle is good enough for this order: an error of its phase takes half its square off a line's amplitude.
+fn serves(angle: &ShaftAngle, order: usize) -> bool {
+    match angle.source() {
+        AngleSource::MeshPhase { angle_error_deg, .. } => angle_error_deg * order as f64 <= MOST_ERROR_DEG,
+        _ => true,
+    }
+}
+
+/// By one harmonic's own phase. The comb is found where the speed lingers, which may be the end of its swing: once more from the mean.
+fn track_alone(band: &MeshBand<'_>, transforms: &mut Transforms) -> Option<ShaftAngle> {
+    let first = band.track_known(transforms)?;
+    let mesh_hz = first.mean_speed_hz() * f64::from(band.teeth);
+    let band = MeshBand { mesh_hz, ..*band };
+    Some(band.track_known(transforms).unwrap_or(first))
+}
+
+/// What the mesh lines look like over the whole record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum LineWidth {
+    /// A high harmonic stands out and is as narrow as at a constant speed.
+    Narrow,
+    /// Some harmonic stands out and is wider.
+    Wide,
+    /// None of them stands out: weak, or smeared over so many bins that it lies in what looks like noise.
+    Unclear,
+}
+
+fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> LineWidth {
     let RecordSpectrum { amplitude, sorting, .. } = work;
-    (1..=SHOWING).any(|order| {
+    let reach = 0.45 * shaft_bins;
+    let mut width = LineWidth::Unclear;
+    for order in 1..=SHOWING {
         let centre = order as f64 * mesh_bins;
-        let reach = 0.45 * shaft_bins;
-        let Some(line) = read_line(amplitude, centre) else { return false };
+        let Some(line) = read_line(amplitude, centre) else { break };
         let (first, last) = ((centre - reach).ceil() as usize, (centre + reach).floor() as usize);
         if first < 1 || last + 1 >= amplitude.len() || reach < MAIN_LOBE_BINS + 1.0 {
-            return false;
+            break;
         }
         sorting.clear();
         let aside = (shaft_bins * 0.5) as usize;
@@ -137,8 +187,17 @@ fn wanders(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> bool {
         let energy: f64 = amplitude[first..=last].iter().map(|a| a * a).sum::<f64>();
         let around = (energy - bins * noise * noise) / HANN_BANDWIDTH_BINS;
         let single = line.amplitude * line.amplitude;
-        around > CLEAR * CLEAR * noise * noise && around > WIDE * single
-    })
+        if around > CLEAR * CLEAR * noise * noise {
+            if around > WIDE * single {
+                return LineWidth::Wide;
+            }
+            // The higher harmonic shows more: the lowest ones alone say little.
+            if order >= TELLING {
+                width = LineWidth::Narrow;
+            }
+        }
+    }
+    width
 }
 
 /// How far a shaft is ahead of its mean speed, over the parts of a record.
