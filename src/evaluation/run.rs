@@ -53,7 +53,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
         path,
         noise_deviation: 0.0,
         healthy_rms: 0.0,
-        healthy_peak: 0.0,
+        peak: 0.0,
         wander: settings.wander,
         sample_rate_hz: plan.sample_rate_hz,
         kernel: Kernel::new(),
@@ -62,7 +62,6 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
     let rms = |samples: &[f32]| (samples.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>() / samples.len() as f64).sqrt();
     sensor.noise_deviation = rms(&calm) / 10f64.powf(settings.snr_db / 20.0);
     sensor.healthy_rms = rms(&bank.healthy[0].samples);
-    sensor.healthy_peak = calm.iter().fold(0.0, |most, &x| f64::max(most, f64::from(x.abs())));
 
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mesh = MeshContext {
@@ -83,6 +82,9 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
             let vibration = bank.near(wear_um, reached_um, &mut rng);
             reached_um = reached_um.max(vibration.wear_um);
             let samples = sensor.record(vibration, settings.seconds, fault, &mut rng);
+            if fault.is_none() {
+                sensor.peak = samples.iter().fold(0.0, |most, &x| f64::max(most, f64::from(x.abs())));
+            }
             let record = Record::new("1", Timestamp::UNIX_EPOCH, plan.sample_rate_hz, "m/s2", samples)
                 .and_then(|record| {
                     record.with_operating_point(OperatingPoint {

@@ -38,6 +38,7 @@ mod shaft_angle;
 mod spectrum;
 mod speed;
 mod steadying;
+mod tooth_contrast;
 mod transform;
 
 pub use analyzer::{Analysis, AnalysisSettings, Analyzer};
