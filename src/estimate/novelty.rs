@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::chart::Charts;
 use super::hypotheses::Deviation;
 use crate::signal::{Absence, Features};
 
@@ -11,6 +12,12 @@ const LEAST_P_VALUE: f64 = 1e-4;
 /// Deviations are correlated: the sum of squares is this much wider than that of independent ones.
 const INFLATION_LINES: f64 = 2.0;
 const INFLATION_CHECKS: f64 = 1.6;
+
+/// Checks that are followed over records: faults of one tooth and of the shaft raise them, and wear does not.
+const CHARTED: [&str; 2] = ["ln_tooth_", "ln_shaft_"];
+
+/// Their scatter is larger than the baseline's by this factor: they are no normal deviates.
+const CHARTED_SCATTER: f64 = 1.0;
 
 /// A gain that changed moves everything by at least this logarithm ...
 const LEAST_GAIN: f64 = 0.15;
@@ -56,6 +63,41 @@ impl SensorFault {
     }
 }
 
+/// What a record that wear does not explain looks like, where the sensor is not the reason.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MachineSign {
+    /// One tooth of the shaft has more between the mesh harmonics than the others.
+    OneTooth,
+    /// The shaft's own lines have grown.
+    ShaftLines,
+    /// Energy that belongs to no mesh harmonic has grown.
+    BesideMesh,
+}
+
+impl MachineSign {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::OneTooth => "one tooth differs from the others: a crack or chip, not wear",
+            Self::ShaftLines => "the shaft's own lines have grown: misalignment or unbalance, not wear",
+            Self::BesideMesh => "energy that does not belong to the mesh has grown: a bearing or looseness, not wear",
+        }
+    }
+
+    /// What a check that has grown is a sign of.
+    fn of(check: &str) -> Option<Self> {
+        let signs = [
+            ("ln_tooth_", Self::OneTooth),
+            ("ln_shaft_", Self::ShaftLines),
+            ("ln_rest_", Self::BesideMesh),
+            ("ln_band_", Self::BesideMesh),
+            ("ln_floor_", Self::BesideMesh),
+        ];
+        signs.into_iter().find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
+    }
+}
+
 /// How one feature deviates from what the best state expects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FeatureDeviation {
@@ -79,23 +121,41 @@ pub struct Novelty {
     /// What is wrong with the sensor, where that is the reason.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_fault: Option<SensorFault>,
+    /// What it looks like, where a check that wear hardly moves has grown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine_sign: Option<MachineSign>,
+    /// The check that has deviated for several records, where that is why the record lies outside.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lasting: Option<String>,
     /// The features that deviate most.
     pub most: Vec<FeatureDeviation>,
 }
 
-/// Judges a record by its deviations from the best state: of lines, and of what wear hardly moves.
-pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], freedom: f64) -> Novelty {
+/// Judges a record by its deviations from the best state: of lines, of what wear hardly moves, and by what has lasted over the records before.
+pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], freedom: f64, charts: &mut Charts) -> Novelty {
     let squares = |deviations: &[Deviation]| -> f64 { deviations.iter().map(|d| normal_score(d, freedom).powi(2)).sum() };
     let p_lines = chi_square_tail(squares(lines) / INFLATION_LINES, lines.len());
     let p_checks = chi_square_tail(squares(checks) / INFLATION_CHECKS, checks.len());
-    // The smaller of two p-values.
-    let p_value = (2.0 * p_lines.min(p_checks)).min(1.0);
-    let outside = p_value < LEAST_P_VALUE;
+    let p_record = (2.0 * p_lines.min(p_checks)).min(1.0);
     let sensor_fault = match record.fault {
         Some(Absence::Constant) => Some(SensorFault::Dead),
         Some(Absence::Clipped) => Some(SensorFault::Clipped),
         Some(Absence::Gaps) => Some(SensorFault::Gaps),
-        _ if outside => sensor_fault(lines, checks),
+        _ if p_record < LEAST_P_VALUE => sensor_fault(lines, checks),
+        _ => None,
+    };
+    // A fault of the sensor says nothing of the machine.
+    if sensor_fault.is_none() {
+        let charted = checks.iter().filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
+        charts.update(charted.map(|d| (d.name.as_str(), normal_score(d, freedom) / CHARTED_SCATTER)));
+    }
+    let lasting = charts.highest().filter(|(_, p)| sensor_fault.is_none() && *p < p_record);
+    let p_value = lasting.map_or(p_record, |(_, p)| p);
+    let outside = p_value < LEAST_P_VALUE;
+    let lasting = lasting.filter(|_| outside).map(|(name, _)| name.to_owned());
+    let machine_sign = match (&lasting, sensor_fault) {
+        (Some(check), None) => MachineSign::of(check),
+        (None, None) if p_checks < LEAST_P_VALUE => grown_most(checks),
         _ => None,
     };
     let mut most: Vec<&Deviation> = lines.iter().chain(checks).collect();
@@ -105,6 +165,8 @@ pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], fr
         score: (-p_value.max(1e-30).log10()).max(0.0),
         outside: outside || sensor_fault.is_some(),
         sensor_fault,
+        machine_sign,
+        lasting,
         most: most
             .into_iter()
             .take(3)
@@ -115,6 +177,13 @@ pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], fr
             })
             .collect(),
     }
+}
+
+/// What the check that has grown most is a sign of; none where that one has fallen.
+fn grown_most(checks: &[Deviation]) -> Option<MachineSign> {
+    let score = |d: &Deviation| d.residual / d.deviation;
+    let most = checks.iter().max_by(|a, b| score(a).abs().total_cmp(&score(b).abs()))?;
+    (most.residual > 0.0).then(|| MachineSign::of(&most.name)).flatten()
 }
 
 fn sensor_fault(lines: &[Deviation], checks: &[Deviation]) -> Option<SensorFault> {
@@ -223,7 +292,12 @@ mod tests {
     fn judged(lines: &[f64], floors: &[f64], rests: &[f64]) -> Novelty {
         let mut checks = deviations("ln_floor", floors);
         checks.extend(deviations("ln_rest", rests));
-        judge(&Features::default(), &[deviations("ln_mesh", lines), checks], 20.0)
+        judge(
+            &Features::default(),
+            &[deviations("ln_mesh", lines), checks],
+            20.0,
+            &mut Charts::default(),
+        )
     }
 
     #[test]
@@ -249,7 +323,7 @@ mod tests {
             fault: Some(Absence::Clipped),
             ..Features::default()
         };
-        let judged = judge(&record, &[Vec::new(), Vec::new()], 20.0);
+        let judged = judge(&record, &[Vec::new(), Vec::new()], 20.0, &mut Charts::default());
         assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
     }
 }

@@ -15,8 +15,10 @@ use crate::simulation::TransmissionPath;
 /// What the runs of one case have in common.
 #[derive(Debug, Clone, Copy)]
 pub struct RunShape {
-    /// Records of a run.
+    /// Records of a run, over which wear grows.
     pub records: usize,
+    /// The first so many of them are drawn.
+    pub drawn: usize,
     /// Length of each in seconds.
     pub seconds: f64,
     /// Healthy vibration over sensor noise in dB, after the path.
@@ -71,7 +73,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
         nominal_is_exact: false,
     };
     let mut reached_um: f64 = 0.0;
-    (0..settings.records)
+    (0..settings.drawn.min(settings.records))
         .map(|index| {
             let wear_um = settings.last_wear_um * (index as f64 / (settings.records.max(2) - 1) as f64).powf(power);
             let fault = settings.fault.and_then(|(fault, first)| (index >= first).then_some(fault));

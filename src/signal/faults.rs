@@ -69,7 +69,11 @@ fn piled_up(samples: &[f32], limit: f32, range: f32) -> bool {
         return false;
     }
     let apart = |x: f32| (x - limit).abs();
-    let nearest = samples.iter().filter(|&&x| x != limit).map(|&x| apart(x)).fold(f32::INFINITY, f32::min);
+    let nearest = samples
+        .iter()
+        .filter(|&&x| x != limit)
+        .map(|&x| apart(x))
+        .fold(f32::INFINITY, f32::min);
     let reach = nearest.max(NEXT_PART * range);
     let next = samples.iter().filter(|&&x| x != limit && apart(x) <= reach).count();
     at_limit >= PILED_UP_TIMES * next

@@ -153,13 +153,7 @@ impl Analyzer {
     }
 
     /// The record over the best angle there is, and why its tachometer was not used where it was not.
-    fn turned(
-        &mut self,
-        record: &Record,
-        mesh: &MeshContext,
-        moments: &Moments,
-        located: &LocatedMesh,
-    ) -> Turned {
+    fn turned(&mut self, record: &Record, mesh: &MeshContext, moments: &Moments, located: &LocatedMesh) -> Turned {
         let refused = match self.by_tachometer(record, mesh) {
             Some(Ok(turned)) => return Ok((turned, None)),
             Some(Err(reason)) => Some(reason),

@@ -20,7 +20,13 @@ const ROUNDING: f64 = 1e-9;
 
 /// Puts down three ratios of a turn that no gain of the sensor changes, as natural logarithms of amplitudes; nothing for a gear with
 /// fewer than 10 teeth, and where order `teeth` + 1 lies above half the samples of a turn.
-pub(super) fn insert_tooth_checks(turned: &AngleRecord, teeth: u32, harmonics: usize, transforms: &mut Transforms, features: &mut Features) {
+pub(super) fn insert_tooth_checks(
+    turned: &AngleRecord,
+    teeth: u32,
+    harmonics: usize,
+    transforms: &mut Transforms,
+    features: &mut Features,
+) {
     let (teeth, per_turn) = (teeth as usize, turned.samples_per_turn);
     if teeth < LEAST_TEETH || 2 * (teeth + 1) >= per_turn {
         return;
