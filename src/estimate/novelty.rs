@@ -17,7 +17,7 @@ const INFLATION_CHECKS: f64 = 1.6;
 const CHARTED: [&str; 2] = ["ln_tooth_", "ln_shaft_"];
 
 /// Their scatter is larger than the baseline's by this factor: they are no normal deviates.
-const CHARTED_SCATTER: f64 = 1.0;
+const CHARTED_SCATTER: f64 = 1.25;
 
 /// A gain that changed moves everything by at least this logarithm ...
 const LEAST_GAIN: f64 = 0.15;
@@ -124,7 +124,7 @@ pub struct Novelty {
     /// What it looks like, where a check that wear hardly moves has grown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine_sign: Option<MachineSign>,
-    /// The check that has deviated for several records, where that is why the record lies outside.
+    /// The check that has deviated for several records, where that says more than this record alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lasting: Option<String>,
     /// The features that deviate most.
@@ -147,17 +147,20 @@ pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], fr
     // A fault of the sensor says nothing of the machine.
     if sensor_fault.is_none() {
         let charted = checks.iter().filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
-        charts.update(charted.map(|d| (d.name.as_str(), normal_score(d, freedom) / CHARTED_SCATTER)));
+        charts.update(charted.map(|d| (d.name.as_str(), normal_score(d, freedom).copysign(d.residual) / CHARTED_SCATTER)));
     }
-    let lasting = charts.highest().filter(|(_, p)| sensor_fault.is_none() && *p < p_record);
-    let p_value = lasting.map_or(p_record, |(_, p)| p);
+    let lasting = charts.highest().filter(|_| sensor_fault.is_none());
+    let p_value = lasting.map_or(p_record, |(_, p)| p.min(p_record));
     let outside = p_value < LEAST_P_VALUE;
-    let lasting = lasting.filter(|_| outside).map(|(name, _)| name.to_owned());
-    let machine_sign = match (&lasting, sensor_fault) {
-        (Some(check), None) => MachineSign::of(check),
-        (None, None) if p_checks < LEAST_P_VALUE => grown_most(checks),
-        _ => None,
+    // What a record says by itself comes before what has lasted.
+    let by_itself = if sensor_fault.is_none() && p_checks < LEAST_P_VALUE {
+        grown_most(checks)
+    } else {
+        None
     };
+    let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < LEAST_P_VALUE);
+    let machine_sign = by_itself.or_else(|| lasting.and_then(|(check, _)| MachineSign::of(check)));
+    let lasting = lasting.map(|(check, _)| check.to_owned());
     let mut most: Vec<&Deviation> = lines.iter().chain(checks).collect();
     most.sort_by(|a, b| (b.residual / b.deviation).abs().total_cmp(&(a.residual / a.deviation).abs()));
     Novelty {
@@ -213,7 +216,7 @@ fn sensor_fault(lines: &[Deviation], checks: &[Deviation]) -> Option<SensorFault
     (gain.abs() > LEAST_GAIN && after < GAIN_LEAVES * before).then_some(SensorFault::GainChanged)
 }
 
-/// A deviation of Student's t distribution as one of the normal distribution with about the same tail (Wallace 1959).
+/// The size of a deviation of Student's t distribution as that of one of the normal distribution with about the same tail (Wallace 1959).
 fn normal_score(deviation: &Deviation, freedom: f64) -> f64 {
     let t = deviation.residual / deviation.deviation;
     let z = (freedom * (t * t / freedom).ln_1p()).sqrt();
@@ -315,6 +318,37 @@ mod tests {
         assert_eq!(bearing.most[0].feature, "ln_rest_3");
         let calm = judged(&[0.04; 8], &[-0.04; 4], &[0.02; 4]);
         assert!(!calm.outside && calm.p_value > 0.01);
+    }
+
+    /// Records that each deviate too little by themselves, and then a strong one.
+    #[test]
+    fn what_lasts_is_told_and_named() {
+        let mut charts = Charts::default();
+        let mut take = |tooth: f64, shaft: f64| {
+            let checks = [("ln_tooth_worst", tooth), ("ln_shaft_1", shaft), ("ln_rest_1", 0.0), ("ln_rest_2", 0.01)];
+            let checks = checks.map(|(name, residual)| Deviation {
+                name: name.to_owned(),
+                residual,
+                deviation: 0.05,
+            });
+            judge(&Features::default(), &[Vec::new(), checks.to_vec()], 20.0, &mut charts)
+        };
+        for _ in 0..20 {
+            assert!(!take(-0.01, 0.02).outside);
+        }
+        let told: Vec<Novelty> = (0..10).map(|_| take(0.13, -0.02)).collect();
+        assert!(!told[0].outside && told[9].outside, "{:?}", told[9]);
+        assert_eq!(
+            (told[9].machine_sign, told[9].lasting.as_deref()),
+            (Some(MachineSign::OneTooth), Some("ln_tooth_worst"))
+        );
+        assert!(told.windows(2).all(|pair| pair[0].p_value >= pair[1].p_value));
+        let strong = take(0.0, 1.0);
+        assert_eq!((strong.machine_sign, strong.lasting), (Some(MachineSign::ShaftLines), None));
+        for _ in 0..30 {
+            take(0.0, 0.0);
+        }
+        assert!(!take(0.0, 0.0).outside);
     }
 
     #[test]

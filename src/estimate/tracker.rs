@@ -280,12 +280,9 @@ impl Tracker {
         let best = compared.best(self.grid.depths_um().len());
         let deviations = hypotheses.deviations(features, Some((ensemble, best)));
         if std::env::var_os("FW_DUMP").is_some() {
-            // DUMP
             let z: Vec<String> = deviations[1]
                 .iter()
                 .map(|d| format!("{}:{:.3}:{:.4}", d.name, d.residual, d.deviation))
-                .collect(); // DUMP
-            let sq: f64 = deviations[0].iter().map(|d| (d.residual / d.deviation).powi(2)).sum(); // DUMP
             println!(
                 "D {:p} {} {} {:.2}/{} {}",
                 self,
@@ -294,8 +291,6 @@ impl Tracker {
                 sq,
                 deviations[0].len(),
                 z.join(" ")
-            ); // DUMP
-        } // DUMP
         let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
         let belief = match &mut tracking.belief {
             Some(belief) if belief.fits(&hypotheses, &self.grid) => belief,
