@@ -325,7 +325,12 @@ mod tests {
     fn what_lasts_is_told_and_named() {
         let mut charts = Charts::default();
         let mut take = |tooth: f64, shaft: f64| {
-            let checks = [("ln_tooth_worst", tooth), ("ln_shaft_1", shaft), ("ln_rest_1", 0.0), ("ln_rest_2", 0.01)];
+            let checks = [
+                ("ln_tooth_worst", tooth),
+                ("ln_shaft_1", shaft),
+                ("ln_rest_1", 0.0),
+                ("ln_rest_2", 0.01),
+            ];
             let checks = checks.map(|(name, residual)| Deviation {
                 name: name.to_owned(),
                 residual,

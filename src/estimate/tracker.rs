@@ -279,18 +279,6 @@ impl Tracker {
         }
         let best = compared.best(self.grid.depths_um().len());
         let deviations = hypotheses.deviations(features, Some((ensemble, best)));
-        if std::env::var_os("FW_DUMP").is_some() {
-            let z: Vec<String> = deviations[1]
-                .iter()
-                .map(|d| format!("{}:{:.3}:{:.4}", d.name, d.residual, d.deviation))
-            println!(
-                "D {:p} {} {} {:.2}/{} {}",
-                self,
-                at.as_second() / 3600,
-                self.grid.depths_um()[best.1],
-                sq,
-                deviations[0].len(),
-                z.join(" ")
         let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
         let belief = match &mut tracking.belief {
             Some(belief) if belief.fits(&hypotheses, &self.grid) => belief,
