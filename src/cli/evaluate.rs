@@ -3,16 +3,37 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use plotly::common::{Line, Mode, Title};
 use plotly::layout::Axis;
 use plotly::{Layout, Plot, Scatter};
 
 use super::library::progress_bar;
 use super::{CliError, output, pair_file};
-use crate::evaluation::{Case, EvaluationSettings, NOMINAL, Score, evaluate};
+use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, Score, evaluate};
 use crate::gear::PairSpec;
 use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryShelf};
+
+/// Which cases are run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Cases {
+    /// Wear and faults
+    All,
+    /// Wear of the library's own physics and of others
+    Wear,
+    /// Faults that are not wear, and what is healthy
+    Faults,
+}
+
+impl Cases {
+    fn hold(self, case: &Case) -> bool {
+        match self {
+            Self::All => true,
+            Self::Wear => case.aim.group() == CaseGroup::Wear,
+            Self::Faults => case.aim.group() == CaseGroup::Faults,
+        }
+    }
+}
 
 /// Arguments of `flankwatch evaluate`.
 #[derive(Debug, Args)]
@@ -29,6 +50,9 @@ pub(super) struct EvaluateArgs {
     /// Wear states that the runs of a case are drawn from
     #[arg(long, default_value_t = EvaluationSettings::default().states)]
     states: usize,
+    /// Which cases are run
+    #[arg(long, value_enum, default_value_t = Cases::All)]
+    cases: Cases,
     /// Only cases whose name holds this text
     #[arg(long)]
     case: Option<String>,
@@ -55,15 +79,28 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
         )));
     }
     let pair = pair_file::read(args.pair.as_deref())?;
-    let ensemble = ensemble(&pair, args)?;
     let settings = EvaluationSettings {
         runs: args.runs,
         records: args.records,
         states: args.states,
         seed: args.seed,
     };
-    let wanted = |case: &Case| args.case.as_ref().is_none_or(|text| case.name.contains(text));
-    let cases: Vec<Case> = Case::all(&pair).into_iter().filter(wanted).collect();
+    let wanted = |case: &Case| args.cases.hold(case) && args.case.as_ref().is_none_or(|text| case.name.contains(text));
+    let all = Case::all(&pair);
+    let cases: Vec<Case> = all.iter().filter(|case| wanted(case)).cloned().collect();
+    if cases.is_empty() {
+        let names: Vec<&str> = all
+            .iter()
+            .filter(|case| args.cases.hold(case))
+            .map(|case| case.name.as_str())
+            .collect();
+        return Err(CliError::Argument(format!(
+            "--case is {:?}, which no case's name holds, expected a part of one of: {}",
+            args.case.as_deref().unwrap_or_default(),
+            names.join(", ")
+        )));
+    }
+    let ensemble = ensemble(&pair, args)?;
     let bar = progress_bar(cases.len() as u64, "cases");
     let mut scores = Vec::with_capacity(cases.len());
     output::print(&header())?;
@@ -98,17 +135,19 @@ fn ensemble(pair: &PairSpec, args: &EvaluateArgs) -> Result<Arc<Ensemble>, CliEr
 
 fn header() -> String {
     format!(
-        "{:<24} {:>7} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8} {:>8} {:>9}\n",
-        "case", "error", "90 % <", "bias", "covered", "width", "rank", "flagged", "found", "crossing"
+        "{:<24} {:>7} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8} {:>8} {:>9}  {}\n",
+        "case", "error", "90 % <", "bias", "covered", "width", "rank", "flagged", "found", "crossing", "named"
     )
 }
 
 fn row(score: &Score) -> String {
     let told = score.estimates > 0;
     let number = |value: f64, digits: usize| if told { format!("{value:.digits$}") } else { "-".to_owned() };
+    let named = score.named.as_ref();
+    let named = named.map_or_else(|| "-".to_owned(), |(name, part)| format!("{name} ({:.0} %)", 100.0 * part));
     let part = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
     format!(
-        "{:<24} {:>7} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8.4} {:>8} {:>9}\n",
+        "{:<24} {:>7} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8.4} {:>8} {:>9}  {}\n",
         score.case,
         number(score.mean_error_um, 1),
         number(score.error_quantiles_um[1], 1),
@@ -119,6 +158,7 @@ fn row(score: &Score) -> String {
         score.false_flags,
         part(score.found),
         part(score.prognosis.map(|(part, _)| part)),
+        named,
     )
 }
 
@@ -188,7 +228,7 @@ fn page(scores: &[Score], settings: &EvaluationSettings) -> String {
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><title>flankwatch evaluation</title>{script}</head><body>\
          <h1>Wear estimation on simulated runs</h1><p>{} runs a case of {} records, seed {}. Errors and widths in µm of greatest wear depth; \
          covered: part of the records whose 90 % interval holds the truth; flagged: part of the records without a fault that were flagged; found: \
-         part of the runs flagged within 10 records of a fault; crossing: part of the prognoses from half of life on whose 90 % interval holds \
+         part of the runs flagged within 10 records of a fault; named: what the fault's flagged records were called most often; crossing: part of the prognoses from half of life on whose 90 % interval holds \
          the crossing of 80 % of the library's depth.</p><pre>{table}</pre>{}{}</body></html>",
         settings.runs,
         settings.records,

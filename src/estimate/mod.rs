@@ -7,6 +7,7 @@
 mod alarm;
 mod baseline;
 mod belief;
+mod chart;
 mod depth_grid;
 mod event;
 mod healthy;
@@ -19,7 +20,7 @@ mod wear;
 
 pub use alarm::{Alarm, AlarmAction, AlarmChange, AlarmError, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings, AlarmState, Severity};
 pub use event::{MaintenanceEvent, MaintenanceKind};
-pub use novelty::{FeatureDeviation, Novelty, SensorFault};
+pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
 pub use tracker::{EstimatorSettings, METHOD, Tracker, TrackerState};
 pub use wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::chart::Charts;
 use super::hypotheses::Deviation;
 use crate::signal::{Absence, Features};
 
@@ -11,6 +12,12 @@ const LEAST_P_VALUE: f64 = 1e-4;
 /// Deviations are correlated: the sum of squares is this much wider than that of independent ones.
 const INFLATION_LINES: f64 = 2.0;
 const INFLATION_CHECKS: f64 = 1.6;
+
+/// Checks that are followed over records: faults of one tooth and of the shaft raise them, and wear does not.
+const CHARTED: [&str; 2] = ["ln_tooth_", "ln_shaft_"];
+
+/// Their scatter is larger than the baseline's by this factor: they are no normal deviates.
+const CHARTED_SCATTER: f64 = 1.25;
 
 /// A gain that changed moves everything by at least this logarithm ...
 const LEAST_GAIN: f64 = 0.15;
@@ -56,6 +63,41 @@ impl SensorFault {
     }
 }
 
+/// What a record that wear does not explain looks like, where the sensor is not the reason.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MachineSign {
+    /// One tooth of the shaft has more between the mesh harmonics than the others.
+    OneTooth,
+    /// The shaft's own lines have grown.
+    ShaftLines,
+    /// Energy that belongs to no mesh harmonic has grown.
+    BesideMesh,
+}
+
+impl MachineSign {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::OneTooth => "one tooth differs from the others: a crack or chip, not wear",
+            Self::ShaftLines => "the shaft's own lines have grown: misalignment or unbalance, not wear",
+            Self::BesideMesh => "energy that does not belong to the mesh has grown: a bearing or looseness, not wear",
+        }
+    }
+
+    /// What a check that has grown is a sign of.
+    fn of(check: &str) -> Option<Self> {
+        let signs = [
+            ("ln_tooth_", Self::OneTooth),
+            ("ln_shaft_", Self::ShaftLines),
+            ("ln_rest_", Self::BesideMesh),
+            ("ln_band_", Self::BesideMesh),
+            ("ln_floor_", Self::BesideMesh),
+        ];
+        signs.into_iter().find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
+    }
+}
+
 /// How one feature deviates from what the best state expects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FeatureDeviation {
@@ -79,25 +121,46 @@ pub struct Novelty {
     /// What is wrong with the sensor, where that is the reason.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_fault: Option<SensorFault>,
+    /// What it looks like, where a check that wear hardly moves has grown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine_sign: Option<MachineSign>,
+    /// The check that has deviated for several records, where that says more than this record alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lasting: Option<String>,
     /// The features that deviate most.
     pub most: Vec<FeatureDeviation>,
 }
 
-/// Judges a record by its deviations from the best state: of lines, and of what wear hardly moves.
-pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], freedom: f64) -> Novelty {
+/// Judges a record by its deviations from the best state: of lines, of what wear hardly moves, and by what has lasted over the records before.
+pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], freedom: f64, charts: &mut Charts) -> Novelty {
     let squares = |deviations: &[Deviation]| -> f64 { deviations.iter().map(|d| normal_score(d, freedom).powi(2)).sum() };
     let p_lines = chi_square_tail(squares(lines) / INFLATION_LINES, lines.len());
     let p_checks = chi_square_tail(squares(checks) / INFLATION_CHECKS, checks.len());
-    // The smaller of two p-values.
-    let p_value = (2.0 * p_lines.min(p_checks)).min(1.0);
-    let outside = p_value < LEAST_P_VALUE;
+    let p_record = (2.0 * p_lines.min(p_checks)).min(1.0);
     let sensor_fault = match record.fault {
         Some(Absence::Constant) => Some(SensorFault::Dead),
         Some(Absence::Clipped) => Some(SensorFault::Clipped),
         Some(Absence::Gaps) => Some(SensorFault::Gaps),
-        _ if outside => sensor_fault(lines, checks),
+        _ if p_record < LEAST_P_VALUE => sensor_fault(lines, checks),
         _ => None,
     };
+    // A fault of the sensor says nothing of the machine.
+    if sensor_fault.is_none() {
+        let charted = checks.iter().filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
+        charts.update(charted.map(|d| (d.name.as_str(), normal_score(d, freedom).copysign(d.residual) / CHARTED_SCATTER)));
+    }
+    let lasting = charts.highest().filter(|_| sensor_fault.is_none());
+    let p_value = lasting.map_or(p_record, |(_, p)| p.min(p_record));
+    let outside = p_value < LEAST_P_VALUE;
+    // What a record says by itself comes before what has lasted.
+    let by_itself = if sensor_fault.is_none() && p_checks < LEAST_P_VALUE {
+        grown_most(checks)
+    } else {
+        None
+    };
+    let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < LEAST_P_VALUE);
+    let machine_sign = by_itself.or_else(|| lasting.and_then(|(check, _)| MachineSign::of(check)));
+    let lasting = lasting.map(|(check, _)| check.to_owned());
     let mut most: Vec<&Deviation> = lines.iter().chain(checks).collect();
     most.sort_by(|a, b| (b.residual / b.deviation).abs().total_cmp(&(a.residual / a.deviation).abs()));
     Novelty {
@@ -105,6 +168,8 @@ pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], fr
         score: (-p_value.max(1e-30).log10()).max(0.0),
         outside: outside || sensor_fault.is_some(),
         sensor_fault,
+        machine_sign,
+        lasting,
         most: most
             .into_iter()
             .take(3)
@@ -115,6 +180,13 @@ pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], fr
             })
             .collect(),
     }
+}
+
+/// What the check that has grown most is a sign of; none where that one has fallen.
+fn grown_most(checks: &[Deviation]) -> Option<MachineSign> {
+    let score = |d: &Deviation| d.residual / d.deviation;
+    let most = checks.iter().max_by(|a, b| score(a).abs().total_cmp(&score(b).abs()))?;
+    (most.residual > 0.0).then(|| MachineSign::of(&most.name)).flatten()
 }
 
 fn sensor_fault(lines: &[Deviation], checks: &[Deviation]) -> Option<SensorFault> {
@@ -144,7 +216,7 @@ fn sensor_fault(lines: &[Deviation], checks: &[Deviation]) -> Option<SensorFault
     (gain.abs() > LEAST_GAIN && after < GAIN_LEAVES * before).then_some(SensorFault::GainChanged)
 }
 
-/// A deviation of Student's t distribution as one of the normal distribution with about the same tail (Wallace 1959).
+/// The size of a deviation of Student's t distribution as that of one of the normal distribution with about the same tail (Wallace 1959).
 fn normal_score(deviation: &Deviation, freedom: f64) -> f64 {
     let t = deviation.residual / deviation.deviation;
     let z = (freedom * (t * t / freedom).ln_1p()).sqrt();
@@ -223,7 +295,12 @@ mod tests {
     fn judged(lines: &[f64], floors: &[f64], rests: &[f64]) -> Novelty {
         let mut checks = deviations("ln_floor", floors);
         checks.extend(deviations("ln_rest", rests));
-        judge(&Features::default(), &[deviations("ln_mesh", lines), checks], 20.0)
+        judge(
+            &Features::default(),
+            &[deviations("ln_mesh", lines), checks],
+            20.0,
+            &mut Charts::default(),
+        )
     }
 
     #[test]
@@ -243,13 +320,49 @@ mod tests {
         assert!(!calm.outside && calm.p_value > 0.01);
     }
 
+    /// Records that each deviate too little by themselves, and then a strong one.
+    #[test]
+    fn what_lasts_is_told_and_named() {
+        let mut charts = Charts::default();
+        let mut take = |tooth: f64, shaft: f64| {
+            let checks = [
+                ("ln_tooth_worst", tooth),
+                ("ln_shaft_1", shaft),
+                ("ln_rest_1", 0.0),
+                ("ln_rest_2", 0.01),
+            ];
+            let checks = checks.map(|(name, residual)| Deviation {
+                name: name.to_owned(),
+                residual,
+                deviation: 0.05,
+            });
+            judge(&Features::default(), &[Vec::new(), checks.to_vec()], 20.0, &mut charts)
+        };
+        for _ in 0..20 {
+            assert!(!take(-0.01, 0.02).outside);
+        }
+        let told: Vec<Novelty> = (0..10).map(|_| take(0.13, -0.02)).collect();
+        assert!(!told[0].outside && told[9].outside, "{:?}", told[9]);
+        assert_eq!(
+            (told[9].machine_sign, told[9].lasting.as_deref()),
+            (Some(MachineSign::OneTooth), Some("ln_tooth_worst"))
+        );
+        assert!(told.windows(2).all(|pair| pair[0].p_value >= pair[1].p_value));
+        let strong = take(0.0, 1.0);
+        assert_eq!((strong.machine_sign, strong.lasting), (Some(MachineSign::ShaftLines), None));
+        for _ in 0..30 {
+            take(0.0, 0.0);
+        }
+        assert!(!take(0.0, 0.0).outside);
+    }
+
     #[test]
     fn faults_of_the_samples_speak_for_themselves() {
         let record = Features {
             fault: Some(Absence::Clipped),
             ..Features::default()
         };
-        let judged = judge(&record, &[Vec::new(), Vec::new()], 20.0);
+        let judged = judge(&record, &[Vec::new(), Vec::new()], 20.0, &mut Charts::default());
         assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
     }
 }

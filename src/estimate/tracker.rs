@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
 use super::belief::{Belief, Updated};
+use super::chart::Charts;
 use super::depth_grid::DepthGrid;
 use super::event::{MaintenanceEvent, MaintenanceKind};
 use super::hypotheses::{Beginning, Hypotheses};
@@ -18,7 +19,7 @@ use crate::library::{Ensemble, Library};
 use crate::signal::{Features, PREPROCESSING};
 
 /// Identifier of the estimator.
-pub const METHOD: &str = "ensemble-filter-3";
+pub const METHOD: &str = "ensemble-filter-4";
 
 /// Fewest lines that a comparison is made on.
 const LEAST_LINES: usize = 3;
@@ -46,6 +47,8 @@ enum Stage {
         records: Vec<Features>,
         start: Option<Timestamp>,
         carried: Option<Carried>,
+        #[serde(default)]
+        meshless: Meshless,
     },
     Tracking(Box<Tracking>),
 }
@@ -56,6 +59,17 @@ struct Tracking {
     carried: Option<Carried>,
     belief: Option<Belief>,
     history: WearHistory,
+    #[serde(default)]
+    charts: Charts,
+    #[serde(skip)]
+    prepared: Prepared,
+}
+
+/// The records without a mesh line of a channel on which none has been found often enough for a baseline.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+struct Meshless {
+    records: Vec<Features>,
+    charts: Charts,
     #[serde(skip)]
     prepared: Prepared,
 }
@@ -109,14 +123,23 @@ impl Tracker {
             records: Vec::new(),
             start: None,
             carried: None,
+            meshless: Meshless::default(),
         })
     }
 
     /// Takes one more record that began at `at`; records and events come in time order.
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         match &mut state.0 {
-            Stage::Collecting { records, start, carried } => {
+            Stage::Collecting {
+                records,
+                start,
+                carried,
+                meshless,
+            } => {
                 let have = records.len() as u32;
+                if self.ensemble.is_some() && !features.values.contains_key("ln_mesh_1") {
+                    return self.without_mesh(meshless, have, features);
+                }
                 if let Some(reason) = self.unusable(features) {
                     return self.no_number(WearStatus::NoFeatures, have, reason);
                 }
@@ -132,6 +155,7 @@ impl Tracker {
                         carried: carried.take(),
                         belief: None,
                         history,
+                        charts: Charts::default(),
                         prepared: Prepared::default(),
                     }));
                 }
@@ -156,6 +180,7 @@ impl Tracker {
             records: Vec::new(),
             start: None,
             carried,
+            meshless: Meshless::default(),
         };
     }
 
@@ -178,6 +203,28 @@ impl Tracker {
             return Some("the mesh line was not found in this record, so it does not count");
         }
         None
+    }
+
+    /// A record without a mesh line while the baseline is collected: such records are no wear's, but as many of them as a baseline has
+    /// show what is usual among them.
+    fn without_mesh(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
+        let usable = features.fault.is_none() && !features.checks.is_empty();
+        let known = meshless.records.len() >= self.settings.baseline_records as usize;
+        let mut answer = self.no_number(
+            WearStatus::NoFeatures,
+            have,
+            "the mesh line was not found in this record, so it does not count",
+        );
+        if known {
+            let Meshless { records, charts, prepared } = meshless;
+            let make = || Arc::new(Hypotheses::new(&Baseline::of(records), None, &[], None));
+            let hypotheses = prepared.0.get_or_insert_with(make);
+            let novelty = judge(features, &hypotheses.deviations(features, None), hypotheses.freedom(), charts);
+            self.tell_novelty(&mut answer, novelty);
+        } else if usable {
+            meshless.records.push(features.clone());
+        }
+        answer
     }
 
     fn prepare(&self, tracking: &mut Tracking) -> Arc<Hypotheses> {
@@ -203,7 +250,8 @@ impl Tracker {
         let need = self.settings.baseline_records;
         let hypotheses = self.prepare(tracking);
         let Some(ensemble) = self.ensemble.as_deref() else {
-            let novelty = judge(features, &hypotheses.deviations(features, None), hypotheses.freedom());
+            let deviations = hypotheses.deviations(features, None);
+            let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
             let mut answer = self.no_number(
                 WearStatus::NoLibrary,
                 need,
@@ -222,13 +270,16 @@ impl Tracker {
         let compared = hypotheses.compare(features, ensemble);
         if compared.lines == 0 {
             let mut answer = self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's lines");
-            let novelty = judge(features, &hypotheses.deviations(features, None), hypotheses.freedom());
+            // Less than usual without a mesh line is a machine that stands still.
+            let mut deviations = hypotheses.deviations(features, None);
+            deviations[1].retain(|deviation| deviation.residual > 0.0);
+            let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
         let best = compared.best(self.grid.depths_um().len());
         let deviations = hypotheses.deviations(features, Some((ensemble, best)));
-        let novelty = judge(features, &deviations, hypotheses.freedom());
+        let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
         let belief = match &mut tracking.belief {
             Some(belief) if belief.fits(&hypotheses, &self.grid) => belief,
             other => other.insert(Belief::start(&hypotheses, &self.grid)),
@@ -262,14 +313,15 @@ impl Tracker {
         if let Some(fault) = novelty.sensor_fault {
             answer.status = WearStatus::SensorFault;
             answer.reason = fault.words().to_owned();
+        } else if let Some(sign) = novelty.machine_sign {
+            answer.status = WearStatus::OutsideLibrary;
+            answer.reason = match &novelty.lasting {
+                Some(check) => format!("{} ({check} has deviated for several records)", sign.words()),
+                None => format!("{}: off are {}", sign.words(), most_deviating(&novelty)),
+            };
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
-            let most: Vec<String> = novelty
-                .most
-                .iter()
-                .map(|d| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp()))
-                .collect();
-            answer.reason = format!("no wear of the library explains this record: off are {}", most.join(", "));
+            answer.reason = format!("no wear of the library explains this record: off are {}", most_deviating(&novelty));
         }
         answer.novelty = Some(novelty);
     }
@@ -315,6 +367,13 @@ impl Tracker {
     }
 }
 
+/// The features that deviate most, in words.
+fn most_deviating(novelty: &Novelty) -> String {
+    let most = novelty.most.iter();
+    let most = most.map(|d| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp()));
+    most.collect::<Vec<_>>().join(", ")
+}
+
 /// The library state nearest to a depth.
 fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
     let far = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
@@ -334,6 +393,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, Normal};
 
+    use super::super::novelty::MachineSign;
     use super::*;
     use crate::library::testing::made_up_library;
 
@@ -541,16 +601,24 @@ mod tests {
             }
             features
         };
+        let belief = |state: &TrackerState| match &state.0 {
+            Stage::Tracking(tracking) => (tracking.belief.clone(), tracking.history.clone()),
+            Stage::Collecting { .. } => panic!("the baseline is there"),
+        };
         let mut take = |state: &mut TrackerState, shift: f64| tracker.update(state, Timestamp::UNIX_EPOCH, &record(shift, &mut rng));
         for _ in 0..NEED {
             take(&mut state, 0.0);
         }
         let calm = take(&mut state, 0.0);
         assert!(!calm.novelty.unwrap().outside);
-        let before = state.clone();
+        let before = belief(&state);
         let other = take(&mut state, 0.8);
         assert_eq!((other.status, other.median_um), (WearStatus::OutsideLibrary, None));
-        assert!(other.novelty.unwrap().score > 4.0);
-        assert_eq!(state, before);
+        let novelty = other.novelty.unwrap();
+        assert!(
+            novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BesideMesh),
+            "{novelty:?}"
+        );
+        assert_eq!(belief(&state), before);
     }
 }

@@ -16,6 +16,25 @@ pub enum Aim {
     Fault(Fault),
 }
 
+/// Cases that are looked at together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CaseGroup {
+    /// Wear of the library's own physics and of others.
+    Wear,
+    /// Faults, and what is healthy.
+    Faults,
+}
+
+impl Aim {
+    /// Which group a case with this aim belongs to.
+    pub fn group(self) -> CaseGroup {
+        match self {
+            Self::OwnPhysics | Self::OtherPhysics => CaseGroup::Wear,
+            Self::Healthy | Self::Fault(_) => CaseGroup::Faults,
+        }
+    }
+}
+
 /// One case.
 #[derive(Debug, Clone)]
 pub struct Case {

@@ -17,7 +17,7 @@ pub enum Fault {
     Misalignment,
     /// The sensor's sensitivity doubles.
     GainJump,
-    /// The converter's range ends at half of the healthy peak.
+    /// The converter's range ends at half of the last peak before it.
     Clipping,
     /// The sensor gives a constant.
     Dead,
@@ -63,6 +63,8 @@ const SHAFT_PARTS: [f64; 2] = [0.5, 0.8];
 /// A loose mount's resonance and damping.
 const LOOSE_HZ: f64 = 1500.0;
 const LOOSE_DAMPING: f64 = 0.2;
+/// Where the converter's range ends, as a part of the last peak before.
+const CLIPPED_PART: f64 = 0.5;
 /// What the sensitivity is multiplied by.
 const GAIN: f64 = 2.0;
 
@@ -105,11 +107,13 @@ pub(super) fn excite(fault: Fault, vibration: &mut [f64], rate_hz: f64, shaft_hz
     }
 }
 
-/// Changes what the sensor saw, noise included; `healthy_peak` that of a healthy record.
-pub(super) fn distort(fault: Fault, seen: &mut [f64], rate_hz: f64, healthy_peak: f64) {
+/// Changes what the sensor saw, noise included; `peak` that of the last record before the fault.
+pub(super) fn distort(fault: Fault, seen: &mut [f64], rate_hz: f64, peak: f64) {
     match fault {
         Fault::GainJump => seen.iter_mut().for_each(|x| *x *= GAIN),
-        Fault::Clipping => seen.iter_mut().for_each(|x| *x = x.clamp(-0.5 * healthy_peak, 0.5 * healthy_peak)),
+        Fault::Clipping => seen
+            .iter_mut()
+            .for_each(|x| *x = x.clamp(-CLIPPED_PART * peak, CLIPPED_PART * peak)),
         Fault::Dead => seen.fill(0.0),
         Fault::LooseMount => {
             // A second-order low-pass by impulse invariance.

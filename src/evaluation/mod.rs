@@ -15,12 +15,12 @@ use jiff::{SignedDuration, Timestamp};
 use rayon::prelude::*;
 
 pub use bank::{Bank, BankPlan};
-pub use case::{Aim, Case};
+pub use case::{Aim, Case, CaseGroup};
 pub use fault::Fault;
 pub use run::{Observation, RunShape, observe, observe_many};
 pub use score::{NOMINAL, Score};
 
-use crate::estimate::{EstimatorSettings, Tracker, WearEstimate, WearStatus};
+use crate::estimate::{EstimatorSettings, MachineSign, SensorFault, Tracker, WearEstimate, WearStatus};
 use crate::gear::GearError;
 use crate::library::Ensemble;
 use score::Judged;
@@ -31,6 +31,9 @@ const CRACK_LOSS: f64 = 0.5;
 /// Part of the library's depths that runs with a fault wear to, and part of their records before the fault.
 const FAULT_WEAR: f64 = 0.25;
 const BEFORE_FAULT: f64 = 0.6;
+
+/// Records that a run goes on for after its fault's first one.
+const AFTER_FAULT: usize = 20;
 
 /// How the evaluation is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,19 +105,21 @@ pub fn evaluate(case: &Case, ensemble: &Arc<Ensemble>, settings: &EvaluationSett
     } else {
         None
     };
+    let fault_from = fault.map(|_| (BEFORE_FAULT * settings.records as f64) as usize);
     let shape = RunShape {
         records: settings.records,
+        drawn: fault_from.map_or(settings.records, |first| first + AFTER_FAULT),
         seconds: SECONDS,
         snr_db: SNR_DB,
         wander: WANDER,
         last_wear_um,
-        fault: fault.map(|fault| (fault, (BEFORE_FAULT * settings.records as f64) as usize)),
+        fault: fault.zip(fault_from),
     };
     let runs: Vec<Vec<Judged>> = (0..settings.runs)
         .into_par_iter()
         .map(|run| {
             let observations = observe(&bank, faulty.as_ref(), &shape, settings.seed.wrapping_add(7919 * (run as u64 + 1)));
-            judge(&observations, ensemble, shape.fault.map(|(_, first)| first))
+            judge(&observations, ensemble, fault_from)
         })
         .collect();
     Ok(Score::of(&case.name, &runs, BASELINE, 0.5 * max_wear_um))
@@ -147,13 +152,34 @@ fn judge(observations: &[Observation], ensemble: &Arc<Ensemble>, fault_from: Opt
                 truth_um: observation.wear_um,
                 told: median_and_interval(&told),
                 below_truth: below(&told, observation.wear_um),
-                flagged: matches!(told.status, WearStatus::OutsideLibrary | WearStatus::SensorFault),
+                verdict: verdict(&told),
                 faulty: fault_from.is_some_and(|first| index >= first),
                 prognosis_holds: crossing.and_then(holds),
                 single: observation.single,
             }
         })
         .collect()
+}
+
+/// What a flagged record was called.
+fn verdict(told: &WearEstimate) -> Option<&'static str> {
+    if !matches!(told.status, WearStatus::OutsideLibrary | WearStatus::SensorFault) {
+        return None;
+    }
+    let novelty = told.novelty.as_ref()?;
+    let sensor = novelty.sensor_fault.map(|fault| match fault {
+        SensorFault::Dead => "dead",
+        SensorFault::Clipped => "clipped",
+        SensorFault::Gaps => "gaps",
+        SensorFault::GainChanged => "gain changed",
+        SensorFault::LooseMount => "loose mount",
+    });
+    let machine = novelty.machine_sign.map(|sign| match sign {
+        MachineSign::OneTooth => "one tooth",
+        MachineSign::ShaftLines => "shaft lines",
+        MachineSign::BesideMesh => "beside the mesh",
+    });
+    Some(sensor.or(machine).unwrap_or("outside the library"))
 }
 
 fn median_and_interval(told: &WearEstimate) -> Option<[f64; 3]> {

@@ -15,8 +15,10 @@ use crate::simulation::TransmissionPath;
 /// What the runs of one case have in common.
 #[derive(Debug, Clone, Copy)]
 pub struct RunShape {
-    /// Records of a run.
+    /// Records of a run, over which wear grows.
     pub records: usize,
+    /// The first so many of them are drawn.
+    pub drawn: usize,
     /// Length of each in seconds.
     pub seconds: f64,
     /// Healthy vibration over sensor noise in dB, after the path.
@@ -53,7 +55,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
         path,
         noise_deviation: 0.0,
         healthy_rms: 0.0,
-        healthy_peak: 0.0,
+        peak: 0.0,
         wander: settings.wander,
         sample_rate_hz: plan.sample_rate_hz,
         kernel: Kernel::new(),
@@ -62,7 +64,6 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
     let rms = |samples: &[f32]| (samples.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>() / samples.len() as f64).sqrt();
     sensor.noise_deviation = rms(&calm) / 10f64.powf(settings.snr_db / 20.0);
     sensor.healthy_rms = rms(&bank.healthy[0].samples);
-    sensor.healthy_peak = calm.iter().fold(0.0, |most, &x| f64::max(most, f64::from(x.abs())));
 
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mesh = MeshContext {
@@ -72,7 +73,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
         nominal_is_exact: false,
     };
     let mut reached_um: f64 = 0.0;
-    (0..settings.records)
+    (0..settings.drawn.min(settings.records))
         .map(|index| {
             let wear_um = settings.last_wear_um * (index as f64 / (settings.records.max(2) - 1) as f64).powf(power);
             let fault = settings.fault.and_then(|(fault, first)| (index >= first).then_some(fault));
@@ -83,6 +84,9 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
             let vibration = bank.near(wear_um, reached_um, &mut rng);
             reached_um = reached_um.max(vibration.wear_um);
             let samples = sensor.record(vibration, settings.seconds, fault, &mut rng);
+            if fault.is_none() {
+                sensor.peak = samples.iter().fold(0.0, |most, &x| f64::max(most, f64::from(x.abs())));
+            }
             let record = Record::new("1", Timestamp::UNIX_EPOCH, plan.sample_rate_hz, "m/s2", samples)
                 .and_then(|record| {
                     record.with_operating_point(OperatingPoint {

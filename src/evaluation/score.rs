@@ -1,5 +1,7 @@
 //! What the estimates of a case's runs are worth.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 /// Nominal coverages of the calibration curve.
@@ -13,7 +15,8 @@ pub(super) struct Judged {
     pub(super) told: Option<[f64; 3]>,
     /// The probability that the posterior gives to less wear than the truth.
     pub(super) below_truth: Option<f64>,
-    pub(super) flagged: bool,
+    /// What the record was flagged as, where it was.
+    pub(super) verdict: Option<&'static str>,
     /// The record is one of a fault.
     pub(super) faulty: bool,
     /// Whether a prognosis, from half of life on, holds the crossing.
@@ -51,6 +54,8 @@ pub struct Score {
     pub false_flags: f64,
     /// Part of the runs flagged within 10 records of the fault; none without a fault.
     pub found: Option<f64>,
+    /// What the flagged records of the fault were called most often, and the part of them that were.
+    pub named: Option<(String, f64)>,
     /// Part of the prognoses from half of life on whose interval holds the crossing, and how many there were.
     pub prognosis: Option<(f64, usize)>,
     /// True depth in µm, 5 %, 50 % and 95 % over runs, at which RMS passed twice its healthy mean in 3 of 5 records.
@@ -74,7 +79,12 @@ impl Score {
         });
         let clean: Vec<&Judged> = after().filter(|record| !record.faulty).collect();
         let faulty = runs.iter().any(|run| run.iter().any(|record| record.faulty));
-        let found = |run: &&Vec<Judged>| run.iter().filter(|record| record.faulty).take(10).any(|record| record.flagged);
+        let found = |run: &&Vec<Judged>| {
+            run.iter()
+                .filter(|record| record.faulty)
+                .take(10)
+                .any(|record| record.verdict.is_some())
+        };
         let prognoses: Vec<bool> = after().filter_map(|record| record.prognosis_holds).collect();
         let wears = runs.iter().flatten().any(|record| record.truth_um > half_um);
         let correlate = |value: &dyn Fn(&Judged) -> Option<f64>| -> f64 {
@@ -100,7 +110,8 @@ impl Score {
             rank_correlation: wears.then(|| correlate(&|record| record.told.map(|told| told[0]))),
             single_rank_correlation: wears.then(|| [0, 1, 2].map(|i| correlate(&|record| Some(record.single[i])))),
             calibration: calibration.to_vec(),
-            false_flags: clean.iter().filter(|record| record.flagged).count() as f64 / clean.len().max(1) as f64,
+            false_flags: clean.iter().filter(|record| record.verdict.is_some()).count() as f64 / clean.len().max(1) as f64,
+            named: named(runs),
             found: faulty.then(|| runs.iter().filter(found).count() as f64 / runs.len() as f64),
             prognosis: (!prognoses.is_empty()).then(|| {
                 let holding = prognoses.iter().filter(|holds| **holds).count();
@@ -114,6 +125,18 @@ impl Score {
                 .flatten(),
         }
     }
+}
+
+/// The most frequent verdict on records of a fault, and its part of the verdicts.
+fn named(runs: &[Vec<Judged>]) -> Option<(String, f64)> {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    let faulty = runs.iter().flatten().filter(|record| record.faulty);
+    for verdict in faulty.filter_map(|record| record.verdict) {
+        *counts.entry(verdict).or_default() += 1;
+    }
+    let all: usize = counts.values().sum();
+    let (name, count) = counts.into_iter().max_by_key(|(_, count)| *count)?;
+    Some((name.to_owned(), count as f64 / all as f64))
 }
 
 /// Over runs, the true depth at which something holds in 3 of 5 records; the whole run's where it never does.
@@ -195,7 +218,7 @@ mod tests {
             truth_um,
             told,
             below_truth: told.map(|_| 0.5),
-            flagged,
+            verdict: flagged.then_some("one tooth"),
             faulty,
             prognosis_holds: None,
             single: [1.0, 3.0, 1.0],
@@ -212,5 +235,6 @@ mod tests {
             (3.0, 0.5, 6.0, -1.0)
         );
         assert_eq!((score.false_flags, score.found, score.rank_correlation), (0.0, Some(1.0), None));
+        assert_eq!(score.named, Some(("one tooth".to_owned(), 1.0)));
     }
 }

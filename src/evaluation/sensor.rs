@@ -23,9 +23,10 @@ pub(super) const MARGIN_S: f64 = 0.1;
 pub(super) struct Sensor {
     pub(super) path: TransmissionPath,
     pub(super) noise_deviation: f64,
-    /// Root mean square of the healthy vibration before the path, peak of the healthy record after it.
+    /// Root mean square of the healthy vibration before the path.
     pub(super) healthy_rms: f64,
-    pub(super) healthy_peak: f64,
+    /// Peak of the last record without a fault.
+    pub(super) peak: f64,
     /// Greatest deviation of the speed within a record, as a part.
     pub(super) wander: f64,
     pub(super) sample_rate_hz: f64,
@@ -61,7 +62,7 @@ impl Sensor {
             *x += self.noise_deviation * noise;
         }
         if let Some(fault) = fault {
-            distort(fault, &mut seen, rate_hz, self.healthy_peak);
+            distort(fault, &mut seen, rate_hz, self.peak);
         }
         seen[length - wanted..].iter().map(|&x| x as f32).collect()
     }

@@ -83,7 +83,11 @@ impl Analyzer {
     /// The same with the values of `bands` among the indicators.
     pub fn analyze_with_bands(&mut self, record: &Record, mesh: &MeshContext, bands: &[Band]) -> Analysis {
         let located = self.locate(record, mesh);
-        let analysis = self.analyze_located(record, mesh, bands, &located);
+        let mut analysis = self.analyze_located(record, mesh, bands, &located);
+        if located.1.mesh.is_ok() {
+            let turned = self.turned_located(record, mesh, &located);
+            self.insert_tooth_checks(mesh, &turned, &mut analysis.features);
+        }
         self.give_back(record);
         analysis
     }
@@ -138,8 +142,11 @@ impl Analyzer {
             });
         }
         let mut speed = located.speed;
+        if let Ok(deviation) = deviation {
+            let comb = located.mesh.ok().map(|mesh_bins| (mesh_bins, mesh.teeth));
+            insert_checks(work, comb, deviation, &mut features);
+        }
         if let (Ok(mesh_bins), Ok(deviation)) = (located.mesh, deviation) {
-            insert_checks(work, mesh_bins, mesh.teeth, deviation, &mut features);
             let place = Mesh {
                 bins: mesh_bins,
                 teeth: mesh.teeth,

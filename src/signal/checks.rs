@@ -26,9 +26,9 @@ const SHAFT_FLOOR: f64 = 3.0;
 const COMB_SHAFTS: f64 = 3.5;
 const COMB_WANDER: f64 = 0.006;
 
-/// Puts down the noise floors, the energy beside the mesh comb, and the shaft's own lines.
-pub(super) fn insert_checks(work: &mut RecordSpectrum, mesh_bins: f64, teeth: u32, deviation: f64, features: &mut Features) {
-    let shaft_bins = mesh_bins / f64::from(teeth);
+/// Puts down the noise floors, the energy beside the mesh comb, and the shaft's own lines; of a record without a `mesh` (its place in bins and
+/// the shaft's teeth) the floors and all energy of the bands.
+pub(super) fn insert_checks(work: &mut RecordSpectrum, mesh: Option<(f64, u32)>, deviation: f64, features: &mut Features) {
     let RecordSpectrum { amplitude, sorting, .. } = work;
     let highest = amplitude.len().saturating_sub(1) as f64;
     let edge = |i: usize| highest * LOWEST_PART * (HIGHEST_PART / LOWEST_PART).powf(i as f64 / BANDS as f64);
@@ -43,10 +43,18 @@ pub(super) fn insert_checks(work: &mut RecordSpectrum, mesh_bins: f64, teeth: u3
         if let Some(floor) = noise_amplitude(sorting) {
             features.insert_check(format!("ln_floor_{}", band + 1), floor, deviation);
         }
-        if let Some(rest) = beside_comb(amplitude, [first, last], mesh_bins, shaft_bins) {
+        let Some((mesh_bins, teeth)) = mesh else {
+            let energy: f64 = amplitude[first..=last].iter().map(|a| a * a).sum();
+            let whole = (energy / (last - first + 1) as f64).sqrt();
+            features.insert_check(format!("ln_band_{}", band + 1), whole, deviation);
+            continue;
+        };
+        if let Some(rest) = beside_comb(amplitude, [first, last], mesh_bins, mesh_bins / f64::from(teeth)) {
             features.insert_check(format!("ln_rest_{}", band + 1), rest, deviation);
         }
     }
+    let Some((mesh_bins, teeth)) = mesh else { return };
+    let shaft_bins = mesh_bins / f64::from(teeth);
     for order in 1..=SHAFT_ORDERS {
         let position = order as f64 * shaft_bins;
         let noise = background(amplitude, position, Some(shaft_bins), 2.0 * shaft_bins, sorting);

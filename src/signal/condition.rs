@@ -54,6 +54,13 @@ impl Analyzer {
         let mesh = &settings.mesh;
         let located = self.locate(record, mesh);
         let mut analysis = self.analyze_located(record, mesh, settings.bands, &located);
+        let wanted = settings.gear_indicators || located.1.mesh.is_ok();
+        let turned = if wanted {
+            self.turned_located(record, mesh, &located)
+        } else {
+            Err(Absence::NoSpeed)
+        };
+        self.insert_tooth_checks(mesh, &turned, &mut analysis.features);
         let mut basis = Basis {
             preprocessing: PREPROCESSING.to_owned(),
             quality: record.quality(),
@@ -61,7 +68,7 @@ impl Analyzer {
         };
         let mut clipped = record.quality().clipped;
         if settings.gear_indicators {
-            let gear = self.gear_indicators_located(record, mesh, &located);
+            let gear = self.gear_indicators_turned(mesh, turned);
             clipped |= gear.indicators.absent.values().any(|reason| *reason == Absence::Clipped);
             analysis.indicators.extend(gear.indicators);
             basis.preprocessing = format!("{PREPROCESSING}+{GEAR_PREPROCESSING}");

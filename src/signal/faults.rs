@@ -12,6 +12,15 @@ const CLIPPED_SAMPLES: usize = 3;
 /// converter's limit.
 const STEEP_PART: f64 = 0.01;
 
+/// So many samples at the highest or lowest value are clipped whatever lies between them ...
+const PILED_UP_SAMPLES: usize = 8;
+
+/// ... where they are so many times as many as those next to it: within this part of the range, or at the next value. The density of a
+/// vibration falls towards its limits, and even that of a pure tone, which rises, has at most 2.4 times as many there as one step of
+/// the converter before.
+const PILED_UP_TIMES: usize = 4;
+const NEXT_PART: f32 = 0.01;
+
 /// This many neighbours are compared at once: equal ones are rare.
 const STRIDE: usize = 64;
 
@@ -49,11 +58,33 @@ pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     }
     let range = f64::from(high) - f64::from(low);
     let steep = |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= STEEP_PART * range;
-    clipped.into_iter().any(steep).then_some(Absence::Clipped)
+    let cut = clipped.into_iter().any(steep) || [low, high].into_iter().any(|limit| piled_up(samples, limit, high - low));
+    cut.then_some(Absence::Clipped)
+}
+
+/// Whether samples pile up at a limit: many more at it than next to it.
+fn piled_up(samples: &[f32], limit: f32, range: f32) -> bool {
+    let at_limit = samples.iter().filter(|&&x| x == limit).count();
+    if at_limit < PILED_UP_SAMPLES {
+        return false;
+    }
+    let apart = |x: f32| (x - limit).abs();
+    let nearest = samples
+        .iter()
+        .filter(|&&x| x != limit)
+        .map(|&x| apart(x))
+        .fold(f32::INFINITY, f32::min);
+    let reach = nearest.max(NEXT_PART * range);
+    let next = samples.iter().filter(|&&x| x != limit && apart(x) <= reach).count();
+    at_limit >= PILED_UP_TIMES * next
 }
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
     use super::*;
 
     fn fault(samples: &[f32]) -> Option<Absence> {
@@ -79,10 +110,26 @@ mod tests {
         assert_eq!(fault(&[2.5; 10]), Some(Absence::Constant));
     }
 
+    /// Impacts and noise that pass the limit for one or two samples each.
+    #[test]
+    fn single_samples_that_pile_up_at_a_limit_are_seen() {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let normal: Vec<f32> = (0..20_000).map(|_| StandardNormal.sample(&mut random)).collect();
+        for limit in [2.0, 2.5, 3.0] {
+            let clipped: Vec<f32> = normal.iter().map(|x| x.clamp(-limit, limit)).collect();
+            assert_eq!(fault(&clipped), Some(Absence::Clipped), "{limit}");
+        }
+        // Whole, at every coarseness of the converter down to 5 bits.
+        for steps in [4.0, 16.0, 256.0, 8192.0] {
+            let rounded: Vec<f32> = normal.iter().map(|x| (x * steps).round() / steps).collect();
+            assert_eq!(fault(&rounded), None, "{steps} steps a standard deviation");
+        }
+    }
+
     /// 16 bits give a tone of 1000 samples a period some equal samples at its crest.
     #[test]
     fn whole_crests_are_not_clipped() {
-        for period in [2.1, 7.3, 50.3, 1000.0, 2500.0] {
+        for period in [2.1, 3.0, 4.0, 7.3, 50.3, 400.0, 1000.0, 2500.0] {
             assert_eq!(fault(&sine(period, 1.0)), None, "{period}");
         }
         assert_eq!(fault(&[1.0, 2.0]), None);

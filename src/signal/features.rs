@@ -47,7 +47,11 @@ pub struct Features {
     /// | --- | --- |
     /// | `ln_floor_b`, b = 1 … 4 | the noise floor (from the median bin) of the band b of four of equal ratio from 2 % to 90 % of half the sampling rate |
     /// | `ln_rest_b`, b = 1 … 4 | the root mean square bin of the band outside the mesh harmonics and their sidebands |
+    /// | `ln_band_b`, b = 1 … 4 | the root mean square bin of the band, in a record without a mesh line |
     /// | `ln_shaft_k`, k = 1 … 3 | the amplitude at k times the shaft rate, three times the noise beside it added by squares |
+    /// | `ln_tooth_repeated` | the part of the mean turn that lies between the mesh harmonics, over the same part of half the difference between even and odd turns: 0 where nothing but noise is there |
+    /// | `ln_tooth_worst` | the highest root mean square of that part over one tooth's pitch, over the median one |
+    /// | `ln_tooth_kurtosis` | the square root of that part's kurtosis |
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub checks: BTreeMap<String, f64>,
     /// Where the machine stood: the speed given or found, the torque as far as it is known.

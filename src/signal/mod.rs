@@ -39,6 +39,7 @@ mod spectrum;
 mod speed;
 mod speed_wander;
 mod steadying;
+mod tooth_contrast;
 mod transform;
 
 pub use analyzer::{Analysis, AnalysisSettings, Analyzer};

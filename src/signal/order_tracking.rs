@@ -3,6 +3,7 @@
 use super::analyzer::Analyzer;
 use super::angle_record::{AngleRecord, Kernel, LEAST_TURNS, OrderSpectrum};
 use super::faults::fault;
+use super::features::Features;
 use super::gear_indicators::{AngleUsed, GearAnalysis};
 use super::gear_signals::GearSignals;
 use super::indicators::Absence;
@@ -11,6 +12,10 @@ use super::moments::Moments;
 use super::record::Record;
 use super::shaft_angle::ShaftAngle;
 use super::speed::{LocatedMesh, MeshContext, given_speed};
+use super::tooth_contrast;
+
+/// A record over its shaft's angle, and why its tachometer was not used where it has one that was not; or why there is no angle.
+pub(super) type Turned = Result<(AngleRecord, Option<String>), Absence>;
 
 impl Analyzer {
     /// The angle of the driving shaft over a record without a tachometer: the phase of a mesh harmonic near the mesh comb; where the line
@@ -126,27 +131,29 @@ impl Analyzer {
         self.indicate_turned(mesh, &turned, refused)
     }
 
-    /// The indicators over the angle of the record that was transformed last, and `located`.
-    pub(super) fn gear_indicators_located(
-        &mut self,
-        record: &Record,
-        mesh: &MeshContext,
-        (moments, located): &(Moments, LocatedMesh),
-    ) -> GearAnalysis {
-        let turned = usable(record, moments).and_then(|()| self.turned(record, mesh, moments, located));
+    /// The record that was transformed last over the best angle there is, and why its tachometer was not used where it was not.
+    pub(super) fn turned_located(&mut self, record: &Record, mesh: &MeshContext, (moments, located): &(Moments, LocatedMesh)) -> Turned {
+        usable(record, moments).and_then(|()| self.turned(record, mesh, moments, located))
+    }
+
+    /// The indicators over the angle of a record.
+    pub(super) fn gear_indicators_turned(&mut self, mesh: &MeshContext, turned: Turned) -> GearAnalysis {
         turned
             .and_then(|(turned, refused)| self.indicate_turned(mesh, &turned, refused))
             .unwrap_or_else(GearAnalysis::absent)
     }
 
+    /// Puts down whether the teeth are alike, where the record has an angle and its mesh was found.
+    pub(super) fn insert_tooth_checks(&mut self, mesh: &MeshContext, turned: &Turned, features: &mut Features) {
+        if let Ok((turned, _)) = turned
+            && features.values.contains_key("ln_mesh_1")
+        {
+            tooth_contrast::insert_tooth_checks(turned, mesh.teeth, self.settings.harmonics, &mut self.work.transforms, features);
+        }
+    }
+
     /// The record over the best angle there is, and why its tachometer was not used where it was not.
-    fn turned(
-        &mut self,
-        record: &Record,
-        mesh: &MeshContext,
-        moments: &Moments,
-        located: &LocatedMesh,
-    ) -> Result<(AngleRecord, Option<String>), Absence> {
+    fn turned(&mut self, record: &Record, mesh: &MeshContext, moments: &Moments, located: &LocatedMesh) -> Turned {
         let refused = match self.by_tachometer(record, mesh) {
             Some(Ok(turned)) => return Ok((turned, None)),
             Some(Err(reason)) => Some(reason),

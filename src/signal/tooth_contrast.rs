@@ -1,0 +1,174 @@
+//! Whether the teeth of one shaft are alike: what a turn has besides its mesh harmonics, and whether one tooth has more of it than the others.
+//!
+//! Wear takes all teeth alike, so it moves the mesh harmonics and, with the gears' own errors, the sidebands next to them. One tooth
+//! that differs (a crack, a chip) acts once per turn over one tooth's angle: many weak sidebands far from the harmonics.
+
+use realfft::num_complex::Complex;
+
+use super::angle_record::AngleRecord;
+use super::features::Features;
+use super::transform::Transforms;
+
+/// Shaft orders beside each mesh harmonic that are left out on each side: errors of the whole gear modulate the mesh there.
+const LEFT_OUT: usize = 3;
+
+/// With fewer teeth hardly any order is left between the harmonics.
+const LEAST_TEETH: usize = 10;
+
+/// Below this part of the average's deviation a signal is rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// Puts down three ratios of a turn that no gain of the sensor changes, as natural logarithms of amplitudes; nothing for a gear with
+/// fewer than 10 teeth, and where order `teeth` + 1 lies above half the samples of a turn.
+pub(super) fn insert_tooth_checks(
+    turned: &AngleRecord,
+    teeth: u32,
+    harmonics: usize,
+    transforms: &mut Transforms,
+    features: &mut Features,
+) {
+    let (teeth, per_turn) = (teeth as usize, turned.samples_per_turn);
+    if teeth < LEAST_TEETH || 2 * (teeth + 1) >= per_turn {
+        return;
+    }
+    let highest = (harmonics * teeth + teeth / 2).min((per_turn - 1) / 2);
+    // As many even turns as odd ones: half their difference has the noise of the average and nothing of what repeats.
+    let (mut average, mut alternating) = (vec![0.0; per_turn], vec![0.0; per_turn]);
+    let turns = turned.turns / 2 * 2;
+    for (number, turn) in turned.samples.chunks_exact(per_turn).take(turns).enumerate() {
+        let sign = if number % 2 == 0 { 1.0 } else { -1.0 };
+        for ((average, alternating), x) in average.iter_mut().zip(&mut alternating).zip(turn) {
+            *average += x / turns as f64;
+            *alternating += sign * x / turns as f64;
+        }
+    }
+    let floor = (ROUNDING * mean_square(&average).sqrt()).powi(2);
+    let mut between_harmonics = |signal: &mut [f64]| {
+        let mut bins = Vec::new();
+        transforms.forward(signal, &mut bins);
+        for (order, bin) in bins.iter_mut().enumerate() {
+            let beside = (order % teeth).min(teeth - order % teeth);
+            if beside <= LEFT_OUT || order > highest {
+                *bin = Complex::default();
+            }
+        }
+        transforms.inverse(&mut bins, signal);
+        let scale = 1.0 / per_turn as f64;
+        signal.iter_mut().for_each(|x| *x *= scale);
+    };
+    between_harmonics(&mut average);
+    between_harmonics(&mut alternating);
+    let (repeated, noise) = (mean_square(&average), mean_square(&alternating));
+    if repeated <= floor {
+        return;
+    }
+    let fourth = average.iter().map(|x| x.powi(4)).sum::<f64>() / per_turn as f64;
+    let mut put = |name: &str, squared: f64| features.checks.insert(name.to_owned(), 0.5 * squared.ln());
+    put("ln_tooth_repeated", repeated / noise.max(floor));
+    put("ln_tooth_kurtosis", fourth / (repeated * repeated));
+    let mut energies = pitch_energies(&average, teeth);
+    let worst = energies.iter().copied().fold(0.0, f64::max);
+    let middle = energies.len() / 2;
+    let (_, median, _) = energies.select_nth_unstable_by(middle, f64::total_cmp);
+    put("ln_tooth_worst", worst / median.max(floor));
+}
+
+fn mean_square(signal: &[f64]) -> f64 {
+    signal.iter().map(|x| x * x).sum::<f64>() / signal.len() as f64
+}
+
+/// The mean square over one tooth's pitch around each angle of the turn.
+fn pitch_energies(signal: &[f64], teeth: usize) -> Vec<f64> {
+    let pitch = (signal.len() / teeth).max(1);
+    let mut sum: f64 = signal[..pitch].iter().map(|x| x * x).sum();
+    (0..signal.len())
+        .map(|first| {
+            let energy = sum.max(0.0) / pitch as f64;
+            sum += signal[(first + pitch) % signal.len()].powi(2) - signal[first].powi(2);
+            energy
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::super::AngleSource;
+    use super::*;
+
+    const TEETH: u32 = 24;
+    const PER_TURN: usize = 1200;
+    const TURNS: usize = 16;
+
+    /// Mesh harmonics of amplitude `mesh`/h, modulated once per turn, and white noise; on one tooth of each turn a burst of amplitude `burst`.
+    fn checks(mesh: f64, burst: f64) -> Features {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let pitch = PER_TURN / TEETH as usize;
+        let samples = (0..TURNS * PER_TURN).map(|i| {
+            let turn = TAU * i as f64 / PER_TURN as f64;
+            let lines: f64 = (1..=5)
+                .map(|h| mesh * (1.0 + 0.3 * turn.cos()) / f64::from(h) * (f64::from(TEETH * h) * turn).sin())
+                .sum();
+            let place = i % PER_TURN;
+            let hit = if (300..300 + pitch).contains(&place) {
+                burst * (TAU * 3.4 * (place - 300) as f64 / pitch as f64).sin()
+            } else {
+                0.0
+            };
+            let normal: f64 = StandardNormal.sample(&mut random);
+            lines + hit + 0.3 * normal
+        });
+        let turned = AngleRecord {
+            unit: "g".to_owned(),
+            samples_per_turn: PER_TURN,
+            turns: TURNS,
+            samples: samples.collect(),
+            angle: AngleSource::ConstantSpeed,
+        };
+        let mut features = Features::default();
+        insert_tooth_checks(&turned, TEETH, 10, &mut Transforms::default(), &mut features);
+        features
+    }
+
+    #[test]
+    fn teeth_that_are_alike_have_noise_alone_whatever_the_mesh_does() {
+        let calm = checks(1.0, 0.0).checks;
+        // Noise: as much in the average as in half the difference, kurtosis 3.
+        assert!(calm["ln_tooth_repeated"].abs() < 0.15, "{calm:?}");
+        assert!((calm["ln_tooth_kurtosis"] - 0.5 * 3f64.ln()).abs() < 0.15, "{calm:?}");
+        assert!((0.1..0.6).contains(&calm["ln_tooth_worst"]), "{calm:?}");
+        let loud = checks(4.0, 0.0).checks;
+        for (name, value) in &calm {
+            assert!((value - loud[name]).abs() < 1e-6, "{name}: {value} {}", loud[name]);
+        }
+    }
+
+    #[test]
+    fn one_tooth_that_differs_stands_out() {
+        let (calm, cracked) = (checks(1.0, 0.0).checks, checks(1.0, 0.5).checks);
+        for (name, least) in [("ln_tooth_repeated", 0.2), ("ln_tooth_kurtosis", 0.3), ("ln_tooth_worst", 0.5)] {
+            assert!(cracked[name] - calm[name] > least, "{name}: {} {}", calm[name], cracked[name]);
+        }
+    }
+
+    #[test]
+    fn few_teeth_and_few_samples_say_nothing() {
+        let turned = AngleRecord {
+            unit: "g".to_owned(),
+            samples_per_turn: 48,
+            turns: 4,
+            samples: vec![1.0; 192],
+            angle: AngleSource::ConstantSpeed,
+        };
+        let mut features = Features::default();
+        for teeth in [0, 9, 12, 24, u32::MAX] {
+            insert_tooth_checks(&turned, teeth, 10, &mut Transforms::default(), &mut features);
+        }
+        assert_eq!(features, Features::default());
+    }
+}
