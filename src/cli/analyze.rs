@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::library::progress_bar;
 use super::{CliError, output};
 use crate::asset::AssetSpec;
-use crate::estimate::{EstimatorSettings, Tracker, WearEstimate};
+use crate::estimate::{EstimatorSettings, Tracker, WearEstimate, shape_deviation};
 use crate::gear::PairSpec;
 use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryShelf};
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
@@ -57,9 +57,9 @@ pub(super) struct AnalyzeArgs {
     /// Folder of the service's data; libraries are kept in its `libraries`
     #[arg(long, default_value = "flankwatch-data")]
     data_dir: PathBuf,
-    /// Variants of the gear pair that the wear estimate allows for: more take longer to simulate the first time
-    #[arg(long, default_value_t = EnsembleSettings::default().variants)]
-    variants: usize,
+    /// Compare with the described contact rule alone: half as long to simulate the first time
+    #[arg(long)]
+    one_rule: bool,
 }
 
 /// How results are printed.
@@ -345,6 +345,7 @@ impl Analysis<'_> {
         let settings = EstimatorSettings {
             baseline_records: asset.baseline.records,
             limit_um: asset.limits.danger_um.or(asset.limits.warning_um),
+            shape_deviation: shape_deviation(asset.gear.wear_shape_known),
         };
         let longest = self
             .records
@@ -382,7 +383,7 @@ impl Analysis<'_> {
         let library = shelf.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
         bar.finish_and_clear();
         let settings = EnsembleSettings {
-            variants: self.args.variants,
+            other_rule: !self.args.one_rule,
             ..EnsembleSettings::default()
         };
         let bar = progress_bar(settings.libraries() as u64, "libraries around it");

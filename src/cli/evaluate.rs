@@ -56,9 +56,9 @@ pub(super) struct EvaluateArgs {
     /// Only cases whose name holds this text
     #[arg(long)]
     case: Option<String>,
-    /// Variants of the gear pair that the estimate allows for
-    #[arg(long, default_value_t = EnsembleSettings::default().variants)]
-    variants: usize,
+    /// Compare with the described contact rule alone
+    #[arg(long)]
+    one_rule: bool,
     /// The gear pair; the pair of Shen et al. 2022 where not given
     #[arg(long)]
     pair: Option<PathBuf>,
@@ -121,7 +121,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
 fn ensemble(pair: &PairSpec, args: &EvaluateArgs) -> Result<Arc<Ensemble>, CliError> {
     let shelf = LibraryShelf::new(args.data_dir.join("libraries"));
     let settings = EnsembleSettings {
-        variants: args.variants,
+        other_rule: !args.one_rule,
         ..EnsembleSettings::default()
     };
     let bar = progress_bar(settings.libraries() as u64, "libraries");

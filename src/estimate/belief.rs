@@ -1,32 +1,25 @@
-//! What is believed of the wear: a probability over depths under each hypothesis, and a weight of each.
+//! What is believed of the wear: a probability over depths under each hypothesis, a weight of each, and what is known of the path.
 
 use serde::{Deserialize, Serialize};
 
 use super::depth_grid::DepthGrid;
 use super::hypotheses::{Beginning, Compared, Hypotheses};
-use super::transition::Growth;
+use super::path_gain::PathGain;
+use super::transition::{Growth, RateWeights};
 
-/// Part of the past that one record leaves. What is wrong with a library is wrong in the same way in the next record too, so many records at one
-/// depth are worth no more than one that has no noise: the past fades as fast as records come in.
-const MEMORY: f64 = 0.9;
+/// Weight of a record's likelihood in the tracking: what is wrong with a library at one depth is wrong in the next records too, so that many
+/// records there are not worth as many independent ones.
+const LIKELIHOOD_WEIGHT: f64 = 1.0;
 
-/// Records without noise that all records at about one depth are worth.
-const WORTH: f64 = 1.0;
+/// Weight of the same in telling hypotheses apart, where such errors add up over the whole life.
+const EVIDENCE_WEIGHT: f64 = 0.0125;
 
-/// Growth in µm over which what is wrong with a library becomes another error: so often a hypothesis gains a record's full evidence.
-const DECORRELATION_UM: f64 = 60.0;
-
-/// Standard deviation of the logarithm of true over tracked depth: shapes of wear that no member has change the vibration as a member's does at
-/// another greatest depth. Runs with other shapes than the library's were read 30 % too low to 33 % too high; an interval that leaves them out
-/// would be narrower than what is known.
-const SHAPE_DEVIATION: f64 = 0.2;
-
-/// Steps to either side, and reach in standard deviations, of that spread.
-const SHAPE_STEPS: i32 = 8;
+/// Steps to either side, and reach in standard deviations, of the spread over unknown shapes of wear.
+const SHAPE_STEPS: i32 = 12;
 const SHAPE_REACH: f64 = 2.5;
 
 /// No hypothesis falls below this logarithm of a weight: it may come back.
-const LEAST_LOG_WEIGHT: f64 = -9.0;
+const LEAST_LOG_WEIGHT: f64 = -12.0;
 
 /// Probabilities below this part of the highest are not kept.
 const LEAST_PART: f64 = 1e-7;
@@ -46,8 +39,8 @@ struct Sparse {
 pub(super) struct Belief {
     log_weights: Vec<f64>,
     by_hypothesis: Vec<Sparse>,
-    /// Greatest mean depth so far in µm.
-    reached_um: f64,
+    path: PathGain,
+    rates: RateWeights,
 }
 
 /// What a record did to the belief.
@@ -84,85 +77,88 @@ impl Belief {
         let mut belief = Self {
             log_weights: hypotheses.all.iter().map(|hypothesis| hypothesis.log_weight).collect(),
             by_hypothesis: hypotheses.all.iter().map(|hypothesis| begin(hypothesis.baseline_end_um)).collect(),
-            reached_um: 0.0,
+            path: hypotheses.path.clone(),
+            rates: RateWeights::default(),
         };
         belief.normalise();
-        belief.reached_um = grid.mean_um(&belief.probability(grid));
         belief
     }
 
     /// Whether this belief is about these hypotheses.
     pub(super) fn fits(&self, hypotheses: &Hypotheses, grid: &DepthGrid) -> bool {
         let inside = |sparse: &Sparse| sparse.first + sparse.values.len() <= grid.depths_um().len();
-        self.by_hypothesis.len() == hypotheses.all.len() && self.by_hypothesis.iter().all(inside)
+        self.by_hypothesis.len() == hypotheses.all.len()
+            && self.by_hypothesis.iter().all(inside)
+            && self.path.fits(hypotheses.lines(), hypotheses.all.len())
     }
 
-    /// Takes one record.
-    pub(super) fn update(&mut self, compared: &Compared, grid: &DepthGrid, growth: &Growth) -> Updated {
+    /// What is known of the path.
+    pub(super) fn path(&self) -> &PathGain {
+        &self.path
+    }
+
+    /// Takes one record, compared by what was known of the path before it.
+    pub(super) fn update(&mut self, compared: &Compared, hypotheses: &Hypotheses, grid: &DepthGrid, growth: &Growth) -> Updated {
         let depths = grid.depths_um().len();
-        let (mut dense, mut advanced) = (vec![0.0; depths], vec![0.0; depths]);
+        let mut dense = vec![0.0; depths];
         let mut evidence = Vec::with_capacity(self.by_hypothesis.len());
-        let mut best = (0, 0);
-        let mut best_log = f64::NEG_INFINITY;
         let mut log_evidence = Vec::with_capacity(self.by_hypothesis.len());
+        let mut probability = Vec::with_capacity(self.by_hypothesis.len());
+        let before = self.leading();
+        self.by_hypothesis[before].dense(&mut dense);
+        let of_leading = &compared.log_likelihood[before * depths..(before + 1) * depths];
+        let highest = of_leading.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let likelihood: Vec<f64> = of_leading.iter().map(|l| (LIKELIHOOD_WEIGHT * (l - highest)).exp()).collect();
+        let mut rates = self.rates;
+        growth.learn(&mut rates, &dense, &likelihood);
         for (index, sparse) in self.by_hypothesis.iter_mut().enumerate() {
             let log_likelihood = &compared.log_likelihood[index * depths..(index + 1) * depths];
             sparse.dense(&mut dense);
-            growth.advance(&dense, &mut advanced);
+            let mut advanced = vec![0.0; depths];
+            growth.advance(&self.rates, &dense, &mut advanced);
             let highest = log_likelihood.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            for (depth, l) in log_likelihood.iter().enumerate() {
-                if *l > best_log {
-                    (best, best_log) = ((index, depth), *l);
-                }
-            }
-            let explained: f64 = advanced.iter().zip(log_likelihood).map(|(p, l)| p * (l - highest).exp()).sum();
-            log_evidence.push(explained.max(f64::MIN_POSITIVE).ln() + highest);
-            let weight = (1.0 - MEMORY) * WORTH;
-            let mut peak = f64::NEG_INFINITY;
+            let (mut explained, mut total) = (0.0, 0.0);
             for (p, l) in advanced.iter_mut().zip(log_likelihood) {
-                *p = if *p > 0.0 {
-                    MEMORY * p.ln() + weight * l
-                } else {
-                    f64::NEG_INFINITY
-                };
-                peak = peak.max(*p);
-            }
-            let mut total = 0.0;
-            for p in &mut advanced {
-                *p = (*p - peak).exp();
+                let likely = (l - highest).exp();
+                explained += *p * likely;
+                *p *= likely.powf(LIKELIHOOD_WEIGHT);
                 total += *p;
             }
-            let mut mean = 0.0;
-            for (p, l) in advanced.iter_mut().zip(log_likelihood) {
-                *p /= total;
-                mean += *p * l;
-            }
-            evidence.push(mean);
+            log_evidence.push(explained.max(f64::MIN_POSITIVE).ln() + highest);
+            let total = total.max(f64::MIN_POSITIVE);
+            evidence.push(total.ln() + LIKELIHOOD_WEIGHT * highest);
+            advanced.iter_mut().for_each(|p| *p /= total);
             *sparse = Sparse::of(&advanced);
+            probability.push(advanced);
         }
-        let peak = log_evidence
-            .iter()
-            .zip(&self.log_weights)
-            .map(|(e, w)| e + w)
-            .fold(f64::NEG_INFINITY, f64::max);
-        let sum: f64 = log_evidence.iter().zip(&self.log_weights).map(|(e, w)| (e + w - peak).exp()).sum();
-        let mean_um = grid.mean_um(&self.probability(grid));
-        let grown = (mean_um - self.reached_um).max(0.0);
-        self.reached_um += grown;
-        let gain = (grown / DECORRELATION_UM).min(1.0);
+        self.rates = rates;
+        let weighted = log_evidence.iter().zip(&self.log_weights).map(|(e, w)| e + w);
+        let peak = weighted.clone().fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = weighted.map(|e| (e - peak).exp()).sum();
         for (weight, evidence) in self.log_weights.iter_mut().zip(evidence) {
-            *weight += gain * evidence;
+            *weight += EVIDENCE_WEIGHT * evidence;
         }
         self.normalise();
+        let leading = self.leading();
+        let (residuals, variance) = hypotheses.left(compared, &probability, leading);
+        self.path.learn(&compared.gain, &residuals, &variance, leading);
         Updated {
-            best,
+            best: compared.best(depths),
             log_evidence: peak + sum.ln(),
         }
     }
 
+    fn leading(&self) -> usize {
+        let weight = |&index: &usize| self.log_weights[index];
+        (0..self.log_weights.len())
+            .max_by(|a, b| weight(a).total_cmp(&weight(b)))
+            .unwrap_or(0)
+    }
+
     /// Probability over true depths: that over the tracked ones, spread by what an unknown shape of the wear does.
-    pub(super) fn spread_probability(&self, grid: &DepthGrid) -> Vec<f64> {
-        spread(&self.probability(grid), grid.depths_um())
+    /// `deviation` is the standard deviation of the logarithm of true over tracked depth.
+    pub(super) fn spread_probability(&self, grid: &DepthGrid, deviation: f64) -> Vec<f64> {
+        spread(&self.probability(grid), grid.depths_um(), deviation)
     }
 
     /// Probability over tracked depths, all hypotheses together.
@@ -219,11 +215,11 @@ impl Belief {
 }
 
 /// A log-normal factor on each depth; what would lie beyond the grid stays at its end.
-fn spread(probability: &[f64], depths_um: &[f64]) -> Vec<f64> {
+fn spread(probability: &[f64], depths_um: &[f64], deviation: f64) -> Vec<f64> {
     let factors: Vec<(f64, f64)> = (-SHAPE_STEPS..=SHAPE_STEPS)
         .map(|step| {
             let z = SHAPE_REACH * f64::from(step) / f64::from(SHAPE_STEPS);
-            ((SHAPE_DEVIATION * z).exp(), (-0.5 * z * z).exp())
+            ((deviation * z).exp(), (-0.5 * z * z).exp())
         })
         .collect();
     let total: f64 = factors.iter().map(|(_, weight)| weight).sum();
@@ -255,18 +251,18 @@ mod tests {
         let depths: Vec<f64> = (0..2001).map(f64::from).collect();
         let mut sure = vec![0.0; 2001];
         sure[1000] = 1.0;
-        let spread_out = spread(&sure, &depths);
+        let spread_out = spread(&sure, &depths, 0.2);
         let log_moment = |power: i32| -> f64 {
             let terms = spread_out.iter().enumerate().skip(1);
             terms.map(|(i, p)| p * (i as f64 / 1000.0).ln().powi(power)).sum()
         };
         // A normal distribution cut at ± 2.5 deviations keeps 91 % of its variance; the sum with full ends keeps a little more.
         assert!(log_moment(1).abs() < 1e-3);
-        let part = log_moment(2) / (SHAPE_DEVIATION * SHAPE_DEVIATION);
+        let part = log_moment(2) / (0.2 * 0.2);
         assert!((part - 0.94).abs() < 0.04, "{part}");
         let mut none = vec![0.0; 10];
         none[0] = 1.0;
-        assert!((spread(&none, &depths[..10])[0] - 1.0).abs() < 1e-12);
+        assert!((spread(&none, &depths[..10], 0.2)[0] - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -7,7 +7,7 @@ const FINE_UP_TO_UM: f64 = 30.0;
 
 /// Steps below and above it in µm.
 const FINE_STEP_UM: f64 = 1.5;
-const COARSE_STEP_UM: f64 = 5.0;
+const COARSE_STEP_UM: f64 = 3.0;
 
 /// Rising wear depths from 0 to a library's last state; empty where there is no library.
 #[derive(Debug, Clone, Default)]

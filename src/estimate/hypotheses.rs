@@ -1,13 +1,13 @@
 //! What each physics of the ensemble expects of one asset's records, worked out once from its baseline.
 //!
-//! A hypothesis is a member of the ensemble together with how much the asset had already worn by the end of its baseline. Each fits
-//! the baseline's records with its own changes taken off them; how well it can is its first evidence.
+//! A hypothesis is a member of the ensemble together with how much the asset had already worn by the end of its baseline.
 
 use serde::{Deserialize, Serialize};
 
 use super::baseline::{Baseline, HealthyFeature};
-use super::healthy::{SpeedKernels, SpeedWeights};
-use crate::library::{Ensemble, MemberCurves};
+use super::healthy_checks::HealthyChecks;
+use super::path_gain::{GainAt, PathGain, SpeedBasis};
+use crate::library::{Ensemble, Member};
 use crate::signal::Features;
 
 /// Depths in µm that the end of the baseline is tried at, and their prior weights.
@@ -16,26 +16,40 @@ const BASELINE_ENDS_UM: [(f64, f64); 6] = [(0.0, 0.4), (2.0, 0.2), (5.0, 0.16), 
 /// Wear within the baseline grows as this power of the record's number.
 const BASELINE_POWER: f64 = 1.5;
 
-/// Weight of the baseline's evidence: what a library is wrong by is wrong in all features of the baseline alike.
+/// Weight of the baseline's evidence: what a library is wrong by is wrong in all records of the baseline alike.
 const BASELINE_WEIGHT: f64 = 0.1;
 
-/// Standard deviation of what the described pair's library may be wrong by in a line, and as a part of the change.
-const DISCREPANCY: f64 = 0.06;
-const RELATIVE_DISCREPANCY: f64 = 0.15;
+/// A deviation beyond this many standard deviations counts no more against a hypothesis, in the baseline.
+const MOST_DEVIATIONS: f64 = 3.0;
 
-/// A variant stands for all physics around it: so many times as much.
-const VARIANT_DISCREPANCY: f64 = 2.0;
+/// Standard deviation of a clear line from record to record.
+const LINE_SCATTER: f64 = 0.04;
 
-/// The same for what wear hardly moves; half of the change that the library has is expected, as the sensor's own noise does not change.
-const CHECK_DISCREPANCY: f64 = 0.05;
-const CHECK_RELATIVE_DISCREPANCY: f64 = 0.6;
-const CHECK_PART: f64 = 0.5;
+/// Variance of a line's logarithm over the square of the noise beside it as a part of its amplitude: ½ for Gaussian noise, and a little for
+/// reading the line at its highest point.
+const NOISE_VARIANCE: f64 = 0.6;
+
+/// What the library may be wrong by, as a part of the change, and as a part of what the operating point moves the line by.
+const CHANGE_DISCREPANCY: f64 = 0.03;
+const OPERATING_DISCREPANCY: f64 = 0.35;
+
+/// The change may be as wrong as the curve bends, and as this part of its slope, over this step in µm and as a part of the depth: lines pass
+/// through zero where the first micrometres change the sign of a harmonic.
+const DOUBT_STEP_UM: f64 = 1.5;
+const DOUBT_STEP_PART: f64 = 0.02;
+const SLOPE_DOUBT: f64 = 0.3;
 
 /// The largest part of a healthy line's power that is taken for noise.
-const MOST_NOISE: f64 = 0.25;
+const MOST_NOISE: f64 = 0.5;
 
 /// Lines are worked on in groups of this many.
-pub(super) const LANES: usize = 8;
+const LANES: usize = 8;
+
+/// Degrees of freedom of the likelihood: heavy tails, so that one odd line does not decide.
+const DEGREES_OF_FREEDOM: f64 = 6.0;
+
+/// The lines that wear is told from.
+const LINES: &str = "ln_mesh_";
 
 /// What was believed when a baseline began.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,52 +68,48 @@ impl Beginning {
             members: Vec::new(),
         }
     }
-
-    fn member(&self, member: usize) -> Option<f64> {
-        self.members.get(member).copied()
-    }
 }
 
-/// One feature's fit, the same for all hypotheses but for what is subtracted.
-#[derive(Debug, Clone)]
-struct FeatureFit {
-    name: String,
-    kernel: usize,
-    /// σ² of one record.
-    variance: f64,
-    /// Part of the healthy power that is noise.
-    noise: f64,
-}
-
-/// A physics and its own fit of the baseline.
+/// A physics and how far the baseline had worn.
 #[derive(Debug, Clone)]
 pub(super) struct Hypothesis {
     pub(super) member: usize,
     /// Greatest depth at the end of the baseline in µm.
     pub(super) baseline_end_um: f64,
     pub(super) log_weight: f64,
-    /// For each feature b and K⁻¹(y − b).
-    fits: Vec<(f64, Vec<f64>)>,
+}
+
+/// What one member expects, by depth and line, lines padded to whole groups.
+#[derive(Debug, Clone)]
+struct Expected {
+    change: Vec<f32>,
+    /// Variance of what the change may be wrong by.
+    doubt: Vec<f32>,
+    /// What each operating point moves the line by.
+    operating: Vec<Vec<f32>>,
+}
+
+/// A line of the baseline.
+#[derive(Debug, Clone)]
+struct Line {
+    name: String,
+    /// Mean logarithm of the noise amplitude beside it.
+    background: Option<f64>,
 }
 
 /// All hypotheses of one asset.
 #[derive(Debug, Clone)]
 pub(super) struct Hypotheses {
-    kernels: SpeedKernels,
-    lines: Vec<FeatureFit>,
-    checks: Vec<FeatureFit>,
-    check_fits: Vec<(f64, Vec<f64>)>,
+    basis: SpeedBasis,
+    lines: Vec<Line>,
+    expected: Vec<Expected>,
     pub(super) all: Vec<Hypothesis>,
+    checks: HealthyChecks,
+    /// What the baseline says of the path.
+    pub(super) path: PathGain,
     nominal: [f64; 2],
     depths: usize,
     width: usize,
-    /// Expected change and variance of the discrepancy by hypothesis, depth and line, lines padded to whole groups.
-    change: Vec<f32>,
-    discrepancy: Vec<f32>,
-    /// Shift of each line by operating point and depth.
-    operating: Vec<Vec<f32>>,
-    /// Change of each check by depth, from the described pair.
-    check_change: Vec<Vec<f64>>,
 }
 
 /// A record against all hypotheses.
@@ -108,6 +118,14 @@ pub(super) struct Compared {
     pub(super) log_likelihood: Vec<f64>,
     /// Lines that the record has.
     pub(super) lines: usize,
+    pub(super) gain: GainAt,
+    /// Line less gain, by hypothesis and line, padded; NaN where a line is missing.
+    measured: Vec<f32>,
+    /// Expected line and its variance by member, depth and line, padded; an infinite variance where a line is missing.
+    expected: Vec<Vec<f32>>,
+    variance: Vec<Vec<f32>>,
+    /// Variance of a line's own scatter.
+    scatter: Vec<f64>,
 }
 
 impl Compared {
@@ -128,12 +146,6 @@ pub(super) struct Deviation {
     pub(super) deviation: f64,
 }
 
-/// Degrees of freedom of the likelihood: heavy tails, so that one odd line does not decide.
-const DEGREES_OF_FREEDOM: f64 = 6.0;
-
-/// Part of a record's own scatter that enters the tracking, which averages over several records.
-const SCATTER_PART: f64 = 0.3;
-
 impl Hypotheses {
     /// Works out everything for a baseline, on a grid of depths in µm.
     ///
@@ -141,39 +153,35 @@ impl Hypotheses {
     pub(super) fn new(baseline: &Baseline, ensemble: Option<&Ensemble>, depths_um: &[f64], beginning: Option<&Beginning>) -> Self {
         let nominal = nominal(baseline, ensemble);
         let log_speeds: Vec<f64> = baseline.points.iter().map(|point| relative(point[0], nominal[0]).ln()).collect();
-        let kernels = SpeedKernels::new(log_speeds);
+        let basis = SpeedBasis::over(&log_speeds);
+        let healthy: Vec<&HealthyFeature> = match ensemble {
+            None => Vec::new(),
+            Some(ensemble) => {
+                let known = |line: &&HealthyFeature| {
+                    line.name.starts_with(LINES) && ensemble.members().iter().all(|member| member.curves().has(&line.name))
+                };
+                baseline.lines.iter().filter(known).collect()
+            }
+        };
+        let means: Vec<f64> = healthy.iter().map(|line| line.mean()).collect();
         let mut this = Self {
-            kernels,
-            lines: Vec::new(),
-            checks: Vec::new(),
-            check_fits: Vec::new(),
+            path: PathGain::around(&means, &basis, 0),
+            basis,
+            lines: healthy.iter().map(|line| Line::of(line)).collect(),
+            expected: Vec::new(),
             all: Vec::new(),
+            checks: HealthyChecks::new(baseline, log_speeds, ensemble, depths_um),
             nominal,
             depths: depths_um.len(),
-            width: 0,
-            change: Vec::new(),
-            discrepancy: Vec::new(),
-            operating: Vec::new(),
-            check_change: Vec::new(),
+            width: healthy.len().next_multiple_of(LANES),
         };
-        for check in &baseline.checks {
-            let residuals: Vec<f64> = check.values.iter().map(|&value| f64::from(value)).collect();
-            let fit = this.choose(check, std::slice::from_ref(&residuals));
-            this.check_fits.push(this.kernels.fit(fit.kernel, &residuals));
-            // What a simulation without noise has between its lines is rounding, and no wear.
-            let wears = !["ln_shaft_", "ln_tooth_"].iter().any(|kind| check.name.starts_with(kind));
-            this.check_change.push(match ensemble.filter(|_| wears) {
-                None => vec![0.0; depths_um.len().max(1)],
-                Some(ensemble) => {
-                    let change = |um: &f64| CHECK_PART * ensemble.members()[0].change(&check.name, *um).unwrap_or(0.0);
-                    depths_um.iter().map(change).collect()
-                }
-            });
-            this.checks.push(fit);
-        }
         if let Some(ensemble) = ensemble {
-            this.fit_lines(baseline, ensemble, beginning);
-            this.tabulate(ensemble, depths_um);
+            let noise: Vec<f64> = healthy.iter().map(|line| noise_part(line)).collect();
+            let members = ensemble.members().iter();
+            this.expected = members.map(|member| this.tabulate(member, depths_um, &noise)).collect();
+            this.suppose(ensemble, beginning);
+            this.path = PathGain::around(&means, &this.basis, this.all.len());
+            this.learn_baseline(baseline, &healthy, ensemble, depths_um, beginning.is_some());
         }
         this
     }
@@ -183,225 +191,235 @@ impl Hypotheses {
         self.lines.len()
     }
 
-    fn fit_lines(&mut self, baseline: &Baseline, ensemble: &Ensemble, beginning: Option<&Beginning>) {
-        let fresh = Beginning::fresh();
-        let (beginning, goes_on) = beginning.map_or((&fresh, false), |beginning| (beginning, true));
-        let lines: Vec<&HealthyFeature> = baseline
-            .lines
-            .iter()
-            .filter(|line| ensemble.members().iter().all(|member| member.has(&line.name)))
-            .collect();
-        let candidates: Vec<(usize, f64, f64)> = (0..ensemble.members().len())
-            .flat_map(|member| {
-                let prior = beginning.member(member).unwrap_or_else(|| ensemble.prior(member));
-                beginning.depths_um.iter().map(move |&(end, weight)| (member, end, weight * prior))
-            })
-            .collect();
-        let mut log_weights: Vec<f64> = candidates.iter().map(|(_, _, prior)| prior.ln()).collect();
-        let mut residuals_by_line = Vec::with_capacity(lines.len());
-        for line in lines {
-            let noise = line
-                .background
-                .map_or(0.0, |background| (2.0 * (background - line.mean())).exp().min(MOST_NOISE));
-            let residuals: Vec<Vec<f64>> = candidates
-                .iter()
-                .map(|&(member, end, _)| self.without_change(line, noise, baseline, ensemble, &ensemble.members()[member], (end, goes_on)))
-                .collect();
-            let mut fit = self.choose(line, &residuals);
-            fit.noise = noise;
-            for (weight, residuals) in log_weights.iter_mut().zip(&residuals) {
-                *weight += BASELINE_WEIGHT * self.kernels.log_evidence(fit.kernel, residuals);
-            }
-            self.lines.push(fit);
-            residuals_by_line.push(residuals);
-        }
-        // Of each member the end that fits best stands for all.
-        let ends = beginning.depths_um.len();
-        for member in 0..ensemble.members().len() {
-            let of_member = member * ends..(member + 1) * ends;
-            let best = of_member
-                .clone()
-                .max_by(|&a, &b| log_weights[a].total_cmp(&log_weights[b]))
-                .unwrap_or(of_member.start);
-            let peak = log_weights[best];
-            let total: f64 = of_member.map(|i| (log_weights[i] - peak).exp()).sum();
-            let fits = self.lines.iter().zip(&residuals_by_line);
-            let fits = fits.map(|(fit, residuals)| self.kernels.fit(fit.kernel, &residuals[best]));
-            self.all.push(Hypothesis {
-                member,
-                baseline_end_um: candidates[best].1,
-                log_weight: peak + total.ln(),
-                fits: fits.collect(),
-            });
-        }
-        // A line's scatter is what the best hypothesis leaves of it.
-        let best = (0..candidates.len())
-            .max_by(|&a, &b| log_weights[a].total_cmp(&log_weights[b]))
-            .unwrap_or(0);
-        for (fit, residuals) in self.lines.iter_mut().zip(&residuals_by_line) {
-            fit.variance = self.kernels.variance(fit.kernel, &residuals[best]);
-        }
-    }
-
-    /// A line's healthy values less what this member says of operating point and wear.
-    fn without_change(
-        &self,
-        line: &HealthyFeature,
-        noise: f64,
-        baseline: &Baseline,
-        ensemble: &Ensemble,
-        member: &MemberCurves,
-        (end_um, goes_on): (f64, bool),
-    ) -> Vec<f64> {
-        let count = baseline.records() as f64;
-        let weights: Vec<Vec<f64>> = baseline
-            .points
-            .iter()
-            .map(|point| self.operating_weights(ensemble, *point))
-            .collect();
-        let value = |(index, value): (usize, &f32)| {
-            let grown = ((index as f64 + 1.0) / count).powf(BASELINE_POWER);
-            let um = if goes_on { end_um } else { end_um * grown };
-            let weights = &weights[index];
-            let shift: f64 = (0..weights.len())
-                .filter(|&point| weights[point] != 0.0)
-                .map(|point| weights[point] * ensemble.operating_shift(point, &line.name, um))
-                .sum();
-            f64::from(*value) - shift - above_noise(member.change(&line.name, um).unwrap_or(0.0), noise).0
+    fn tabulate(&self, member: &Member, depths_um: &[f64], noise: &[f64]) -> Expected {
+        let last = depths_um.last().copied().unwrap_or(0.0);
+        let seen = |line: usize, um: f64| {
+            let change = member.curves().change(&self.lines[line].name, um.clamp(0.0, last)).unwrap_or(0.0);
+            above_noise(change, noise[line])
         };
-        line.values.iter().enumerate().map(value).collect()
-    }
-
-    /// The kernel with the most evidence under whichever hypothesis likes it best.
-    fn choose(&self, feature: &HealthyFeature, residuals: &[Vec<f64>]) -> FeatureFit {
-        let best = |kernel: usize| {
-            let evidence = residuals.iter().map(|residuals| self.kernels.log_evidence(kernel, residuals));
-            evidence.fold(f64::NEG_INFINITY, f64::max)
-        };
-        let evidence: Vec<f64> = (0..self.kernels.len()).map(best).collect();
-        let kernel = (0..evidence.len())
-            .max_by(|&a, &b| evidence[a].total_cmp(&evidence[b]))
-            .unwrap_or(0);
-        FeatureFit {
-            name: feature.name.clone(),
-            kernel,
-            variance: self.kernels.variance(kernel, &residuals[0]),
-            noise: 0.0,
-        }
-    }
-
-    fn tabulate(&mut self, ensemble: &Ensemble, depths_um: &[f64]) {
-        self.width = self.lines.len().next_multiple_of(LANES);
-        for point in 0..ensemble.operating_points() {
-            let mut table = vec![0.0; depths_um.len() * self.width];
+        let table = |value: &dyn Fn(usize, f64) -> f64, padding: f32| {
+            let mut table = vec![padding; depths_um.len() * self.width];
             for (row, um) in table.chunks_mut(self.width.max(1)).zip(depths_um) {
-                for (shift, line) in row.iter_mut().zip(&self.lines) {
-                    *shift = ensemble.operating_shift(point, &line.name, *um) as f32;
+                for (line, out) in row.iter_mut().enumerate().take(self.lines.len()) {
+                    *out = value(line, *um) as f32;
                 }
             }
-            self.operating.push(table);
-        }
-        for hypothesis in &self.all {
-            let member = &ensemble.members()[hypothesis.member];
-            let width = if hypothesis.member == 0 { 1.0 } else { VARIANT_DISCREPANCY };
-            for um in depths_um {
-                for line in &self.lines {
-                    let change = member.change(&line.name, *um).unwrap_or(0.0);
-                    let (seen, left) = above_noise(change, line.noise);
-                    let wrong = width * (DISCREPANCY + RELATIVE_DISCREPANCY * change.abs()) * left.max(0.1);
-                    self.change.push(seen as f32);
-                    self.discrepancy.push((wrong * wrong) as f32);
-                }
-                for _ in self.lines.len()..self.width {
-                    self.change.push(0.0);
-                    self.discrepancy.push(1.0);
-                }
-            }
+            table
+        };
+        let doubt = |line: usize, um: f64| {
+            let step = DOUBT_STEP_UM + DOUBT_STEP_PART * um;
+            let (before, here, after) = (seen(line, um - step), seen(line, um), seen(line, um + step));
+            let bend = 0.5 * (after - 2.0 * here + before);
+            let slope = SLOPE_DOUBT * 0.5 * (after - before);
+            bend * bend + slope * slope + (CHANGE_DISCREPANCY * here).powi(2)
+        };
+        let operating = (0..member.operating_points())
+            .map(|point| table(&|line, um| member.operating_shift(point, &self.lines[line].name, um), 0.0))
+            .collect();
+        Expected {
+            change: table(&seen, 0.0),
+            doubt: table(&doubt, 0.0),
+            operating,
         }
     }
 
-    /// Logarithms of likelihood of a record under every hypothesis at every depth.
-    pub(super) fn compare(&self, record: &Features, ensemble: &Ensemble) -> Compared {
-        let at = self.place(record);
-        let shifts = self.shifts(record, ensemble);
-        let present: Vec<Option<f64>> = self.lines.iter().map(|line| record.values.get(&line.name).copied()).collect();
-        let lines = present.iter().flatten().count();
-        let mut variance = vec![0.0_f32; self.width];
-        for ((variance, line), value) in variance.iter_mut().zip(&self.lines).zip(&present) {
-            // A line that is missing says nothing: an immense variance.
-            *variance = match value {
-                Some(_) => (line.variance * (SCATTER_PART + at.variance(line.kernel))) as f32,
-                None => 1e6,
-            };
-        }
-        let mut log_likelihood = Vec::with_capacity(self.all.len() * self.depths);
-        let mut measured = vec![0.0_f32; self.width];
-        for (index, hypothesis) in self.all.iter().enumerate() {
-            for (((measured, line), value), (constant, weights)) in measured.iter_mut().zip(&self.lines).zip(&present).zip(&hypothesis.fits)
-            {
-                *measured = value.map_or(0.0, |value| (value - constant - at.path(line.kernel, weights)) as f32);
-            }
-            for depth in 0..self.depths {
-                let row = (index * self.depths + depth) * self.width;
-                let (distance, determinant) = misfit(
-                    &measured,
-                    &shifts[depth * self.width..(depth + 1) * self.width],
-                    &self.change[row..row + self.width],
-                    &self.discrepancy[row..row + self.width],
-                    &variance,
-                );
-                let count = lines as f64;
-                log_likelihood.push(-0.5 * determinant.ln() - 0.5 * (DEGREES_OF_FREEDOM + count) * (distance / DEGREES_OF_FREEDOM).ln_1p());
-            }
-        }
-        Compared { log_likelihood, lines }
-    }
-
-    /// How each line and check of a record deviates from what a hypothesis expects at a depth of the grid; without a library the lines
-    /// are left out.
-    pub(super) fn deviations(&self, record: &Features, state: Option<(&Ensemble, (usize, usize))>) -> [Vec<Deviation>; 2] {
-        let at = self.place(record);
-        let mut lines = Vec::new();
-        if let Some((ensemble, (hypothesis, depth))) = state {
-            let shifts = self.shifts(record, ensemble);
-            let row = (hypothesis * self.depths + depth) * self.width;
-            for (i, line) in self.lines.iter().enumerate() {
-                let Some(value) = record.values.get(&line.name) else { continue };
-                let (constant, weights) = &self.all[hypothesis].fits[i];
-                let expected =
-                    constant + at.path(line.kernel, weights) + f64::from(shifts[depth * self.width + i]) + f64::from(self.change[row + i]);
-                let variance = f64::from(self.discrepancy[row + i]) + line.variance * (1.0 + at.variance(line.kernel));
-                lines.push(Deviation {
-                    name: line.name.clone(),
-                    residual: value - expected,
-                    deviation: variance.sqrt(),
+    fn suppose(&mut self, ensemble: &Ensemble, beginning: Option<&Beginning>) {
+        let fresh = Beginning::fresh();
+        let beginning = beginning.unwrap_or(&fresh);
+        for member in 0..ensemble.members().len() {
+            let prior = beginning.members.get(member).copied().unwrap_or_else(|| ensemble.prior(member));
+            for &(baseline_end_um, weight) in &beginning.depths_um {
+                self.all.push(Hypothesis {
+                    member,
+                    baseline_end_um,
+                    log_weight: (prior * weight).max(f64::MIN_POSITIVE).ln(),
                 });
             }
         }
+    }
+
+    /// Takes the baseline's records one by one, at the depths that each hypothesis supposes.
+    fn learn_baseline(&mut self, baseline: &Baseline, healthy: &[&HealthyFeature], ensemble: &Ensemble, depths_um: &[f64], goes_on: bool) {
+        let count = baseline.records();
+        let lines = self.lines.len();
+        if depths_um.is_empty() || lines == 0 {
+            return;
+        }
+        for index in 0..count {
+            let point = baseline.points[index];
+            let grown = ((index as f64 + 1.0) / count as f64).powf(BASELINE_POWER);
+            let at = self.path.at(self.basis.place(relative(point[0], self.nominal[0]).ln()));
+            let shifts: Vec<Vec<f32>> = (0..self.expected.len()).map(|member| self.shift(member, ensemble, point)).collect();
+            let scatter: Vec<f64> = (0..lines)
+                .map(|line| self.scatter(line, f64::from(healthy[line].values[index])))
+                .collect();
+            let mut residuals = Vec::with_capacity(self.all.len() * lines);
+            for (hypothesis, supposed) in self.all.iter().enumerate() {
+                let um = if goes_on {
+                    supposed.baseline_end_um
+                } else {
+                    supposed.baseline_end_um * grown
+                };
+                let (depth, part) = place_on(depths_um, um);
+                let expected = &self.expected[supposed.member];
+                for line in 0..lines {
+                    let value = |depth: usize| {
+                        let i = depth.min(self.depths - 1) * self.width + line;
+                        f64::from(expected.change[i] + shifts[supposed.member][i])
+                    };
+                    let expected = (1.0 - part) * value(depth) + part * value(depth + 1);
+                    residuals.push(f64::from(healthy[line].values[index]) - self.path.gain(&at, hypothesis, line) - expected);
+                }
+            }
+            for (hypothesis, residuals) in self.all.iter_mut().zip(residuals.chunks_exact(lines)).filter(|_| index > 0) {
+                for (line, residual) in residuals.iter().enumerate() {
+                    let variance = scatter[line] + at.variance[line];
+                    let square = (residual * residual / variance).min(MOST_DEVIATIONS * MOST_DEVIATIONS);
+                    hypothesis.log_weight -= BASELINE_WEIGHT * 0.5 * (variance.ln() + square);
+                }
+            }
+            let leading = self.leading();
+            self.path.learn(&at, &residuals, &scatter, leading);
+        }
+    }
+
+    fn leading(&self) -> usize {
+        let weight = |&index: &usize| self.all[index].log_weight;
+        (0..self.all.len()).max_by(|a, b| weight(a).total_cmp(&weight(b))).unwrap_or(0)
+    }
+
+    /// Variance of a line's own scatter, at this value.
+    fn scatter(&self, line: usize, value: f64) -> f64 {
+        let noise = self.lines[line]
+            .background
+            .map_or(0.0, |background| (2.0 * (background - value)).exp().min(1.0));
+        LINE_SCATTER * LINE_SCATTER + NOISE_VARIANCE * noise
+    }
+
+    /// Logarithms of likelihood of a record under every hypothesis at every depth, with what is known of the path.
+    pub(super) fn compare(&self, record: &Features, ensemble: &Ensemble, path: &PathGain) -> Compared {
+        let gain = path.at(self.basis.place(self.log_speed(record)));
+        let values: Vec<f64> = self
+            .lines
+            .iter()
+            .map(|line| record.values.get(&line.name).copied().unwrap_or(f64::NAN))
+            .collect();
+        let scatter: Vec<f64> = values.iter().enumerate().map(|(line, value)| self.scatter(line, *value)).collect();
+        let lines = values.iter().filter(|value| value.is_finite()).count();
+        let mut compared = Compared {
+            log_likelihood: Vec::with_capacity(self.all.len() * self.depths),
+            lines,
+            gain,
+            measured: vec![f32::NAN; self.all.len() * self.width],
+            expected: Vec::new(),
+            variance: Vec::new(),
+            scatter,
+        };
+        // By member and depth: 1/v by line, and −½ Σ ln v.
+        let mut weight = Vec::with_capacity(self.expected.len());
+        let mut spread = Vec::with_capacity(self.expected.len());
+        let point = [record.operating_point.shaft_speed_hz, record.operating_point.torque_nm];
+        for (member, expected) in self.expected.iter().enumerate() {
+            let shift = self.shift(member, ensemble, point);
+            let (mut sum, mut variance) = (expected.change.clone(), expected.doubt.clone());
+            let (mut inverse, mut logs) = (vec![0.0_f32; sum.len()], Vec::with_capacity(self.depths));
+            for depth in 0..self.depths {
+                let mut product = 1.0;
+                for line in 0..self.lines.len() {
+                    let i = depth * self.width + line;
+                    sum[i] += shift[i];
+                    let moved = OPERATING_DISCREPANCY * f64::from(shift[i]);
+                    let v = f64::from(variance[i]) + moved * moved + compared.scatter[line] + compared.gain.variance[line];
+                    variance[i] = v as f32;
+                    if values[line].is_finite() {
+                        inverse[i] = (1.0 / v) as f32;
+                        product *= v;
+                    }
+                }
+                logs.push(-0.5 * product.max(f64::MIN_POSITIVE).ln());
+            }
+            compared.expected.push(sum);
+            compared.variance.push(variance);
+            weight.push(inverse);
+            spread.push(logs);
+        }
+        let mut measured = vec![0.0_f32; self.width];
+        for (index, hypothesis) in self.all.iter().enumerate() {
+            for (line, value) in values.iter().enumerate() {
+                let less_gain = (value - path.gain(&compared.gain, index, line)) as f32;
+                compared.measured[index * self.width + line] = less_gain;
+                measured[line] = if less_gain.is_finite() { less_gain } else { 0.0 };
+            }
+            let member = hypothesis.member;
+            for depth in 0..self.depths {
+                let row = depth * self.width..(depth + 1) * self.width;
+                let distance = misfit(&measured, &compared.expected[member][row.clone()], &weight[member][row]);
+                let tail = 0.5 * (DEGREES_OF_FREEDOM + lines as f64) * (distance / DEGREES_OF_FREEDOM).ln_1p();
+                compared.log_likelihood.push(spread[member][depth] - tail);
+            }
+        }
+        compared
+    }
+
+    /// What is left of each line under each hypothesis when the change at its own mean depth is taken off, for learning the path, and the
+    /// variance of that: `probability` over depths by hypothesis, of which `leading` says how uncertain the change is.
+    pub(super) fn left(&self, compared: &Compared, probability: &[Vec<f64>], leading: usize) -> (Vec<f64>, Vec<f64>) {
+        let lines = self.lines.len();
+        let mut residuals = Vec::with_capacity(self.all.len() * lines);
+        let mut variance = compared.scatter.clone();
+        for (index, (hypothesis, probability)) in self.all.iter().zip(probability).enumerate() {
+            let expected = &compared.expected[hypothesis.member];
+            for line in 0..lines {
+                let likely = || probability.iter().enumerate().filter(|(_, p)| **p > 0.0);
+                let mean: f64 = likely().map(|(depth, p)| p * f64::from(expected[depth * self.width + line])).sum();
+                residuals.push(f64::from(compared.measured[index * self.width + line]) - mean);
+                if index == leading {
+                    let of_all = &compared.variance[hypothesis.member];
+                    let own: f64 = likely()
+                        .map(|(depth, p)| {
+                            let i = depth * self.width + line;
+                            p * (f64::from(of_all[i]) + (f64::from(expected[i]) - mean).powi(2))
+                        })
+                        .sum();
+                    variance[line] = (own - compared.gain.variance[line]).max(compared.scatter[line]);
+                }
+            }
+        }
+        (residuals, variance)
+    }
+
+    /// How each line and check of a record deviates from what a hypothesis expects at a depth of the grid; without a comparison the lines
+    /// are left out.
+    pub(super) fn deviations(&self, record: &Features, state: Option<(&Compared, (usize, usize))>) -> [Vec<Deviation>; 2] {
+        let mut lines = Vec::new();
+        if let Some((compared, (hypothesis, depth))) = state {
+            let member = self.all[hypothesis].member;
+            for (line, known) in self.lines.iter().enumerate() {
+                let i = depth * self.width + line;
+                let residual = f64::from(compared.measured[hypothesis * self.width + line] - compared.expected[member][i]);
+                if residual.is_finite() {
+                    lines.push(Deviation {
+                        name: known.name.clone(),
+                        residual,
+                        deviation: f64::from(compared.variance[member][i]).sqrt(),
+                    });
+                }
+            }
+        }
         let depth = state.map_or(0, |(_, (_, depth))| depth);
-        let checks = self.checks.iter().zip(&self.check_fits).zip(&self.check_change);
-        let checks = checks.filter_map(|((check, (constant, weights)), change)| {
-            let value = record.checks.get(&check.name)?;
-            let change = change[depth.min(change.len() - 1)];
-            let wrong = CHECK_DISCREPANCY + CHECK_RELATIVE_DISCREPANCY * change.abs();
-            Some(Deviation {
-                name: check.name.clone(),
-                residual: value - constant - at.path(check.kernel, weights) - change,
-                deviation: (wrong * wrong + check.variance * (1.0 + at.variance(check.kernel))).sqrt(),
-            })
-        });
-        [lines, checks.collect()]
+        [lines, self.checks.deviations(record, self.log_speed(record), depth)]
     }
 
     /// The depths around one of the grid that a single record of this operating range cannot tell from it: their expected lines differ by less than
     /// two standard deviations in all.
-    pub(super) fn resolved(&self, (hypothesis, depth): (usize, usize)) -> [usize; 2] {
-        let row = |depth: usize| (hypothesis * self.depths + depth) * self.width;
+    pub(super) fn resolved(&self, compared: &Compared, (hypothesis, depth): (usize, usize)) -> [usize; 2] {
+        let member = self.all[hypothesis].member;
+        let (expected, variance) = (&compared.expected[member], &compared.variance[member]);
         let alike = |other: usize| {
             let distance: f64 = (0..self.lines.len())
-                .map(|i| {
-                    let apart = f64::from(self.change[row(other) + i] - self.change[row(depth) + i]);
-                    apart * apart / (f64::from(self.discrepancy[row(depth) + i]) + self.lines[i].variance)
+                .map(|line| {
+                    let apart = f64::from(expected[other * self.width + line] - expected[depth * self.width + line]);
+                    apart * apart / f64::from(variance[depth * self.width + line])
                 })
                 .sum();
             distance < 4.0
@@ -411,61 +429,77 @@ impl Hypotheses {
         [low, high]
     }
 
-    /// Degrees of freedom of a feature's scatter.
+    /// Degrees of freedom of a check's scatter.
     pub(super) fn freedom(&self) -> f64 {
-        self.kernels.freedom()
+        self.checks.freedom()
     }
 
-    fn place(&self, record: &Features) -> SpeedWeights {
-        self.kernels
-            .weights(relative(record.operating_point.shaft_speed_hz, self.nominal[0]).ln())
+    fn log_speed(&self, record: &Features) -> f64 {
+        relative(record.operating_point.shaft_speed_hz, self.nominal[0]).ln()
     }
 
-    fn operating_weights(&self, ensemble: &Ensemble, [speed, torque]: [Option<f64>; 2]) -> Vec<f64> {
-        ensemble.operating_weights(relative(torque, self.nominal[1]), relative(speed, self.nominal[0]))
-    }
-
-    /// What the record's operating point moves each line by, by depth.
-    fn shifts(&self, record: &Features, ensemble: &Ensemble) -> Vec<f32> {
-        let point = &record.operating_point;
-        let weights = self.operating_weights(ensemble, [point.shaft_speed_hz, point.torque_nm]);
-        let mut shifts = vec![0.0_f32; self.depths * self.width];
-        for (table, weight) in self.operating.iter().zip(weights).filter(|(_, weight)| *weight != 0.0) {
-            shifts
+    /// What an operating point moves each line of a member by, by depth.
+    fn shift(&self, member: usize, ensemble: &Ensemble, [speed, torque]: [Option<f64>; 2]) -> Vec<f32> {
+        let weights = ensemble.members()[member].operating_weights(relative(torque, self.nominal[1]), relative(speed, self.nominal[0]));
+        let mut shift = vec![0.0_f32; self.depths * self.width];
+        for (table, weight) in self.expected[member]
+            .operating
+            .iter()
+            .zip(weights)
+            .filter(|(_, weight)| *weight != 0.0)
+        {
+            shift
                 .iter_mut()
                 .zip(table)
                 .for_each(|(shift, value)| *shift += weight as f32 * value);
         }
-        shifts
+        shift
     }
 }
 
-/// Σ r²/v and Π v over lines. The groups' partial results let the processor work on several lines at once.
-fn misfit(measured: &[f32], shift: &[f32], change: &[f32], discrepancy: &[f32], variance: &[f32]) -> (f64, f64) {
-    let (mut distance, mut determinant) = ([0.0_f32; LANES], [1.0_f32; LANES]);
-    let groups = measured
-        .chunks_exact(LANES)
-        .zip(shift.chunks_exact(LANES))
-        .zip(change.chunks_exact(LANES))
-        .zip(discrepancy.chunks_exact(LANES))
-        .zip(variance.chunks_exact(LANES));
-    for ((((measured, shift), change), discrepancy), variance) in groups {
-        for lane in 0..LANES {
-            let v = discrepancy[lane] + variance[lane];
-            let r = measured[lane] - shift[lane] - change[lane];
-            distance[lane] += r * r / v;
-            determinant[lane] *= v;
+impl Line {
+    fn of(feature: &HealthyFeature) -> Self {
+        Self {
+            name: feature.name.clone(),
+            background: feature.background,
         }
     }
-    let distance = distance.iter().map(|&d| f64::from(d)).sum();
-    (distance, determinant.iter().map(|&d| f64::from(d)).product())
 }
 
-/// What is seen of a change of a line with a part `noise` of its healthy power in the noise, and how much of a further change would be seen: a
-/// line that sinks into the noise stays at the noise.
-fn above_noise(change: f64, noise: f64) -> (f64, f64) {
-    let line = (1.0 - noise) * (2.0 * change).exp();
-    (0.5 * (line + noise).ln(), line / (line + noise))
+/// The part of a healthy line's power that is noise.
+fn noise_part(line: &HealthyFeature) -> f64 {
+    line.background
+        .map_or(0.0, |background| (2.0 * (background - line.mean())).exp().min(MOST_NOISE))
+}
+
+/// Σ r²·w over lines. The groups' partial results let the processor work on several lines at once.
+fn misfit(measured: &[f32], expected: &[f32], weight: &[f32]) -> f64 {
+    let mut distance = [0.0_f32; LANES];
+    let groups = measured
+        .chunks_exact(LANES)
+        .zip(expected.chunks_exact(LANES))
+        .zip(weight.chunks_exact(LANES));
+    for ((measured, expected), weight) in groups {
+        for lane in 0..LANES {
+            let r = measured[lane] - expected[lane];
+            distance[lane] += r * r * weight[lane];
+        }
+    }
+    distance.iter().map(|&d| f64::from(d)).sum()
+}
+
+/// What is seen of a change of a line with a part `noise` of its healthy power in the noise: a line that sinks into the noise stays there.
+fn above_noise(change: f64, noise: f64) -> f64 {
+    0.5 * ((1.0 - noise) * (2.0 * change).exp() + noise).ln()
+}
+
+/// The point of a rising grid at or below a depth, and the part of the way to the next.
+fn place_on(depths_um: &[f64], um: f64) -> (usize, f64) {
+    let upper = depths_um.partition_point(|depth| *depth <= um);
+    if upper == 0 || upper == depths_um.len() {
+        return (upper.saturating_sub(1), 0.0);
+    }
+    (upper - 1, (um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]))
 }
 
 /// A value as a part of its nominal one; 1 where either is not known.
@@ -493,20 +527,23 @@ mod tests {
 
     #[test]
     fn a_line_that_sinks_into_the_noise_stays_there() {
-        assert_eq!(above_noise(1.3, 0.0), (1.3, 1.0));
-        let (seen, left) = above_noise(-20.0, 0.04);
-        assert!((seen - 0.2f64.ln()).abs() < 1e-6 && left < 1e-12);
-        assert!(above_noise(0.0, 0.2).0.abs() < 1e-12);
+        assert_eq!(above_noise(1.3, 0.0), 1.3);
+        assert!((above_noise(-20.0, 0.04) - 0.2f64.ln()).abs() < 1e-6);
+        assert!(above_noise(0.0, 0.2).abs() < 1e-12);
     }
 
     #[test]
-    fn misfit_is_the_sum_and_the_product() {
+    fn misfit_is_the_weighted_sum_of_squares() {
         let r: Vec<f32> = (0..16).map(|i| i as f32 * 0.1).collect();
-        let v: Vec<f32> = (0..16).map(|i| 0.5 + i as f32 * 0.1).collect();
-        let none = vec![0.0; 16];
-        let (distance, determinant) = misfit(&r, &none, &none, &v, &none);
-        let expected: f64 = r.iter().zip(&v).map(|(r, v)| f64::from(r * r / v)).sum();
-        let product: f64 = v.iter().map(|&v| f64::from(v)).product();
-        assert!((distance / expected - 1.0).abs() < 1e-6 && (determinant / product - 1.0).abs() < 1e-6);
+        let w: Vec<f32> = (0..16).map(|i| 0.5 + i as f32 * 0.1).collect();
+        let expected: f64 = r.iter().zip(&w).map(|(r, w)| f64::from(r * r * w)).sum();
+        assert!((misfit(&r, &[0.0; 16], &w) / expected - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_depth_lies_between_two_points_of_the_grid() {
+        let depths = [0.0, 1.0, 3.0];
+        assert_eq!(place_on(&depths, 2.0), (1, 0.5));
+        assert_eq!((place_on(&depths, -1.0), place_on(&depths, 9.0)), ((0, 0.0), (2, 0.0)));
     }
 }

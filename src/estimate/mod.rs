@@ -11,8 +11,10 @@ mod chart;
 mod depth_grid;
 mod event;
 mod healthy;
+mod healthy_checks;
 mod hypotheses;
 mod novelty;
+mod path_gain;
 mod prognosis;
 mod tracker;
 mod transition;
@@ -22,5 +24,5 @@ pub use alarm::{Alarm, AlarmAction, AlarmChange, AlarmError, AlarmQuantity, Alar
 pub use event::{MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
-pub use tracker::{EstimatorSettings, METHOD, Tracker, TrackerState};
+pub use tracker::{EstimatorSettings, KNOWN_SHAPE, METHOD, Tracker, TrackerState, UNKNOWN_SHAPE, shape_deviation};
 pub use wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};

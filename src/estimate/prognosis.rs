@@ -11,7 +11,7 @@ const MOST_POINTS: usize = 64;
 
 /// Standard deviation of the logarithm of the depth at the limit over that now, beyond what the history shows: how much an error of the
 /// library may change on the way, for each doubling of the depth.
-const DRIFT: f64 = 0.12;
+const DRIFT: f64 = 0.2;
 
 /// Errors of neighbouring depths are alike: this many points of the history count as one.
 const ALIKE: f64 = 6.0;
@@ -43,6 +43,14 @@ pub struct Prognosis {
     /// 95 % quantile; none where the limit may not be passed for very long.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p95: Option<Timestamp>,
+}
+
+/// The latest estimate.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Now {
+    pub(super) at: Timestamp,
+    pub(super) depth_um: f64,
+    pub(super) half_width_um: f64,
 }
 
 /// Depths so far, thinned.
@@ -85,9 +93,15 @@ impl WearHistory {
         }
     }
 
-    /// When `limit_um` is passed, as far as the history tells; `now_um` and `half_width_um` are the latest estimate at `now`.
-    pub(super) fn prognosis(&self, now: Timestamp, now_um: f64, half_width_um: f64, limit_um: f64) -> Option<Prognosis> {
+    /// When `limit_um` is passed, as far as the history tells. The depths of the history are tracked ones; `shape_deviation` is the standard deviation
+    /// of the logarithm of true over tracked depth, the same at all times.
+    pub(super) fn prognosis(&self, now: Now, limit_um: f64, shape_deviation: f64) -> Option<Prognosis> {
         let start = self.start?;
+        let Now {
+            at: now,
+            depth_um: now_um,
+            half_width_um,
+        } = now;
         let (first, now_s) = (self.points.first()?, now.duration_since(start).as_secs_f64());
         let grown = now_um - first[1];
         let known = self.points.len() >= LEAST_POINTS && grown > LEAST_GROWTH_UM && grown > 2.0 * half_width_um && now_s > 0.0;
@@ -110,7 +124,8 @@ impl WearHistory {
             .iter()
             .map(|(_, misfit)| (-0.5 * (misfit - least) / scatter / ALIKE).exp())
             .sum();
-        let drift = DRIFT * (limit_um / now_um).log2() + 0.5 * half_width_um / now_um * (1.0 - now_um / limit_um);
+        let history = DRIFT * (limit_um / now_um).log2() + 0.5 * half_width_um / now_um * (1.0 - now_um / limit_um);
+        let drift = history.hypot(shape_deviation);
         for (power, misfit) in misfits {
             let weight = (-0.5 * (misfit - least) / scatter / ALIKE).exp() / total;
             rate += weight * power * now_um / now_s;
@@ -163,6 +178,14 @@ fn misfit(points: &[&[f64; 3]], power: f64, latest: f64, now_um: f64) -> f64 {
 mod tests {
     use super::*;
 
+    fn latest(at: Timestamp, depth_um: f64, half_width_um: f64) -> Now {
+        Now {
+            at,
+            depth_um,
+            half_width_um,
+        }
+    }
+
     fn history(power: f64, records: u32, of: u32) -> (WearHistory, Timestamp) {
         let start = Timestamp::UNIX_EPOCH;
         let mut history = WearHistory::from(start);
@@ -181,7 +204,7 @@ mod tests {
                 let (history, now) = history(power, half, 300);
                 let now_um = 240.0 * (f64::from(half) / 300.0).powf(power);
                 let truth = 300.0 * (200.0_f64 / 240.0).powf(1.0 / power);
-                let told = history.prognosis(now, now_um, 5.0, 200.0).unwrap();
+                let told = history.prognosis(latest(now, now_um, 5.0), 200.0, 0.0).unwrap();
                 let hours = |time: Timestamp| time.duration_since(Timestamp::UNIX_EPOCH).as_secs_f64() / 3600.0;
                 assert!(
                     hours(told.p05) < truth && truth < hours(told.p95.unwrap()),
@@ -197,11 +220,11 @@ mod tests {
     #[test]
     fn nothing_is_said_before_the_rate_is_known_or_after_the_limit() {
         let (history, now) = history(1.0, 5, 300);
-        assert_eq!(history.prognosis(now, 4.0, 2.0, 200.0), None);
+        assert_eq!(history.prognosis(latest(now, 4.0, 2.0), 200.0, 0.0), None);
         let (history, now) = self::history(1.0, 290, 300);
-        assert_eq!(history.prognosis(now, 232.0, 2.0, 200.0), None);
+        assert_eq!(history.prognosis(latest(now, 232.0, 2.0), 200.0, 0.0), None);
         // Half the interval is as wide as what has grown.
-        assert_eq!(history.prognosis(now, 100.0, 80.0, 200.0), None);
+        assert_eq!(history.prognosis(latest(now, 100.0, 80.0), 200.0, 0.0), None);
     }
 
     #[test]

@@ -12,20 +12,32 @@ use super::depth_grid::DepthGrid;
 use super::event::{MaintenanceEvent, MaintenanceKind};
 use super::hypotheses::{Beginning, Hypotheses};
 use super::novelty::{Novelty, judge};
-use super::prognosis::WearHistory;
+use super::prognosis::{Now, WearHistory};
 use super::transition::Growth;
 use super::wear::{BaselineProgress, BestState, WearEstimate, WearStatus};
 use crate::library::{Ensemble, Library};
 use crate::signal::{Features, PREPROCESSING};
 
 /// Identifier of the estimator.
-pub const METHOD: &str = "ensemble-filter-4";
+pub const METHOD: &str = "path-filter-1";
 
 /// Fewest lines that a comparison is made on.
 const LEAST_LINES: usize = 3;
 
-/// An interval wider than this part of the library says that the records do not tell.
+/// An interval of the tracked depth wider than this part of the library says that the records do not tell.
 const WIDEST_INTERVAL: f64 = 0.6;
+
+/// [`EstimatorSettings::shape_deviation`] where nobody has measured the shape of the wear: exponents from 2.5 to 6 for 4, tip ratios from 0.4 for 0.7 and floors to
+/// 0.3 for 0.05 look like the described shape at 0.66 to 1.4 times their greatest depth.
+pub const UNKNOWN_SHAPE: f64 = 0.32;
+
+/// The same where the shape is known.
+pub const KNOWN_SHAPE: f64 = 0.0;
+
+/// [`EstimatorSettings::shape_deviation`] of a shape that is known or not.
+pub fn shape_deviation(known: bool) -> f64 {
+    if known { KNOWN_SHAPE } else { UNKNOWN_SHAPE }
+}
 
 /// What a user decides about the estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,6 +46,9 @@ pub struct EstimatorSettings {
     pub baseline_records: u32,
     /// Wear depth in µm that the prognosis is about.
     pub limit_um: Option<f64>,
+    /// Standard deviation of the logarithm of the true greatest depth over that of the described shape of wear which changes the vibration alike:
+    /// how unsure the described shape is. Wear of another shape looks like the described one at another depth.
+    pub shape_deviation: f64,
 }
 
 /// What is known after the records so far; an exact copy in JSON continues with the same bits.
@@ -267,7 +282,11 @@ impl Tracker {
             );
             return self.no_number(WearStatus::NotIdentifiable, need, &reason);
         }
-        let compared = hypotheses.compare(features, ensemble);
+        let belief = match &mut tracking.belief {
+            Some(belief) if belief.fits(&hypotheses, &self.grid) => belief,
+            other => other.insert(Belief::start(&hypotheses, &self.grid)),
+        };
+        let compared = hypotheses.compare(features, ensemble, belief.path());
         if compared.lines == 0 {
             let mut answer = self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's lines");
             // Less than usual without a mesh line is a machine that stands still.
@@ -278,31 +297,33 @@ impl Tracker {
             return answer;
         }
         let best = compared.best(self.grid.depths_um().len());
-        let deviations = hypotheses.deviations(features, Some((ensemble, best)));
+        let deviations = hypotheses.deviations(features, Some((&compared, best)));
         let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
-        let belief = match &mut tracking.belief {
-            Some(belief) if belief.fits(&hypotheses, &self.grid) => belief,
-            other => other.insert(Belief::start(&hypotheses, &self.grid)),
-        };
         if novelty.outside {
             // What is not wear does not move the estimate of wear.
             let mut answer = self.no_number(WearStatus::OutsideLibrary, need, "");
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
-        let updated = belief.update(&compared, &self.grid, &self.growth);
-        let probability = belief.spread_probability(&self.grid);
+        let updated = belief.update(&compared, &hypotheses, &self.grid, &self.growth);
+        let tracked = belief.probability(&self.grid);
+        let probability = belief.spread_probability(&self.grid, self.settings.shape_deviation);
         let member = hypotheses.all[updated.best.0].member;
-        let resolved = hypotheses.resolved(belief.likeliest(&self.grid));
-        let mut answer = self.answer(ensemble, &probability, &updated, member);
+        let resolved = hypotheses.resolved(&compared, belief.likeliest(&self.grid));
+        let [low, median, high] = [0.05, 0.5, 0.95].map(|level| self.grid.quantile_um(&tracked, level));
+        let told = high - low <= WIDEST_INTERVAL * ensemble.described().max_wear_um();
+        let mut answer = self.answer(ensemble, &probability, &updated, member, told);
         answer.resolved_um = Some(resolved.map(|point| self.grid.depths_um()[point]));
-        if let (Some(median), Some(low), Some(high)) = (answer.median_um, answer.p05_um, answer.p95_um) {
-            tracking.history.push(at, median, 0.5 * (high - low));
-            answer.prognosis = self
-                .settings
-                .limit_um
-                .and_then(|limit| tracking.history.prognosis(at, median, 0.5 * (high - low), limit));
-            answer.above_limit = self.settings.limit_um.map(|limit| self.grid.probability_above(&probability, limit));
+        let half_width = 0.5 * (high - low);
+        tracking.history.push(at, median, half_width);
+        if let Some(limit_um) = self.settings.limit_um {
+            let now = Now {
+                at,
+                depth_um: median,
+                half_width_um: half_width,
+            };
+            answer.prognosis = tracking.history.prognosis(now, limit_um, self.settings.shape_deviation);
+            answer.above_limit = Some(self.grid.probability_above(&probability, limit_um));
         }
         answer.novelty = Some(novelty);
         answer
@@ -326,11 +347,10 @@ impl Tracker {
         answer.novelty = Some(novelty);
     }
 
-    fn answer(&self, ensemble: &Ensemble, probability: &[f64], updated: &Updated, member: usize) -> WearEstimate {
+    fn answer(&self, ensemble: &Ensemble, probability: &[f64], updated: &Updated, member: usize, told: bool) -> WearEstimate {
         let library = ensemble.described();
         let quantile = |level| self.grid.quantile_um(probability, level);
         let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
-        let told = p95 - p05 <= WIDEST_INTERVAL * library.max_wear_um();
         let (status, reason) = if told {
             (
                 WearStatus::Estimated,
@@ -403,6 +423,7 @@ mod tests {
         EstimatorSettings {
             baseline_records: NEED,
             limit_um: Some(200.0),
+            shape_deviation: KNOWN_SHAPE,
         }
     }
 

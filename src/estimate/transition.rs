@@ -1,17 +1,50 @@
 //! How wear may grow between two records: never down, at a rate that is not known.
 
-/// Mean growth between records in µm and its prior weight: from next to nothing to a gear that fails within an hour.
-const RATES_UM: [(f64, f64); 4] = [(0.05, 0.35), (0.5, 0.35), (3.0, 0.2), (15.0, 0.1)];
+use serde::{Deserialize, Serialize};
+
+/// Mean growth between records in µm: from next to nothing to a gear that fails within an hour.
+const RATES_UM: [f64; RATES] = [0.05, 0.5, 1.5, 10.0];
+
+/// How many rates there are.
+const RATES: usize = 4;
+
+/// Their prior weights.
+const PRIOR: [f64; RATES] = [0.3, 0.4, 0.2, 0.1];
+
+/// Part of what was learnt of the rate that the next record leaves: wear may begin to grow faster.
+const MEMORY: f64 = 0.95;
+
+/// What each rate is believed to be worth by now.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct RateWeights([f64; RATES]);
+
+impl Default for RateWeights {
+    fn default() -> Self {
+        Self(PRIOR)
+    }
+}
+
+impl RateWeights {
+    /// Weighs the rates by the likelihood of a record after growth at each.
+    fn learn(&mut self, likelihood: [f64; RATES]) {
+        let mut weights = [0.0; RATES];
+        for (rate, weight) in weights.iter_mut().enumerate() {
+            *weight = self.0[rate].powf(MEMORY) * PRIOR[rate].powf(1.0 - MEMORY) * likelihood[rate].max(1e-300);
+        }
+        let total: f64 = weights.iter().sum();
+        self.0 = weights.map(|weight| weight / total);
+    }
+}
 
 /// Growth over one interval of running on a grid of depths.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Growth {
-    /// For each rate its weight, and for each depth the part that moves on to the next.
-    moving: Vec<(f64, Vec<f64>)>,
+    /// For each rate and depth the part that moves on to the next.
+    moving: Vec<Vec<f64>>,
 }
 
 impl Growth {
-    /// Growth is a mixture of geometric distributions (the discrete exponential), so that small steps are likely and large ones
+    /// Growth at each rate is geometric (the discrete exponential), so that small steps are likely and large ones
     /// possible; the mean is the rate's whatever the grid's steps.
     pub(super) fn on(depths_um: &[f64]) -> Self {
         let parts = |mean_um: f64| {
@@ -20,21 +53,34 @@ impl Growth {
             depths_um.windows(2).map(part).chain([0.0]).collect()
         };
         Self {
-            moving: RATES_UM.iter().map(|&(mean_um, weight)| (weight, parts(mean_um))).collect(),
+            moving: RATES_UM.map(parts).into(),
         }
     }
 
     /// Probability over depths after one more interval of running.
-    pub(super) fn advance(&self, probability: &[f64], advanced: &mut [f64]) {
+    pub(super) fn advance(&self, weights: &RateWeights, probability: &[f64], advanced: &mut [f64]) {
         advanced.fill(0.0);
-        for (weight, parts) in &self.moving {
-            let mut moving = 0.0;
-            for ((p, part), out) in probability.iter().zip(parts).zip(advanced.iter_mut()) {
-                moving += p;
-                *out += weight * (1.0 - part) * moving;
-                moving *= part;
-            }
+        for (parts, weight) in self.moving.iter().zip(weights.0) {
+            grow(parts, probability, |depth, p| advanced[depth] += weight * p);
         }
+    }
+
+    /// Learns from a record what the rate is: `likelihood` by depth, `probability` before the record's interval.
+    pub(super) fn learn(&self, weights: &mut RateWeights, probability: &[f64], likelihood: &[f64]) {
+        let mut of_rate = [0.0; RATES];
+        for (parts, sum) in self.moving.iter().zip(&mut of_rate) {
+            grow(parts, probability, |depth, p| *sum += p * likelihood[depth]);
+        }
+        weights.learn(of_rate);
+    }
+}
+
+fn grow(parts: &[f64], probability: &[f64], mut put: impl FnMut(usize, f64)) {
+    let mut moving = 0.0;
+    for (depth, (p, part)) in probability.iter().zip(parts).enumerate() {
+        moving += p;
+        put(depth, (1.0 - part) * moving);
+        moving *= part;
     }
 }
 
@@ -44,7 +90,7 @@ mod tests {
 
     fn advance(depths_um: &[f64], start: &[f64]) -> Vec<f64> {
         let mut advanced = vec![0.0; start.len()];
-        Growth::on(depths_um).advance(start, &mut advanced);
+        Growth::on(depths_um).advance(&RateWeights::default(), start, &mut advanced);
         advanced
     }
 
@@ -67,7 +113,7 @@ mod tests {
             start[0] = 1.0;
             let mean: f64 = advance(&depths, &start).iter().zip(&depths).map(|(p, um)| um * p).sum();
             // Mixture mean: Σ weight × rate.
-            let expected: f64 = RATES_UM.iter().map(|(rate, weight)| rate * weight).sum();
+            let expected: f64 = RATES_UM.iter().zip(PRIOR).map(|(rate, weight)| rate * weight).sum();
             assert!((mean - expected).abs() < 1e-9, "{mean} against {expected}");
         }
     }

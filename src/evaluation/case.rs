@@ -1,6 +1,7 @@
 //! The cases of the evaluation: the library's own physics, others, and what is not wear.
 
 use super::fault::Fault;
+use crate::estimate::{KNOWN_SHAPE, UNKNOWN_SHAPE};
 use crate::gear::{ContactRule, PairSpec};
 
 /// What the runs of a case are to show.
@@ -44,6 +45,8 @@ pub struct Case {
     pub aim: Aim,
     /// The physics of its runs.
     pub pair: PairSpec,
+    /// How unsure the estimator is told to be of the described shape of wear ([`EstimatorSettings::shape_deviation`](crate::estimate::EstimatorSettings)).
+    pub shape_deviation: f64,
 }
 
 impl Case {
@@ -56,14 +59,20 @@ impl Case {
                 name: name.to_owned(),
                 aim: Aim::OtherPhysics,
                 pair,
+                shape_deviation: UNKNOWN_SHAPE,
             }
         };
         let same = |name: &str, aim| Self {
             name: name.to_owned(),
             aim,
             pair: pair.clone(),
+            shape_deviation: UNKNOWN_SHAPE,
         };
         let mut cases = vec![
+            Self {
+                shape_deviation: KNOWN_SHAPE,
+                ..same("own physics, shape known", Aim::OwnPhysics)
+            },
             same("own physics", Aim::OwnPhysics),
             other("exponent 2.5 for 4", &|pair| pair.wear.exponent = 2.5),
             other("tip ratio 0.4 for 0.7", &|pair| pair.wear.tip_ratio = 0.4),

@@ -9,7 +9,7 @@ use tokio::sync::watch;
 use super::IngestError;
 use super::keys::{analysis_keys, fold_key};
 use crate::asset::AssetSpec;
-use crate::estimate::{EstimatorSettings, Tracker};
+use crate::estimate::{EstimatorSettings, Tracker, shape_deviation};
 use crate::gear::PairSpec;
 use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, library_id};
 
@@ -195,6 +195,7 @@ impl Libraries {
         let settings = EstimatorSettings {
             baseline_records: spec.baseline.records,
             limit_um: spec.limits.danger_um.or(spec.limits.warning_um),
+            shape_deviation: shape_deviation(spec.gear.wear_shape_known),
         };
         let feature_key = analysis_keys(spec).feature;
         let fold_key = fold_key(&settings, &feature_key, ensemble.as_deref());

@@ -1,47 +1,50 @@
-//! A library with its neighbours: the same pair under other assumptions where its description may be wrong, and at other loads and speeds.
+//! A library with its neighbours: the same pair under the other contact rule, and both at other torques and speeds.
 //!
-//! One library answers what wear of the described shape does to the described pair. Nobody knows a real pair that well, so the estimate
-//! compares records with an ensemble: the described pair first, then variants of it with another wear shape, damping, bore or
-//! contact rule, drawn as a Latin hypercube. How far they differ is what the library may be wrong by.
+//! One library answers what wear of the described shape does to the described pair. Which contact rule a real pair follows is not known
+//! beforehand, and the rules differ in everything; so the estimate compares records with both and lets them decide. Other damping, bodies and shapes of
+//! wear change the lines less than depth does, and are not simulated.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use rand::seq::SliceRandom;
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::file::hex;
-use super::{BuildControl, GridSettings, Library, LibraryError, build};
-use crate::gear::{ContactRule, PairSpec, WearShape};
+use super::{BuildControl, GridSettings, Library, LibraryError, LibraryState, build};
+use crate::gear::{ContactRule, PairSpec};
 
 /// Which neighbours are simulated, and how.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EnsembleSettings {
-    /// Variants of the pair besides the one described.
-    pub variants: usize,
-    /// Length of each of their simulated records in seconds.
+    /// Whether the pair is simulated under the other contact rule too.
+    pub other_rule: bool,
+    /// Length of each simulated record in seconds.
     pub seconds: f64,
-    /// Whether the described pair is simulated at other torques and speeds too.
+    /// Whether other torques and speeds are simulated.
     pub operating_points: bool,
-    /// Seed of the Latin hypercube.
-    pub seed: u64,
 }
 
 impl Default for EnsembleSettings {
     fn default() -> Self {
         Self {
-            variants: 14,
+            other_rule: true,
             seconds: 1.0,
             operating_points: true,
-            seed: 1,
         }
     }
 }
 
 impl EnsembleSettings {
+    /// The pair of a library and no other.
+    pub fn described_alone() -> Self {
+        Self {
+            other_rule: false,
+            operating_points: false,
+            ..Self::default()
+        }
+    }
+
     /// How many physics are simulated.
     pub fn libraries(&self) -> usize {
         let points = if self.operating_points {
@@ -49,30 +52,22 @@ impl EnsembleSettings {
         } else {
             0
         };
-        1 + points + self.variants
+        (1 + usize::from(self.other_rule)) * (1 + points)
     }
 }
 
 /// Depths up to here in µm change the vibration fast, because wear of the size of the teeth's deflection acts as a tip relief; the grid
 /// there is finer.
 const FINE_UP_TO_UM: f64 = 30.0;
-const FINE_STATES: usize = 13;
-const COARSE_STATES: usize = 26;
+const FINE_STATES: usize = 31;
+const COARSE_STATES: usize = 50;
 
 /// Parts of the described torque and speed that the described pair is simulated at besides 1.
-const TORQUE_PARTS: [f64; 3] = [0.6, 0.85, 1.15];
+const TORQUE_PARTS: [f64; 6] = [0.6, 0.8, 0.9, 0.95, 1.05, 1.15];
 const SPEED_PARTS: [f64; 2] = [0.92, 1.08];
 
-/// Prior probability of the pair as it is described; the variants share the rest.
-const DESCRIBED: f64 = 0.9;
-
-/// How far the variants reach: factors on exponent, tip ratio, damping and bore, the floor itself, and the part of them with the other rule.
-const EXPONENT: [f64; 2] = [0.5, 1.6];
-const TIP_RATIO: [f64; 2] = [0.5, 1.4];
-const FLOOR: [f64; 2] = [0.0, 0.36];
-const DAMPING: [f64; 2] = [0.45, 2.2];
-const BORE: [f64; 2] = [0.8, 1.6];
-const OTHER_RULE: f64 = 0.25;
+/// Prior probability of the rule that the pair is described with.
+const DESCRIBED: f64 = 0.7;
 
 /// Feature curves of one physics over wear depth.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,7 +84,7 @@ impl MemberCurves {
         states.dedup_by(|a, b| (a.wear_um - b.wear_um).abs() < 1e-9);
         let depths_um = states.iter().map(|state| state.wear_um).collect();
         let all = |name: &String| -> Option<Vec<f64>> {
-            let value = |state: &&super::LibraryState| {
+            let value = |state: &&LibraryState| {
                 let features = &state.features;
                 features.values.get(name).or_else(|| features.checks.get(name)).copied()
             };
@@ -127,31 +122,62 @@ impl MemberCurves {
     }
 }
 
-/// The described pair, its variants, and the described pair at other operating points.
+/// One physics at the described operating point and around it.
+#[derive(Debug, Clone)]
+pub struct Member {
+    curves: MemberCurves,
+    torques: Vec<(f64, MemberCurves)>,
+    speeds: Vec<(f64, MemberCurves)>,
+}
+
+impl Member {
+    /// Feature curves at the described torque and speed.
+    pub fn curves(&self) -> &MemberCurves {
+        &self.curves
+    }
+
+    /// Operating points besides the described one.
+    pub fn operating_points(&self) -> usize {
+        self.torques.len() + self.speeds.len()
+    }
+
+    /// How far a feature moves at this depth from the described torque and speed to an operating point's.
+    pub fn operating_shift(&self, point: usize, name: &str, wear_um: f64) -> f64 {
+        let curves = self.torques.iter().chain(&self.speeds).nth(point).map(|(_, curves)| curves);
+        let shift = |curves: &MemberCurves| Some(curves.at(name, wear_um)? - self.curves.at(name, wear_um)?);
+        curves.and_then(shift).unwrap_or(0.0)
+    }
+
+    /// With what weight each operating point's shift counts at these parts of the described torque and speed: the shift is linear in the
+    /// logarithm between points, held at the ends, and the two axes add.
+    pub fn operating_weights(&self, torque_part: f64, speed_part: f64) -> Vec<f64> {
+        let mut weights = along(&self.torques, torque_part);
+        weights.extend(along(&self.speeds, speed_part));
+        weights
+    }
+}
+
+/// The described pair and the same pair under the other contact rule.
 #[derive(Debug, Clone)]
 pub struct Ensemble {
     id: String,
     described: Arc<Library>,
-    members: Vec<MemberCurves>,
-    torques: Vec<(f64, MemberCurves)>,
-    speeds: Vec<(f64, MemberCurves)>,
+    members: Vec<Member>,
 }
 
 /// Where the library of a pair on a grid comes from.
 pub type LibrarySource<'a> = dyn Fn(&PairSpec, &GridSettings) -> Result<Arc<Library>, LibraryError> + 'a;
 
-/// One library that an ensemble is made of.
-struct Part {
-    pair: PairSpec,
-    role: Role,
+#[derive(Clone, Copy)]
+enum Axis {
+    Torque,
+    Speed,
 }
 
-#[derive(Clone, Copy)]
-enum Role {
-    Described,
-    Variant,
-    Torque(f64),
-    Speed(f64),
+/// Parts of torque or speed that a member is simulated at besides 1.
+fn points() -> impl Iterator<Item = (Axis, f64)> {
+    let torques = TORQUE_PARTS.into_iter().map(|part| (Axis::Torque, part));
+    torques.chain(SPEED_PARTS.into_iter().map(|part| (Axis::Speed, part)))
 }
 
 impl Ensemble {
@@ -159,10 +185,12 @@ impl Ensemble {
     pub fn of(library: Arc<Library>) -> Self {
         Self {
             id: library.id().to_owned(),
-            members: vec![MemberCurves::of(std::slice::from_ref(&library))],
+            members: vec![Member {
+                curves: MemberCurves::of(std::slice::from_ref(&library)),
+                torques: Vec::new(),
+                speeds: Vec::new(),
+            }],
             described: library,
-            torques: Vec::new(),
-            speeds: Vec::new(),
         }
     }
 
@@ -170,14 +198,13 @@ impl Ensemble {
     /// done and their number.
     ///
     /// # Errors
-    /// Those of `get` for the described pair; a variant that cannot be simulated is left out.
+    /// Those of `get` for the described pair; the other rule, or an operating point, that cannot be simulated is left out.
     pub fn around(
         library: Arc<Library>,
         settings: &EnsembleSettings,
         get: &LibrarySource<'_>,
         progress: &dyn Fn(usize, usize),
     ) -> Result<Self, LibraryError> {
-        let max_wear_um = library.max_wear_um();
         let base = GridSettings {
             seconds: settings.seconds,
             torque_factors: vec![1.0],
@@ -193,37 +220,54 @@ impl Ensemble {
             states: COARSE_STATES,
             ..base
         };
-        let parts = parts(library.pair(), settings);
-        let total = parts.len();
-        let mut ensemble = Self::of(Arc::clone(&library));
+        // A library that is fine by itself needs no finer grid.
+        let grids = if library.max_wear_um() > 2.0 * FINE_UP_TO_UM {
+            vec![fine, coarse]
+        } else {
+            vec![coarse]
+        };
+        let total = settings.libraries();
+        let mut done = 0;
         let mut ids = vec![library.id().to_owned()];
-        for (done, part) in parts.into_iter().enumerate() {
-            let grids = [&fine, &coarse];
-            // A library that is fine by itself needs no finer grid.
-            let grids = if max_wear_um > 2.0 * FINE_UP_TO_UM {
-                &grids[..]
-            } else {
-                &grids[1..]
-            };
-            let built: Result<Vec<_>, _> = grids.iter().map(|grid| get(&part.pair, grid)).collect();
-            progress(done + 1, total);
-            let built = match (built, part.role) {
-                (Ok(built), _) => built,
-                (Err(error), Role::Described) => return Err(error),
-                // A variant that the mechanics refuse is no possible pair.
-                (Err(_), _) => continue,
-            };
+        let mut curves = |pair: &PairSpec| -> Result<MemberCurves, LibraryError> {
+            let built = grids.iter().map(|grid| get(pair, grid)).collect::<Result<Vec<_>, _>>();
+            done += 1;
+            progress(done, total);
+            let built = built?;
             ids.extend(built.iter().map(|library| library.id().to_owned()));
-            match part.role {
-                // Records of the same length as the variants': what noise adds to a weak line depends on it.
-                Role::Described => ensemble.members[0] = MemberCurves::of(&built),
-                Role::Variant => ensemble.members.push(MemberCurves::of(&built)),
-                Role::Torque(part) => ensemble.torques.push((part, MemberCurves::of(&built))),
-                Role::Speed(part) => ensemble.speeds.push((part, MemberCurves::of(&built))),
-            }
+            Ok(MemberCurves::of(&built))
+        };
+        let mut pairs = vec![library.pair().clone()];
+        if settings.other_rule {
+            pairs.push(under_other_rule(library.pair()));
         }
-        ensemble.id = hex(ids.join(" ").as_bytes())[..16].to_owned();
-        Ok(ensemble)
+        let mut members: Vec<Member> = Vec::new();
+        for pair in &pairs {
+            let mut member = match curves(pair) {
+                Ok(curves) => Member {
+                    curves,
+                    torques: Vec::new(),
+                    speeds: Vec::new(),
+                },
+                Err(error) if members.is_empty() => return Err(error),
+                Err(_) => continue,
+            };
+            for (axis, part) in points().filter(|_| settings.operating_points) {
+                let (pair, points) = match axis {
+                    Axis::Torque => (at_torque(pair, part), &mut member.torques),
+                    Axis::Speed => (at_speed(pair, part), &mut member.speeds),
+                };
+                if let Ok(curves) = curves(&pair) {
+                    points.push((part, curves));
+                }
+            }
+            members.push(member);
+        }
+        Ok(Self {
+            id: hex(ids.join(" ").as_bytes())[..16].to_owned(),
+            described: library,
+            members,
+        })
     }
 
     /// Simulates everything in memory.
@@ -250,39 +294,18 @@ impl Ensemble {
         &self.described
     }
 
-    /// Feature curves of the described pair and of each variant.
-    pub fn members(&self) -> &[MemberCurves] {
+    /// The described pair, and after it what else it may be.
+    pub fn members(&self) -> &[Member] {
         &self.members
     }
 
     /// Prior probability of a member.
     pub fn prior(&self, member: usize) -> f64 {
-        let variants = self.members.len() - 1;
-        match (member, variants) {
+        match (member, self.members.len() - 1) {
             (_, 0) => 1.0,
             (0, _) => DESCRIBED,
-            _ => (1.0 - DESCRIBED) / variants as f64,
+            (_, others) => (1.0 - DESCRIBED) / others as f64,
         }
-    }
-
-    /// Operating points besides the described one.
-    pub fn operating_points(&self) -> usize {
-        self.torques.len() + self.speeds.len()
-    }
-
-    /// How far a feature of the described pair moves at this depth from the described torque and speed to an operating point's.
-    pub fn operating_shift(&self, point: usize, name: &str, wear_um: f64) -> f64 {
-        let curves = self.torques.iter().chain(&self.speeds).nth(point).map(|(_, curves)| curves);
-        let shift = |curves: &MemberCurves| Some(curves.at(name, wear_um)? - self.members[0].at(name, wear_um)?);
-        curves.and_then(shift).unwrap_or(0.0)
-    }
-
-    /// With what weight each operating point's shift counts at these parts of the described torque and speed: the shift is linear in the
-    /// logarithm between points, held at the ends, and the two axes add.
-    pub fn operating_weights(&self, torque_part: f64, speed_part: f64) -> Vec<f64> {
-        let mut weights = along(&self.torques, torque_part);
-        weights.extend(along(&self.speeds, speed_part));
-        weights
     }
 }
 
@@ -313,65 +336,24 @@ fn along(points: &[(f64, MemberCurves)], part: f64) -> Vec<f64> {
     weights
 }
 
-fn parts(pair: &PairSpec, settings: &EnsembleSettings) -> Vec<Part> {
-    let mut parts = vec![Part {
-        pair: pair.clone(),
-        role: Role::Described,
-    }];
-    if settings.operating_points {
-        for part in TORQUE_PARTS {
-            let mut other = pair.clone();
-            other.operation.torque_nm *= part;
-            other.operation.output_torque_nm = other.operation.output_torque_nm.map(|torque| torque * part);
-            parts.push(Part {
-                pair: other,
-                role: Role::Torque(part),
-            });
-        }
-        for part in SPEED_PARTS {
-            let mut other = pair.clone();
-            other.operation.shaft_speed_hz *= part;
-            parts.push(Part {
-                pair: other,
-                role: Role::Speed(part),
-            });
-        }
-    }
-    parts.extend(variants(pair, settings).into_iter().map(|pair| Part { pair, role: Role::Variant }));
-    parts
+fn at_torque(pair: &PairSpec, part: f64) -> PairSpec {
+    let mut other = pair.clone();
+    other.operation.torque_nm *= part;
+    other.operation.output_torque_nm = other.operation.output_torque_nm.map(|torque| torque * part);
+    other
 }
 
-/// Variants of a pair as a Latin hypercube: each quantity takes each of its strata once, in an order of its own.
-fn variants(pair: &PairSpec, settings: &EnsembleSettings) -> Vec<PairSpec> {
-    let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-    let count = settings.variants;
-    let mut strata = || -> Vec<f64> {
-        let mut places: Vec<f64> = (0..count).map(|i| (i as f64 + rng.random::<f64>()) / count as f64).collect();
-        places.shuffle(&mut rng);
-        places
+fn at_speed(pair: &PairSpec, part: f64) -> PairSpec {
+    let mut other = pair.clone();
+    other.operation.shaft_speed_hz *= part;
+    other
+}
+
+fn under_other_rule(pair: &PairSpec) -> PairSpec {
+    let mut other = pair.clone();
+    other.dynamics.contact = match other.dynamics.contact {
+        ContactRule::Loaded => ContactRule::Threshold,
+        ContactRule::Threshold => ContactRule::Loaded,
     };
-    let [exponent, tip, floor, damping, bore, rule]: [Vec<f64>; 6] = std::array::from_fn(|_| strata());
-    let by_factor = |[low, high]: [f64; 2], place: f64| low * (high / low).powf(place);
-    (0..count)
-        .map(|i| {
-            let mut other = pair.clone();
-            // A table or Archard's law is kept in every second variant; the others have the parabolic shape.
-            if other.wear.shape == WearShape::Parabolic || i % 2 == 1 {
-                other.wear.shape = WearShape::Parabolic;
-                other.wear.exponent = (other.wear.exponent * by_factor(EXPONENT, exponent[i])).max(1.5);
-                other.wear.tip_ratio = (other.wear.tip_ratio * by_factor(TIP_RATIO, tip[i])).clamp(0.05, 1.0);
-                other.wear.floor = (FLOOR[0] + (FLOOR[1] - FLOOR[0]) * floor[i]).min(other.wear.tip_ratio);
-            }
-            other.dynamics.mesh_damping_ratio *= by_factor(DAMPING, damping[i]);
-            let factor = by_factor(BORE, bore[i]);
-            other.geometry.bore_radius_mm = other.geometry.bore_radius_mm.map(|radius| radius * factor);
-            if rule[i] < OTHER_RULE {
-                other.dynamics.contact = match other.dynamics.contact {
-                    ContactRule::Loaded => ContactRule::Threshold,
-                    ContactRule::Threshold => ContactRule::Loaded,
-                };
-            }
-            other
-        })
-        .collect()
+    other
 }

@@ -23,7 +23,7 @@ use thiserror::Error;
 pub use build::{build, library_id};
 pub use checkpoint::checkpoint_beside;
 pub use control::BuildControl;
-pub use ensemble::{Ensemble, EnsembleSettings, LibrarySource, MemberCurves};
+pub use ensemble::{Ensemble, EnsembleSettings, LibrarySource, Member, MemberCurves};
 pub use file::{FORMAT_VERSION, decode, encode};
 pub use grid::{GridSettings, OperatingRange};
 pub use shelf::{LibraryShelf, build_into, keep};

@@ -16,8 +16,7 @@ fn faults_are_simulated_found_and_named() {
         "60",
         "--states",
         "20",
-        "--variants",
-        "0",
+        "--one-rule",
         "--data-dir",
         &data,
     ];
