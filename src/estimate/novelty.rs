@@ -28,8 +28,8 @@ const GAIN_LEAVES: f64 = 0.15;
 /// A dead sensor's noise floors lie this logarithm below the baseline's (a factor of 50).
 const DEAD: f64 = -3.9;
 
-/// A loose mount loses at least this logarithm in the highest band ...
-const LOOSE_LOSS: f64 = -0.7;
+/// A loose mount loses at least this logarithm (a factor of 4, as beyond twice the resonance of a mass on a spring) in the highest band ...
+const LOOSE_LOSS: f64 = -1.4;
 
 /// ... more than in the lowest one.
 const LOOSE_SLOPE: f64 = -0.7;

@@ -342,7 +342,11 @@ impl Tracker {
             };
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
-            answer.reason = format!("no wear of the library explains this record: off are {}", most_deviating(&novelty));
+            let what = match &self.ensemble {
+                Some(_) => "no wear of the library explains this record",
+                None => "this record is unlike the healthy ones",
+            };
+            answer.reason = format!("{what}: off are {}", most_deviating(&novelty));
         }
         answer.novelty = Some(novelty);
     }

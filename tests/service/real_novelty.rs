@@ -163,7 +163,44 @@ fn pieces(folder: &Path, name: &str, mesh: &MeshContext) -> Vec<Vec<Features>> {
         .collect()
 }
 
-/// At each load and on each sensor. The pair's module, width and torque are guessed: the data do not say them.
+/// What pieces of one sensor at one load were answered.
+#[derive(Default)]
+struct Answered {
+    pieces: usize,
+    /// No wear explains them, the machine's or the sensor's doing.
+    flagged: usize,
+    /// Of these, the ones that were called a fault of the sensor.
+    sensor: usize,
+    /// A wear depth was claimed.
+    claimed: usize,
+    /// The most that was claimed at 95 % probability, in µm.
+    least_um: f64,
+}
+
+impl Answered {
+    fn of(answers: &[WearEstimate]) -> Self {
+        let count = |holds: &dyn Fn(&WearEstimate) -> bool| answers.iter().filter(|answer| holds(answer)).count();
+        let sensor = count(&|answer| answer.status == WearStatus::SensorFault);
+        Self {
+            pieces: answers.len(),
+            flagged: count(&|answer| answer.status == WearStatus::OutsideLibrary) + sensor,
+            sensor,
+            claimed: count(&|answer| answer.median_um.is_some()),
+            least_um: answers.iter().filter_map(|answer| answer.p05_um).fold(0.0, f64::max),
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.pieces += other.pieces;
+        self.flagged += other.flagged;
+        self.sensor += other.sensor;
+        self.claimed += other.claimed;
+        self.least_um = self.least_um.max(other.least_um);
+    }
+}
+
+/// At each load and on each sensor. The pair's module, width and torque are guessed: the data do not say them. Sensor a1 alone sees much of the
+/// broken tooth (its first mesh line doubles while its root mean square falls by a third); on the others the same numbers are those of the healthy gearbox.
 #[test]
 fn a_broken_tooth_is_novelty_and_not_wear() {
     let Some(folder) = left_out::recordings("gearbox-spectraquest") else {
@@ -176,40 +213,56 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
     .unwrap();
     let ensemble = ensemble(&pair, 110.0, 12_800.0);
     let mesh = mesh(&pair);
-    let (mut held_out, mut held_out_flagged, mut broken, mut broken_flagged, mut claimed) = (0, 0, 0, 0, 0);
+    let (mut held_out, mut near, mut far) = (Answered::default(), Answered::default(), Answered::default());
     for load in ["0", "50", "90"] {
         let healthy = pieces(&folder, &format!("h30hz{load}"), &mesh);
         let faulty = pieces(&folder, &format!("b30hz{load}"), &mesh);
-        for (channel, (healthy, faulty)) in healthy.into_iter().zip(faulty).enumerate() {
+        for (channel, (healthy, faulty)) in (1..).zip(healthy.into_iter().zip(faulty)) {
             let whole = healthy.len();
             let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), healthy.into_iter().chain(faulty));
-            let flagged = |answers: &[WearEstimate]| answers.iter().filter(|answer| answer.status == WearStatus::OutsideLibrary).count();
-            let (after, faulty) = (&answers[GEARBOX_BASELINE..whole], &answers[whole..]);
+            let calm = Answered::of(&answers[GEARBOX_BASELINE..whole]);
+            let broken = Answered::of(&answers[whole..]);
             eprintln!(
-                "load {load}, channel a{}: {} of {} held-out pieces flagged, {} of {} broken ones; {}",
-                channel + 1,
-                flagged(after),
-                after.len(),
-                flagged(faulty),
-                faulty.len(),
-                faulty[faulty.len() / 2].reason
+                "load {load}, a{channel}: {} of {} held-out pieces flagged; {} of {} broken ones, {} as the sensor's fault; {} with wear, at least {:.0} µm; {}",
+                calm.flagged,
+                calm.pieces,
+                broken.flagged,
+                broken.pieces,
+                broken.sensor,
+                broken.claimed,
+                broken.least_um,
+                answers[whole + broken.pieces / 2].reason
             );
-            held_out += after.len();
-            held_out_flagged += flagged(after);
-            broken += faulty.len();
-            broken_flagged += flagged(faulty);
-            claimed += faulty.iter().filter(|answer| answer.median_um.is_some()).count();
+            held_out.add(&calm);
+            if channel == 1 { near.add(&broken) } else { far.add(&broken) }
         }
     }
-    eprintln!(
-        "held-out healthy pieces flagged: {held_out_flagged} of {held_out}; broken: {broken_flagged} of {broken}, wear claimed for {claimed}"
+    for (name, got) in [
+        ("held-out healthy pieces", &held_out),
+        ("broken tooth on a1", &near),
+        ("broken tooth on a2 to a4", &far),
+    ] {
+        eprintln!(
+            "{name}: {} of {} flagged, wear claimed for {}",
+            got.flagged, got.pieces, got.claimed
+        );
+    }
+    assert!(
+        near.flagged as f64 >= 0.95 * near.pieces as f64,
+        "{} of {}",
+        near.flagged,
+        near.pieces
     );
     assert!(
-        broken_flagged as f64 >= 0.95 * f64::from(broken as u32),
-        "{broken_flagged} of {broken}"
+        near.claimed * 20 <= near.pieces,
+        "wear claimed for {} of {}",
+        near.claimed,
+        near.pieces
     );
     assert!(
-        held_out_flagged as f64 <= 0.05 * f64::from(held_out as u32),
-        "{held_out_flagged} of {held_out}"
+        held_out.flagged * 50 <= held_out.pieces,
+        "{} of {}",
+        held_out.flagged,
+        held_out.pieces
     );
 }
