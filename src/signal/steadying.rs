@@ -29,6 +29,9 @@ const CLEAR: f64 = 4.0;
 /// Error of the highest harmonic's phase up to which no better angle is looked for: 2 % of its amplitude.
 const MOST_ERROR_DEG: f64 = 12.0;
 
+/// A wander that swings the highest harmonic's phase by no more than this to either side leaves it a line.
+const LEAST_SWING_TURNS: f64 = 0.1;
+
 /// What is steadied around each mesh harmonic, in shaft rates: the sidebands that features read, and a little more.
 const REACH_SHAFTS: f64 = 2.75;
 
@@ -79,7 +82,7 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
         teeth: mesh.teeth,
         mesh_hz: mesh.bins / duration_s,
     };
-    let alone = (width == LineWidth::Wide)
+    let alone = (width == LineWidth::Clear)
         .then(|| track_alone(&band, &mut work.transforms))
         .flatten();
     let angle = match alone {
@@ -98,6 +101,9 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
     let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
     // Revolutions ahead of the mean speed.
     let ahead = Wander::of(&angle, mean_bins / f64::from(mesh.teeth) / duration_s, duration_s);
+    if ahead.swing() * f64::from(mesh.teeth) * (harmonics as f64) < LEAST_SWING_TURNS {
+        return None;
+    }
     let mut steadied = work.bins.clone();
     for order in 1..=harmonics {
         let centre = order as f64 * mean_bins;
@@ -162,8 +168,8 @@ fn track_alone(band: &MeshBand<'_>, transforms: &mut Transforms) -> Option<Shaft
 enum LineWidth {
     /// A high harmonic stands out and is as narrow as at a constant speed.
     Narrow,
-    /// Some harmonic stands out and is wider.
-    Wide,
+    /// Some harmonic stands out, and the speed may wander.
+    Clear,
     /// None of them stands out: weak, or smeared over so many bins that it lies in what looks like noise.
     Unclear,
 }
@@ -189,12 +195,10 @@ fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> Lin
         let single = line.amplitude * line.amplitude;
         if around > CLEAR * CLEAR * noise * noise {
             if around > WIDE * single {
-                return LineWidth::Wide;
+                return LineWidth::Clear;
             }
-            // The higher harmonic shows more: the lowest ones alone say little.
-            if order >= TELLING {
-                width = LineWidth::Narrow;
-            }
+            // The higher harmonic shows more: the lowest ones alone say little, but can be followed.
+            width = if order >= TELLING { LineWidth::Narrow } else { LineWidth::Clear };
         }
     }
     width
@@ -224,6 +228,13 @@ impl Wander {
             revolutions,
             speed_part: (fastest / (mean_hz * step_s)).min(0.02),
         }
+    }
+
+    /// Half of the range of how far the shaft is ahead, in revolutions.
+    fn swing(&self) -> f64 {
+        let low = self.revolutions.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = self.revolutions.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        0.5 * (high - low)
     }
 
     /// At a part of the record, 0 to 1.
