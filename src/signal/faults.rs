@@ -18,7 +18,7 @@ const PILED_UP_SAMPLES: usize = 8;
 /// ... where they are so many times as many as those next to it: within this part of the range, or at the next value. The density of a
 /// vibration falls towards its limits, and even that of a pure tone, which rises, has at most 2.4 times as many there as one step of
 /// the converter before.
-const PILED_UP_TIMES: usize = 4;
+const PILED_UP_TIMES: usize = 3;
 const NEXT_PART: f32 = 0.01;
 
 /// This many neighbours are compared at once: equal ones are rare.
