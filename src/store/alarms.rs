@@ -108,7 +108,9 @@ impl Store {
 
     /// The alarms that are raised, to be acknowledged or put aside, of one asset or of all.
     pub async fn open_alarms(&self, asset: Option<&AssetId>) -> Result<Vec<StoredAlarm>, StoreError> {
-        let text = format!("{ALARM} WHERE l.standing <> 'normal' AND (c.asset_id = $1 OR $1 = '') ORDER BY c.asset_id, c.channel_no, l.id");
+        let text = format!(
+            "{ALARM} WHERE (l.standing <> 'normal' OR l.shelved_until_ns IS NOT NULL) AND (c.asset_id = $1 OR $1 = '') ORDER BY c.asset_id, c.channel_no, l.id"
+        );
         let rows = sqlx::query(AssertSqlSafe(text))
             .bind(asset.map_or("", AssetId::as_str))
             .fetch_all(self.read())

@@ -41,6 +41,9 @@ pub struct Alarm {
     shelved_until: Option<Timestamp>,
     /// The latest readings, the last one at the back.
     recent: VecDeque<f64>,
+    /// The reading of the latest change that a reading made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    value: Option<f64>,
     /// The latest change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     last: Option<AlarmChange>,
@@ -80,6 +83,11 @@ impl Alarm {
         self.shelved_until
     }
 
+    /// The reading of the latest change that a reading made, in the unit of the quantity.
+    pub fn value(&self) -> Option<f64> {
+        self.value
+    }
+
     /// The latest change; none where nothing ever happened.
     pub fn last(&self) -> Option<&AlarmChange> {
         self.last.as_ref()
@@ -109,6 +117,7 @@ impl Alarm {
         if self.raised.is_none() {
             self.is_over();
         }
+        self.value = Some(value);
         Some(self.changed(reading.time, |change| change.value = Some(value)))
     }
 
