@@ -34,6 +34,7 @@ mod recomputations;
 mod reduction;
 mod replays;
 mod reports;
+mod request_examples;
 mod router;
 mod segments;
 mod server;
