@@ -20,8 +20,10 @@ pub(super) fn all() -> Vec<(&'static str, &'static str, &'static str, Value)> {
             "operating_bins": [{ "name": "full load", "shaft_speed_hz": [9.5, 10.5], "torque_nm": [80, 120] }],
         })
     };
-    let toml =
-        "id = \"press-4\"\nname = \"Press line 4\"\n\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10.0\n\n[limits]\nwarning_um = 100\n";
+    let toml = |id: &str| {
+        let text = "name = \"Press line 4\"\n\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10.0\n\n[limits]\nwarning_um = 100\n";
+        json!(format!("id = \"{id}\"\n{text}"))
+    };
     // A tenth of a second of a mesh line at 310 Hz.
     let sample = |n: u32| (f64::from(n) * 310.0 / 4000.0 * std::f64::consts::TAU).sin();
     let samples: Vec<f64> = (0..400).map(|n| (sample(n) * 1000.0).round() / 1000.0).collect();
@@ -31,8 +33,9 @@ pub(super) fn all() -> Vec<(&'static str, &'static str, &'static str, Value)> {
     let remark = json!({ "by": "Ada", "comment": "seen, oil sample taken" });
     vec![
         ("/v1/assets", "post", JSON, asset("press-3")),
-        ("/v1/assets", "post", "application/toml", json!(toml)),
+        ("/v1/assets", "post", "application/toml", toml("press-4")),
         ("/v1/assets/{asset}", "put", JSON, asset("gearbox-1")),
+        ("/v1/assets/{asset}", "put", "application/toml", toml("gearbox-1")),
         ("/v1/assets/{asset}/segments", "post", JSON, block),
         (
             "/v1/assets/{asset}/maintenance",
