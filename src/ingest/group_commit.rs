@@ -334,9 +334,12 @@ impl Ingest {
                     let is_append = folded.results.len() == prepared.new.len();
                     commit.set_channel(&mut channel, !is_append).await?;
                     let has_alarms = prepared.slot.occurrences.as_ref().is_none_or(|known| known.has_alarms);
-                    if has_alarms || !folded.alarms.is_quiet() {
+                    // Where records were only added and nothing came of it, what is stored stands.
+                    if !folded.alarms.is_quiet() || (has_alarms && !is_append) {
                         notices.extend(commit.set_alarms(&channel, folded.alarms.folded(&tracker, is_append), now).await?);
-                        prepared.slot.occurrences = None;
+                        if !has_alarms {
+                            prepared.slot.occurrences = None;
+                        }
                     }
                     (folded.results, Some((after, folded.points)))
                 }

@@ -133,7 +133,8 @@ fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
             .collect::<String>()
     );
     std::fs::write(folder.path().join("schemathesis.toml"), config).unwrap();
-    let hooks = "import schemathesis\n\nschemathesis.serializer.alias(\"application/offset+octet-stream\", \"application/octet-stream\")\n";
+    let hooks = "import schemathesis\n\nschemathesis.serializer.alias(\"application/offset+octet-stream\", \"application/octet-stream\")\n\
+        schemathesis.serializer.alias(\"application/toml\", \"text/plain\")\n";
     std::fs::write(folder.path().join("hooks.py"), hooks).unwrap();
     let output = Command::new(tool)
         .current_dir(folder.path())
