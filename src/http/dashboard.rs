@@ -48,6 +48,7 @@ const FILES: &[StaticFile] = files![
     "flank-drawing.js",
     "fleet-groups.js",
     "fleet-row.js",
+    "fleet-window.js",
     "fleet.css",
     "fleet.js",
     "forecast.js",

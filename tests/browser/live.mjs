@@ -26,7 +26,7 @@ export const CHECKS = {
     await send(id, 0);
     await drawn(page, "trends");
     await send(id, 1);
-    await page.getByText("2 segments").waitFor({ timeout: 25_000 });
+    await page.getByText("2 records").waitFor({ timeout: 25_000 });
     assert.deepEqual(faults, []);
     await page.context().close();
     await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });

@@ -38,7 +38,8 @@ function libraryFact({ library_id: id, library_state: state }, wear) {
 function limitFact(wear) {
   const left = timeToLimit(wear);
   if (!left) return null;
-  return fact(`Time to ${depth(left.limit)} µm`, left.median, small(`5 to 95 %: ${left.interval}; wear grows ${number(left.rate, 2)} µm a day`));
+  const words = left.from === "from now" ? left.median : `${left.median} ${left.from}`;
+  return fact(`Time to ${depth(left.limit)} µm`, words, small(`5 to 95 %: ${left.interval}; ${utc(left.date)}; wear grows ${number(left.rate, 2)} µm a day`));
 }
 
 function facts(asset, wear, last) {
@@ -53,7 +54,7 @@ function facts(asset, wear, last) {
     fact("Mesh frequency", hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]), small(speed ? "teeth × shaft speed" : "from the nominal speed")),
     fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
     limitFact(wear),
-    fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "segment" : "segments"}`, last),
+    fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "record" : "records"}`, last),
   ];
 }
 

@@ -84,12 +84,25 @@ function outlook(wear, limits) {
     : `The whole interval is below the ${name} limit of ${depth(next)} µm.`;
 }
 
-/** How long until the limit is passed, in words, from a wear estimate's prognosis; null where none is known. */
-export function timeToLimit(wear, now = Date.now()) {
+const AGED = 0.1; // a last record so much of the remaining time ago is too old to count from now
+
+/** How long until the limit is passed, in words, from the prognosis after the record of `last`; null where none is known. */
+export function timeToLimit(wear, last = wear?.start_time, now = Date.now()) {
   const { prognosis } = wear ?? {};
   if (!prognosis) return null;
-  const until = (time) => (Date.parse(time) - now) / 1000;
-  const words = (time) => (until(time) <= 0 ? "now" : span(until(time)));
+  const recorded = Date.parse(last);
+  // after an old record nobody knows whether the gear ran on: the time is then counted from that record
+  const aged = now - recorded > AGED * (Date.parse(prognosis.median) - recorded);
+  const seconds = (time) => (Date.parse(time) - (aged ? recorded : now)) / 1000;
+  const words = (time) => (seconds(time) <= 0 ? "at once" : span(seconds(time)));
   const late = prognosis.p95 ? words(prognosis.p95) : "much later";
-  return { seconds: until(prognosis.median), median: words(prognosis.median), interval: `${words(prognosis.p05)} to ${late}`, limit: prognosis.limit_um, rate: prognosis.rate_um_per_day };
+  return {
+    seconds: seconds(prognosis.median),
+    median: words(prognosis.median),
+    interval: `${words(prognosis.p05)} to ${late}`,
+    from: aged ? "after the last record" : "from now",
+    date: prognosis.median,
+    limit: prognosis.limit_um,
+    rate: prognosis.rate_um_per_day,
+  };
 }
