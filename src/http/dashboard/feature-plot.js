@@ -9,6 +9,8 @@ export function featureName(name) {
   if (kind === "mesh") return `mesh ${order}×`;
   if (kind === "sideband") return `sidebands of ${order}×`;
   if (kind === "env") return `envelope of ${order}×`;
+  if (order === undefined && /^ln_shaft_\d+$/.test(name)) return `shaft ${name.slice(9)}×`;
+  if (/^ln_floor_\d+$/.test(name)) return `noise floor, band ${name.slice(9)}`;
   return { ln_rms: "RMS", ln_kurtosis: "kurtosis" }[name] ?? name;
 }
 

@@ -52,6 +52,12 @@ function limitContent({ wear, last_start_time: last }) {
   return [h("strong", { title }, left.median), h("span", { class: "muted interval-words" }, left.interval), left.from === "from now" ? null : h("span", { class: "muted interval-words" }, left.from)];
 }
 
+function alarmWords({ danger = 0, warning = 0, unacknowledged = 0, shelved = 0 } = {}) {
+  const raised = danger + warning;
+  const parts = [raised && `${raised} ${raised === 1 ? "alarm" : "alarms"}`, unacknowledged && `${unacknowledged} unacknowledged`, shelved && `${shelved} shelved`].filter(Boolean);
+  return parts.length ? h("span", { class: "muted alarm-words" }, parts.join(", ")) : null;
+}
+
 /** A row that is built once and then kept up to date. */
 export class FleetRow {
   #asset;
@@ -77,7 +83,7 @@ export class FleetRow {
     this.#link.href = format({ page: "asset", id: asset.id });
     setText(this.#link, assetName(asset));
     setText(this.#id, asset.name ? asset.id : "");
-    setChildren(this.#state, badge(state));
+    setChildren(this.#state, badge(state), alarmWords(summary.alarms));
     setChildren(this.#wear, ...wearContent(asset, state));
     setChildren(this.#trend, summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"));
     setChildren(this.#limit, ...limitContent(summary));

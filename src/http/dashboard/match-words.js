@@ -39,7 +39,7 @@ function noveltyFact({ novelty }) {
 }
 
 function identifiableFact({ interval_um: [low, high] }, { resolved_um: resolved }) {
-  if (!resolved) return fact("What can be told here", `to within ${depth((high - low) / 2)} µm`, small("half of the 5 to 95 % interval"));
+  if (!resolved || resolved[1] - resolved[0] < 1) return fact("What can be told here", `to within ${depth((high - low) / 2)} µm`, small("half of the 5 to 95 % interval"));
   return fact("What can be told here", `${depth(resolved[0])} to ${depth(resolved[1])} µm look alike`, small("within them the library changes less than it may be wrong by, at this operating point"));
 }
 

@@ -6,6 +6,8 @@ import { depth, span } from "./format.js";
 export const STATES = {
   danger: { word: "Above danger limit", short: "Danger", symbol: "failure", category: "NE 107 failure" },
   warning: { word: "Above warning limit", short: "Warning", symbol: "maintenance", category: "NE 107 maintenance required" },
+  alarm_danger: { word: "Danger alarm", short: "Danger alarm", symbol: "failure", category: "NE 107 failure" },
+  alarm_warning: { word: "Warning alarm", short: "Warning alarm", symbol: "maintenance", category: "NE 107 maintenance required" },
   library_failed: { word: "Library failed", short: "Library failed", symbol: "specification", category: "NE 107 out of specification" },
   sensor: { word: "Sensor fault", short: "Sensor fault", symbol: "failure", category: "NE 107 failure, of the sensor" },
   outside: { word: "Not explained by wear", short: "Not explained", symbol: "specification", category: "NE 107 out of specification" },
@@ -38,8 +40,15 @@ export function wearState(wear, limits) {
   return danger == null && warning == null ? "unlimited" : "normal";
 }
 
-/** The key into `STATES` of an asset as listed. */
+/** The key into `STATES` of an asset as listed: what its wear says, or a raised alarm where that is worse. */
 export function assetState(asset) {
+  const key = ownState(asset);
+  const { danger = 0, warning = 0 } = asset.summary.alarms ?? {};
+  const alarm = danger ? "alarm_danger" : warning ? "alarm_warning" : null;
+  return alarm && rank(alarm) < rank(key) && !(alarm === "alarm_warning" && key === "warning") ? alarm : key;
+}
+
+function ownState(asset) {
   const { summary, limits } = asset;
   if (summary.library_state === "failed") return "library_failed";
   if (summary.segments === 0) return "empty";
@@ -52,6 +61,11 @@ export function limitUse(wear, limits) {
   if (wear?.median_um == null) return null;
   const limit = limits?.danger_um ?? limits?.warning_um;
   return limit == null ? null : { limit, name: limits.danger_um != null ? "danger" : "warning", share: wear.median_um / limit };
+}
+
+/** Whether the interval reaches the end of what the library holds, so that the wear may be deeper. */
+export function atEnd({ posterior, p95_um: high }) {
+  return posterior != null && high >= posterior.wear_um.at(-1) - 0.5;
 }
 
 /** One or two sentences that say what is known of the wear and what to do with it. */
@@ -67,7 +81,9 @@ export function sentence(wear, limits) {
   if (wear.status === "outside_library") return `Something other than wear has changed: ${wear.reason}.`;
   if (wear.status === "not_identifiable") return `The records do not tell how worn the gear is: ${wear.reason}.`;
   const { p05_um: low, p95_um: high } = wear;
-  const certain = `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
+  const certain = atEnd(wear)
+    ? `With 95 % probability the greatest wear depth is above ${depth(low)} µm; it may be more than the ${depth(high)} µm where the library ends.`
+    : `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
   return `${certain} ${outlook(wear, limits)}`.trim();
 }
 
