@@ -1,7 +1,7 @@
 // Files from the page: a WAV, a CSV, dropped ones, and broken ones that are refused in words.
 
 import assert from "node:assert/strict";
-import { asset, base, json, open } from "./page.mjs";
+import { asset, createAsset, json, open, removeAsset } from "./page.mjs";
 
 const RATE = 4000;
 const value = (n) => Math.sin((2 * Math.PI * 310 * n) / RATE) + 0.3 * Math.sin(n * n);
@@ -23,9 +23,7 @@ const csv = (rows, broken) => ["time,a1", ...Array.from({ length: rows }, (_, n)
 
 /** A page of a new asset with its dialog open. */
 async function dialog() {
-  const id = `upload-${Date.now()}`;
-  const spec = { id, gear: { teeth: [31, 62], shaft_speed_hz: 10 }, sensor: { unit: "m/s2" } };
-  await fetch(`${base}/v1/assets`, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(spec) });
+  const id = await createAsset("upload", {});
   const opened = await open(`#/assets/${id}`);
   await opened.page.getByRole("button", { name: "Add records…" }).first().click();
   return { id, ...opened };
@@ -33,7 +31,7 @@ async function dialog() {
 
 async function end({ id, page }) {
   await page.context().close();
-  await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
+  await removeAsset(id);
 }
 
 export const CHECKS = {

@@ -7,13 +7,14 @@ const MOST = 1000;
 
 /** Keeps the count of unacknowledged alarms in the navigation. */
 export class AlarmCount {
-  #link;
   #badge;
+  #number;
   #shown;
 
-  constructor(link, badge) {
-    this.#link = link;
+  /** `badge` is hidden without such alarms, `number` within it holds their count. */
+  constructor(badge, number) {
     this.#badge = badge;
+    this.#number = number;
   }
 
   /** Asks the server and shows what changed; a refusal is shown by the page that needs the list. */
@@ -24,7 +25,6 @@ export class AlarmCount {
     const { items, next_cursor: more } = answer;
     this.#badge.hidden = items.length === 0;
     this.#badge.dataset.severity = items.some(({ severity }) => severity === "danger") ? "danger" : "warning";
-    setText(this.#badge, more ? `${MOST}+` : String(items.length));
-    this.#link.setAttribute("aria-label", items.length ? `Alarms, ${items.length} unacknowledged` : "Alarms");
+    setText(this.#number, more ? `${MOST}+` : String(items.length));
   }
 }

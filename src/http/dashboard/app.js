@@ -16,7 +16,7 @@ let shown = {};
 let built = {}; // the address that the page was made for: its code may have had to be fetched first
 let status = { state: "loading" };
 
-const alarmCount = new AlarmCount(byId("alarms-link"), byId("alarm-count"));
+const alarmCount = new AlarmCount(byId("alarm-count"), byId("alarm-number"));
 const live = new Live(
   async (signal) => Promise.all([page?.refresh(signal), alarmCount.refresh(signal)]),
   (changed) => {
