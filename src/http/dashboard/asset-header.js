@@ -39,7 +39,7 @@ function limitFact(wear) {
   const left = timeToLimit(wear);
   if (!left) return null;
   const words = left.from === "from now" ? left.median : `${left.median} ${left.from}`;
-  return fact(`Time to ${depth(left.limit)} µm`, words, small(`5 to 95 %: ${left.interval}; ${utc(left.date)}; wear grows ${number(left.rate, 2)} µm a day`));
+  return fact(`Time to ${depth(left.limit)} µm`, words, small(`5 to 95 %: ${left.interval}; ${utc(left.date).replace(/:\d\d UTC$/, " UTC")}; wear grows ${number(left.rate, 2)} µm a day`));
 }
 
 function facts(asset, wear, last) {

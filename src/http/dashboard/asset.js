@@ -11,7 +11,7 @@ import { MaintenanceDialog } from "./maintenance-dialog.js";
 import { acceptDrops } from "./drop.js";
 import { PlotCard } from "./plot-card.js";
 import { indicatorName } from "./format.js";
-import { operatingBins } from "./operating-bins.js";
+import { namedBins, operatingBins } from "./operating-bins.js";
 import { linkTimeAxes, onPointClick } from "./plots.js";
 import { fetchPanes } from "./record-panes.js";
 import { RecordView } from "./record-view.js";
@@ -40,7 +40,7 @@ export class AssetPage {
   #panes = new Map();
   #log = h("input", { type: "checkbox", id: "trend-log", onchange: () => change({ log: this.#log.checked ? "1" : null }, { quiet: true }) });
   #more = h("select", { id: "trend-more", "aria-label": "Add another indicator", onchange: () => this.#togglePane(this.#more.value) });
-  #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"]].map(([value, text]) => h("option", { value }, text)));
+  #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"], ["own", "By operating bin"]].map(([value, text]) => h("option", { value }, text)));
   #empty = h("section", { class: "card empty", hidden: true });
   #grid;
   #dropping;
@@ -129,8 +129,9 @@ export class AssetPage {
     const trends = record.then(async (segment) => {
       const names = paneNames(panes, segment);
       const { bins } = this.#query;
-      const [trend, operating] = await Promise.all([names.length ? answer(api.indicators(this.#id, channel, names, signal)) : null, bins ? answer(api.segments(this.#id, channel, signal)) : null]);
-      return { names, panes, answer: trend, bins: operatingBins(operating, bins), others: otherNames(segment) };
+      const own = asset.operating_bins ?? [];
+      const [trend, operating] = await Promise.all([names.length ? answer(api.indicators(this.#id, channel, names, signal)) : null, bins && bins !== "own" ? answer(api.segments(this.#id, channel, signal)) : null]);
+      return { names, panes, answer: trend, bins: bins === "own" ? namedBins(trend, own) : operatingBins(operating, bins), others: otherNames(segment) };
     });
     const { pin } = this.#query;
     const [segment, recordPanes, pinned, others, history, trend, events] = await Promise.all([
@@ -175,6 +176,7 @@ export class AssetPage {
 
   #drawTrends({ names, panes, answer: indicators, bins, others }, selected, revision, events, history, latest) {
     this.#bins.value = this.#query.bins ?? "";
+    this.#bins.querySelector("[value=own]").hidden = !this.#data.asset.operating_bins?.length;
     this.#offer(others, panes);
     const logarithmic = this.#query.log === "1";
     this.#log.checked = logarithmic;

@@ -14,13 +14,12 @@ export function placeOf(asset) {
   return assetName(asset).split("/").slice(0, -1).map((part) => part.trim()).filter(Boolean).join(" / ");
 }
 
-const collator = new Intl.Collator("en", { numeric: true });
-
 /** `{ place, members, open, closed }` for each place, followed by its assets where it is open; `closedText` is the address's list of closed ones. */
 export function grouped(assets, closedText) {
   const closed = (closedText ?? "").split(",").filter(Boolean).map(decodeURIComponent);
   const places = Map.groupBy(assets, placeOf);
-  return [...places].sort(([a], [b]) => Number(!a) - Number(!b) || collator.compare(a, b)).flatMap(([place, members]) => {
+  // in the order of their first assets, so that a fleet sorted by state has the worst places on top
+  return [...places].flatMap(([place, members]) => {
     const group = { place, members, open: !closed.includes(place), closed };
     return group.open ? [group, ...members] : [group];
   });

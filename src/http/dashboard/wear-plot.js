@@ -55,7 +55,7 @@ function baselineZone(items, colour) {
   const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
   const only = collecting.length === items.length;
   const annotation = only
-    ? { ...common, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
+    ? { ...common, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
     : { ...common, text: "baseline", x: from, xanchor: "left", y: 0.3, textangle: -90 };
   return { shape, annotation };
 }
