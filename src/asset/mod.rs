@@ -1,9 +1,12 @@
 //! What is monitored ([`AssetSpec`]) and one analysed stretch of its vibration ([`Segment`]).
 
+mod alarm_rules;
+mod operating_bin;
 mod place;
 mod segment;
 mod spec;
 
+pub use operating_bin::OperatingBin;
 pub use place::{Location, MeasuringPoint};
 pub use segment::{RawReference, Segment, SegmentId};
 pub use spec::{AssetError, AssetId, AssetSpec, BaselineSpec, GearSpec, SensorSpec, WearLimits};

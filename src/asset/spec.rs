@@ -5,7 +5,10 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::alarm_rules;
+use super::operating_bin::{self, OperatingBin};
 use super::place::{self, Location, MeasuringPoint};
+use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
 use crate::signal::{Band, BandSource, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext};
 
@@ -65,6 +68,12 @@ pub struct AssetSpec {
     /// Limits on wear depth.
     #[serde(default)]
     pub limits: WearLimits,
+    /// When alarms are raised; where not given it follows from the limits. An empty list is none at all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alarms: Option<Vec<AlarmRule>>,
+    /// Operating points told apart in trends.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub operating_bins: Vec<OperatingBin>,
     /// Band of the envelope spectrum in hertz; where not given it is looked for in each record.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub envelope_band_hz: Option<[f64; 2]>,
@@ -221,6 +230,8 @@ impl AssetSpec {
         }
         self.location.validate()?;
         place::validate(&self.points)?;
+        alarm_rules::validate(self.alarms.as_deref().unwrap_or_default())?;
+        operating_bin::validate(&self.operating_bins)?;
         if !(8..=10_000).contains(&self.baseline.records) {
             return Err(field("baseline.records", self.baseline.records, "a number from 8 to 10000"));
         }

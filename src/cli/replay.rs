@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use indicatif::ProgressBar;
 use jiff::Timestamp;
+use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 
 use super::library::progress_bar;
 use super::{CliError, output};
@@ -33,6 +34,9 @@ pub(super) struct ReplayArgs {
     /// The server
     #[arg(long, default_value = "http://127.0.0.1:8600")]
     url: String,
+    /// Certificates (PEM) that the server's certificate rests on, in place of the public ones
+    #[arg(long, value_name = "FILE")]
+    ca: Option<PathBuf>,
     /// Token to show to the server [default: the variable FLANKWATCH_TOKEN]
     #[arg(long)]
     token: Option<String>,
@@ -54,6 +58,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
         agent: ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(120)))
+            .tls_config(TlsConfig::builder().root_certs(trusted(args.ca.as_deref())?).build())
             .build()
             .into(),
         url: format!("{}/v1/assets/{asset}/segments", args.url.trim_end_matches('/')),
@@ -75,6 +80,24 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     }
     bar.finish_and_clear();
     output::print(&format!("{} records sent to {}\n", sender.sent, sender.url))
+}
+
+/// The certificates of a file, or those that browsers trust.
+fn trusted(file: Option<&Path>) -> Result<RootCerts, CliError> {
+    let Some(file) = file else { return Ok(RootCerts::WebPki) };
+    let bytes = std::fs::read(file).map_err(CliError::io(file))?;
+    let certificates = parse_pem(&bytes).filter_map(|item| match item {
+        Ok(PemItem::Certificate(certificate)) => Some(certificate),
+        _ => None,
+    });
+    let certificates: Vec<_> = certificates.collect();
+    if certificates.is_empty() {
+        let path = file.display();
+        return Err(CliError::Argument(format!(
+            "--ca is {path}, expected a PEM file with a certificate"
+        )));
+    }
+    Ok(RootCerts::from(certificates))
 }
 
 struct Sender {

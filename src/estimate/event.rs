@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 /// The kind of a maintenance event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MaintenanceKind {
     /// The gear pair was replaced: wear begins at zero again, and a new baseline is learnt.
@@ -17,7 +17,7 @@ pub enum MaintenanceKind {
 
 /// Something that was done to a machine. Events and records are folded together in the order of their times; an event comes before a
 /// record of the same time.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct MaintenanceEvent {
     /// When it was done.
     pub time: Timestamp,

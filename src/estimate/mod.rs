@@ -17,7 +17,10 @@ mod tracker;
 mod transition;
 mod wear;
 
-pub use alarm::{Alarm, AlarmAction, AlarmChange, AlarmError, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings, AlarmState, Severity};
+pub use alarm::{
+    ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmError, AlarmPanel, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings,
+    AlarmState, PanelAction, PanelChange, Severity,
+};
 pub use event::{MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, Novelty, SensorFault};
 pub use prognosis::Prognosis;

@@ -9,12 +9,13 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::body;
+use super::category::{AlarmCounts, Category};
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters};
 use super::router::App;
-use crate::asset::{AssetId, AssetSpec};
-use crate::estimate::WearEstimate;
-use crate::store::Asset;
+use crate::asset::{AssetId, AssetSpec, WearLimits};
+use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate};
+use crate::store::{Asset, StoredAlarm};
 
 /// Points of the small curve of an asset's wear.
 const RECENT_POINTS: usize = 40;
@@ -53,6 +54,12 @@ struct Summary {
     wear: Option<WearEstimate>,
     /// That channel.
     wear_channel: Option<String>,
+    /// What it needs, after NAMUR NE 107: what its alarms say, else its latest wear and the state of its library.
+    category: Category,
+    /// Its alarms in numbers.
+    alarms: AlarmCounts,
+    /// The alarm rules in force: those of its description, or those that follow from its limits.
+    alarm_rules: Vec<AlarmRule>,
     /// Medians of its wear depth in µm over its whole history, thinned to at most 40.
     recent_wear_um: Vec<f64>,
 }
@@ -82,9 +89,10 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<L
     let limit = query::limit(asked.limit)?;
     let assets = app.ingest.store().assets(asked.cursor.as_deref(), limit + 1).await?;
     let (assets, next_cursor) = Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
+    let alarms = app.ingest.store().open_alarms(None).await?;
     let mut views = Vec::with_capacity(assets.len());
     for asset in assets {
-        views.push(view(&app, asset).await?);
+        views.push(view_with(&app, asset, &alarms).await?);
     }
     Ok(Json(Page::from_parts(views, next_cursor)))
 }
@@ -177,7 +185,14 @@ async fn description(app: &App, headers: &HeaderMap, body: Body) -> Result<Asset
 }
 
 async fn view(app: &App, asset: Asset) -> Result<AssetView, Problem> {
-    let summary = summary(app, &asset).await?;
+    let alarms = app.ingest.store().open_alarms(Some(&asset.spec.id)).await?;
+    view_with(app, asset, &alarms).await
+}
+
+/// `alarms` are those that are open, of this asset and perhaps of others.
+async fn view_with(app: &App, asset: Asset, alarms: &[StoredAlarm]) -> Result<AssetView, Problem> {
+    let mine = alarms.iter().filter(|alarm| alarm.asset_id == asset.spec.id);
+    let summary = summary(app, &asset, AlarmCounts::of(mine, app.ingest.now())).await?;
     Ok(AssetView {
         spec: asset.spec,
         created_at: asset.created_at,
@@ -186,7 +201,7 @@ async fn view(app: &App, asset: Asset) -> Result<AssetView, Problem> {
     })
 }
 
-async fn summary(app: &App, asset: &Asset) -> Result<Summary, Problem> {
+async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summary, Problem> {
     let store = app.ingest.store();
     let channels = store.channels(&asset.spec.id).await?;
     let (library_id, readiness) = app.ingest.libraries().readiness(&asset.spec);
@@ -204,7 +219,13 @@ async fn summary(app: &App, asset: &Asset) -> Result<Summary, Problem> {
         let medians: Vec<f64> = trend.wear.iter().filter_map(|wear| wear.median_um).collect();
         recent_wear_um = thin(&medians);
     }
+    let alarm_rules = asset.spec.alarm_rules();
+    let is_watched = alarm_rules.iter().any(|rule| rule.quantity == AlarmQuantity::WearUm);
+    let unwatched = if is_watched { WearLimits::default() } else { asset.spec.limits };
     Ok(Summary {
+        category: Category::of(alarms, wear.as_ref(), unwatched, readiness.name()),
+        alarms,
+        alarm_rules,
         segments: channels.iter().map(|channel| channel.segments).sum(),
         first_start_time: channels.iter().filter_map(|channel| channel.first_start_time).min(),
         last_start_time: channels.iter().filter_map(|channel| channel.last_start_time).max(),

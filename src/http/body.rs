@@ -132,6 +132,15 @@ pub(super) async fn read_description(headers: &HeaderMap, body: Body, limits: &H
     read(headers, Pieces::Body(body), limits.description_bytes, limits, |_| Ok(())).await
 }
 
+/// What a JSON body describes, read whole within the limit on descriptions.
+pub(super) async fn described<T: DeserializeOwned>(limits: &HttpLimits, headers: &HeaderMap, body: Body) -> Result<T, Problem> {
+    let media_type = media_type(headers);
+    if media_type.as_deref() != Some("application/json") {
+        return Err(unsupported(media_type.as_deref(), "application/json"));
+    }
+    from_json(&read_description(headers, body, limits).await?)
+}
+
 /// A body in a file, removed when dropped.
 pub(super) struct SpooledBody {
     path: PathBuf,

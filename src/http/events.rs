@@ -19,12 +19,15 @@ use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::watch;
 
+use super::alarms::AlarmView;
+use super::maintenance::EventView;
 use super::problem::Problem;
 use super::query::Parameters;
 use super::router::App;
 use crate::asset::AssetId;
 use crate::estimate::WearEstimate;
 use crate::ingest::Announcement;
+use crate::store::{AlarmNotice, StoredEvent};
 
 /// How often a quiet connection is kept from being taken for dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
@@ -114,6 +117,21 @@ impl Events {
             Announcement::RecomputationChanged(recomputation) => {
                 self.add("recomputation", Some(&recomputation.asset), &json!(**recomputation));
             }
+            Announcement::AlarmChanged(notice) => {
+                let AlarmNotice { alarm, change } = &**notice;
+                let view = AlarmView::new(alarm.clone(), change.time);
+                let data = json!({ "asset_id": alarm.asset_id, "alarm": view, "change": change });
+                self.add("alarm", Some(&alarm.asset_id), &data);
+            }
+            Announcement::MaintenanceChanged { asset, event, is_removed } => {
+                let change = if *is_removed { "removed" } else { "added" };
+                let event = EventView::new(asset.clone(), StoredEvent::clone(event));
+                self.add(
+                    "maintenance",
+                    Some(asset),
+                    &json!({ "asset_id": asset, "event": event, "change": change }),
+                );
+            }
             Announcement::ReplayChanged(replay) => self.add("replay", Some(&replay.asset), &json!(**replay)),
             Announcement::SegmentStored(segment) => {
                 let of = json!({
@@ -192,7 +210,7 @@ pub(super) struct EventParameters {
 
 /// What happens, live
 ///
-/// Events `indicators`, `wear`, `history`, `asset`, `replay` and `alarm` with JSON data; after `Last-Event-ID` first what was missed. An
+/// Events `indicators`, `wear`, `history`, `asset`, `recomputation`, `replay`, `alarm` and `maintenance` with JSON data; after `Last-Event-ID` first what was missed. An
 /// event `lost` says that some are not kept any more: then the lists have to be read again.
 #[utoipa::path(
     get,

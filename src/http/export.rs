@@ -21,10 +21,11 @@ use super::query::{AssetInPath, Parameters};
 use super::reduction;
 use super::router::App;
 use crate::asset::{AssetId, Segment};
+use crate::estimate::Severity;
 use crate::ingest::IngestError;
-use crate::recording::message::{Indicators, Spectrum, WearEstimate};
+use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
 use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
-use crate::store::{SegmentFilter, SegmentKey};
+use crate::store::{AlarmFilter, SegmentFilter, SegmentKey, StoredAlarmChange};
 
 /// Segments read at once: bounds memory.
 const PAGE: u32 = 200;
@@ -57,7 +58,8 @@ pub(super) struct ExportParameters {
 
 /// Export an asset's history
 ///
-/// Indicators, wear and spectra as `flankwatch.v1` protobuf messages in MCAP, on `/{asset}/{channel}/indicators`, `…/wear` and `…/spectrum`.
+/// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on `/{asset}/{channel}/indicators`, `…/wear`,
+/// `…/spectrum` and `…/alarm`.
 /// Plot `wear.median_um`, `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
 #[utoipa::path(
     get,
@@ -135,6 +137,15 @@ pub(super) async fn export(
         });
         writer = written.await?.map_err(IngestError::from)?;
     }
+    let changes = alarm_changes(&app, &asset, &asked).await?;
+    let written = app.ingest.workers().run("write alarms", move || {
+        changes.iter().try_for_each(|(base, message)| {
+            let time = Timestamp::from_nanosecond(message.start_time_ns.into()).unwrap_or_default();
+            writer.write(base, HistoryKind::Alarm, time, time, message)
+        })?;
+        Ok::<_, RecordingError>(writer)
+    });
+    let writer = written.await?.map_err(IngestError::from)?;
     let finished = app.ingest.workers().run("write a history", move || writer.finish().map(drop));
     finished.await?.map_err(IngestError::from)?;
     let name = format!("attachment; filename=\"{asset}.mcap\"");
@@ -157,6 +168,42 @@ async fn spectrum_of(app: &App, segment: &Segment) -> Result<Spectrum, Problem> 
         frequency_hz: kept.iter().map(|n| *n as f64 * spectrum.resolution_hz).collect(),
         amplitude: kept.iter().map(|n| spectrum.amplitude[*n]).collect(),
     })
+}
+
+/// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What was withdrawn is left out.
+async fn alarm_changes(app: &App, asset: &AssetId, asked: &ExportParameters) -> Result<Vec<(String, AlarmState)>, Problem> {
+    let store = app.ingest.store();
+    let filter = AlarmFilter {
+        asset: Some(asset.clone()),
+        channel: asked.channel.clone(),
+        ..AlarmFilter::default()
+    };
+    let mut changes = Vec::new();
+    for alarm in store.alarms(&filter, app.ingest.now(), u32::MAX).await? {
+        let (history, _) = store.alarm_history(&alarm.id, u32::MAX).await?;
+        let is_asked = |time: Timestamp| asked.from.is_none_or(|from| from <= time) && asked.to.is_none_or(|to| time < to);
+        let told = history
+            .into_iter()
+            .filter(|entry| entry.withdrawn_at.is_none() && is_asked(entry.change.time));
+        changes.extend(told.map(|StoredAlarmChange { change, .. }| {
+            let message = AlarmState {
+                start_time_ns: nanoseconds(change.time),
+                name: alarm.quantity.to_string(),
+                state: change.state.name().to_owned(),
+                severity: match change.severity {
+                    None => 0,
+                    Some(Severity::Warning) => 1,
+                    Some(Severity::Danger) => 2,
+                },
+                value: change.value,
+                by: change.by,
+                comment: change.comment,
+            };
+            (format!("/{asset}/{}", alarm.channel), message)
+        }));
+    }
+    changes.sort_by_key(|(_, message)| message.start_time_ns);
+    Ok(changes)
 }
 
 fn write(writer: &mut Writer, segment: &Segment, spectrum: Option<&Spectrum>) -> Result<(), RecordingError> {

@@ -1,5 +1,6 @@
 //! `/v1/assets/{asset}/indicators`: trends as flat rows.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use axum::extract::State;
@@ -9,12 +10,13 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
 use super::router::App;
 use super::{assets, freshness, reduction, table};
-use crate::asset::AssetId;
-use crate::signal::{Band, Indicators};
+use crate::asset::{AssetId, AssetSpec};
+use crate::signal::Indicators;
 use crate::store::Trend;
 
 /// Points of a trend where the client does not say how many.
@@ -33,6 +35,8 @@ pub(super) struct TrendParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
+    /// Only records in this one of the asset's operating bins.
+    operating_bin: Option<String>,
     /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
@@ -46,7 +50,8 @@ pub(super) struct TrendView {
     channel: Option<String>,
     /// Unit of each indicator; `1` for one without.
     units: BTreeMap<String, String>,
-    /// One flat row a record in the order of time: `start_time`, `segment_id`, and each indicator by name (null where it has none).
+    /// One flat row a record in the order of time: `start_time`, `segment_id`, `operating_bin` where it lies in one, and each indicator by name (null where it
+    /// has none).
     items: Vec<Map<String, Value>>,
     /// Rows were left out to keep to `max_points`.
     reduced: bool,
@@ -89,7 +94,11 @@ pub(super) async fn trend(
     if names.len() > 64 {
         return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
     }
-    let render = move || render(&trend, &asset.spec.bands, &names, &asked, most);
+    let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
+    let render = move || {
+        let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
+        render(&trend, &asset.spec, &names, &chosen, most)
+    };
     let mut view = app.ingest.workers().run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
     table::answer(mark, wants_csv, view, table_of)
@@ -109,29 +118,34 @@ fn table_of(view: &TrendView, table: &mut table::Table) -> Result<(), csv::Error
     Ok(())
 }
 
-fn render(trend: &Trend, bands: &[Band], names: &[String], asked: &TrendParameters, most: usize) -> TrendView {
-    let range = trend.range(asked.from, asked.to);
-    let unknown = vec![f64::NAN; range.len()];
-    let columns: Vec<&[f64]> = names
-        .iter()
-        .map(|name| trend.indicators.get(name).map_or(&unknown[..], |column| &column[range.clone()]))
-        .collect();
-    let kept = reduction::extremes(&columns, range.len(), most);
+fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, most: usize) -> TrendView {
+    let unknown = vec![f64::NAN; chosen.len()];
+    let column = |name| match trend.indicators.get(name) {
+        Some(column) => chosen.column(column),
+        None => Cow::Borrowed(&unknown[..]),
+    };
+    let columns: Vec<Cow<'_, [f64]>> = names.iter().map(column).collect();
+    let columns: Vec<&[f64]> = columns.iter().map(|column| &**column).collect();
+    let kept = reduction::extremes(&columns, chosen.len(), most);
     let row = |n: &usize| {
-        let mut row = Map::with_capacity(2 + names.len());
-        row.insert("start_time".into(), trend.start_time[range.start + n].to_string().into());
-        row.insert("segment_id".into(), trend.segment_id[range.start + n].0.clone().into());
+        let mut row = Map::with_capacity(3 + names.len());
+        let position = chosen.position(*n);
+        row.insert("start_time".into(), trend.start_time[position].to_string().into());
+        row.insert("segment_id".into(), trend.segment_id[position].0.clone().into());
+        if let Some(bin) = chosen::bin_of(&spec.operating_bins, trend, position) {
+            row.insert("operating_bin".into(), bin.into());
+        }
         for (name, column) in names.iter().zip(&columns) {
             // NaN, for no value, becomes null.
             row.insert(name.clone(), column[*n].into());
         }
         row
     };
-    let unit = |name: &String| (name.clone(), Indicators::unit(name, &trend.unit, bands));
+    let unit = |name: &String| (name.clone(), Indicators::unit(name, &trend.unit, &spec.bands));
     TrendView {
         channel: None,
         units: names.iter().map(unit).collect(),
-        reduced: kept.len() < range.len(),
+        reduced: kept.len() < chosen.len(),
         items: kept.iter().map(row).collect(),
     }
 }

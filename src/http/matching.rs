@@ -86,11 +86,13 @@ pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPat
     }))
 }
 
-/// The records that the channel's baseline was learnt from: its first ones.
+/// The records that the channel's baseline was learnt from: its first ones, or those after the latest maintenance before the record.
 async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
+    let events = app.ingest.store().maintenance(&segment.asset_id).await?;
+    let before = events.iter().rev().find(|event| event.time <= segment.start_time);
     let filter = SegmentFilter {
         channel: Some(segment.channel.clone()),
-        from: None,
+        from: before.map(|event| event.time),
         to: None,
         after: None,
         order: Order::Asc,

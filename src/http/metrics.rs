@@ -11,12 +11,17 @@ use axum::response::IntoResponse;
 
 use super::problem::Problem;
 use super::router::App;
+use crate::estimate::{AlarmState, Severity};
+use crate::store::{AlarmFilter, StoredAlarm};
 
 /// Upper bounds of the latency histogram in seconds.
 const BOUNDS_S: [f64; 12] = [0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0];
 
 /// Indicators of each asset's latest record that are shown.
 const SHOWN_INDICATORS: [&str; 3] = ["rms", "kurtosis", "omx"];
+
+/// Alarms that are shown, those that changed last.
+const MOST_ALARMS: u32 = 10_000;
 
 /// What the API measures of itself, by method and route.
 #[derive(Debug, Default)]
@@ -91,6 +96,7 @@ pub(super) async fn show(State(app): State<App>) -> Result<impl IntoResponse, Pr
     let mut text = Text(String::new());
     service(&app, &mut text).await?;
     assets(&app, &mut text).await?;
+    alarms(&app, &mut text).await?;
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text.0))
 }
 
@@ -154,6 +160,45 @@ fn requests(by_route: &BTreeMap<(String, String), RouteMeasurements>, text: &mut
         text.line(&format!("{name}_sum"), &labels, measured.latency_sum_s);
         text.line(&format!("{name}_count"), &labels, count);
     }
+}
+
+async fn alarms(app: &App, text: &mut Text) -> Result<(), Problem> {
+    let now = app.ingest.now();
+    let alarms = app.ingest.store().alarms(&AlarmFilter::default(), now, MOST_ALARMS).await?;
+    let mut alarms: Vec<_> = alarms.into_iter().map(|stored| (stored.quantity.to_string(), stored)).collect();
+    alarms.sort_by(|(a, left), (b, right)| (&left.asset_id, &left.channel, a).cmp(&(&right.asset_id, &right.channel, b)));
+    let mut gauge = |name: &str, help: &str, value: &dyn Fn(&StoredAlarm) -> u8| {
+        text.head(name, "gauge", help);
+        for (quantity, stored) in &alarms {
+            let labels = [
+                ("asset", stored.asset_id.as_str()),
+                ("channel", &stored.channel),
+                ("quantity", quantity.as_str()),
+            ];
+            text.line(name, &labels, value(stored));
+        }
+    };
+    gauge(
+        "flankwatch_alarm_severity",
+        "What is raised, shelved or not: 0 nothing, 1 warning, 2 danger.",
+        &|stored| match stored.alarm.severity() {
+            None => 0,
+            Some(Severity::Warning) => 1,
+            Some(Severity::Danger) => 2,
+        },
+    );
+    gauge(
+        "flankwatch_alarm_unacknowledged",
+        "Whether the alarm is to be acknowledged, also where it is over.",
+        &|stored| {
+            let state = stored.alarm.standing();
+            u8::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged))
+        },
+    );
+    gauge("flankwatch_alarm_shelved", "Whether the alarm is put aside.", &|stored| {
+        u8::from(stored.alarm.state(now) == AlarmState::Shelved)
+    });
+    Ok(())
 }
 
 async fn assets(app: &App, text: &mut Text) -> Result<(), Problem> {

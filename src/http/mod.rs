@@ -4,10 +4,14 @@
 //! answered as a problem (RFC 9457).
 
 mod access;
+mod alarms;
 mod angle;
 mod assets;
+mod bare_refusals;
 mod body;
+mod category;
 mod cepstra;
+mod chosen;
 mod coding;
 mod connections;
 mod dashboard;
@@ -19,6 +23,7 @@ mod indicators;
 mod libraries;
 mod library_states;
 mod limits;
+mod maintenance;
 mod matching;
 mod metrics;
 mod openapi;
@@ -29,6 +34,7 @@ mod recomputations;
 mod reduction;
 mod replays;
 mod reports;
+mod request_examples;
 mod router;
 mod segments;
 mod server;

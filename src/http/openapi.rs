@@ -10,6 +10,7 @@ use utoipa::PartialSchema;
 use utoipa::openapi::OpenApi;
 
 use super::problem::Details;
+use super::request_examples;
 
 /// Where the files of Swagger UI are found.
 const UI_FILES: &str = "/docs/ui";
@@ -31,6 +32,7 @@ const ALWAYS: &[(&str, &str)] = &[
     ("401", "A token is needed"),
     ("403", "The token's scope does not reach so far"),
     ("429", "Too many requests with this token"),
+    ("431", "The head of the request is too large"),
     ("500", "A fault of the service"),
     ("503", "Not now: the queue is full or the request took too long"),
 ];
@@ -62,6 +64,12 @@ pub(super) fn document(generated: OpenApi) -> Value {
     document["security"] = json!([{}, { "token": [] }]);
     let schemas = document["components"]["schemas"].clone();
     open_what_is_flattened(&mut document, &schemas);
+    for (path, method, media_type, example) in request_examples::all() {
+        let body = &mut document["paths"][path][method]["requestBody"]["content"];
+        if let Some(content) = body.get_mut(media_type) {
+            content["example"] = example;
+        }
+    }
     if let Some(paths) = document["paths"].as_object_mut() {
         for (path, operations) in paths {
             for operation in operations.as_object_mut().into_iter().flat_map(Map::values_mut) {

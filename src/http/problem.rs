@@ -5,6 +5,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
 use crate::asset::AssetError;
+use crate::estimate::AlarmError;
 use crate::ingest::IngestError;
 use crate::store::StoreError;
 
@@ -87,6 +88,11 @@ impl Problem {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, detail).retry_after(retry_after_s)
     }
 
+    /// The body of the answer.
+    pub(super) fn body(&self) -> Vec<u8> {
+        serde_json::to_vec(&self.0).unwrap_or_default()
+    }
+
     /// What is wrong, in words.
     pub(super) fn detail(&self) -> &str {
         &self.0.detail
@@ -127,7 +133,7 @@ impl Problem {
 
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
-        let body = serde_json::to_vec(&self.0).unwrap_or_default();
+        let body = self.body();
         let mut response = (self.0.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
         if let Some(seconds) = self.0.retry_after_s {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
@@ -169,7 +175,11 @@ impl From<IngestError> for Problem {
                 problem.0.value = Some(file.clone());
                 problem
             }
-            IngestError::ReplayUnknown(_) => Self::not_found(error.to_string()),
+            IngestError::Alarm(AlarmError::State { .. }) => Self::new(StatusCode::CONFLICT, error.to_string()),
+            IngestError::Alarm(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+            IngestError::AlarmUnknown(_) | IngestError::MaintenanceUnknown(_) | IngestError::ReplayUnknown(_) => {
+                Self::not_found(error.to_string())
+            }
             IngestError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }

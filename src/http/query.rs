@@ -131,21 +131,33 @@ pub(super) fn max_points(asked: Option<usize>, default: usize) -> Result<usize, 
     }
 }
 
+/// The place in a list in the order of time that a cursor stands for: a time and an identifier.
+pub(super) fn place_cursor(cursor: Option<&str>) -> Result<Option<(Timestamp, String)>, Problem> {
+    let Some(cursor) = cursor else { return Ok(None) };
+    let place = cursor.split_once('.').and_then(|(nanoseconds, id)| {
+        let nanoseconds: i64 = nanoseconds.parse().ok()?;
+        Some((Timestamp::from_nanosecond(nanoseconds.into()).ok()?, id.to_string()))
+    });
+    place
+        .map(Some)
+        .ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))
+}
+
 /// The place in a list of segments that a cursor stands for.
 pub(super) fn segment_cursor(cursor: Option<&str>) -> Result<Option<SegmentKey>, Problem> {
-    let Some(cursor) = cursor else { return Ok(None) };
-    let key = cursor.split_once('.').and_then(|(nanoseconds, id)| {
-        let nanoseconds: i64 = nanoseconds.parse().ok()?;
-        Some(SegmentKey {
-            start_time: Timestamp::from_nanosecond(nanoseconds.into()).ok()?,
-            id: SegmentId(id.to_string()),
-        })
-    });
-    key.map(Some)
-        .ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))
+    let place = place_cursor(cursor)?;
+    Ok(place.map(|(start_time, id)| SegmentKey {
+        start_time,
+        id: SegmentId(id),
+    }))
 }
 
 /// The cursor of a place in a list of segments.
 pub(super) fn cursor_of(key: &SegmentKey) -> String {
-    format!("{}.{}", key.start_time.as_nanosecond(), key.id)
+    cursor_at(key.start_time, &key.id.0)
+}
+
+/// The cursor of a place in a list in the order of time.
+pub(super) fn cursor_at(time: Timestamp, id: &str) -> String {
+    format!("{}.{id}", time.as_nanosecond())
 }

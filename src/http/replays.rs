@@ -26,12 +26,7 @@ use crate::ingest::{Replay, ReplayRequest};
     responses((status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"), (status = 202, body = Replay, headers(("location" = String, description = "Its address")))),
 )]
 pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
-    let media_type = body::media_type(&headers);
-    if media_type.as_deref() != Some("application/json") {
-        return Err(body::unsupported(media_type.as_deref(), "application/json"));
-    }
-    let bytes = body::read_description(&headers, body, &app.limits).await?;
-    let request: ReplayRequest = body::from_json(&bytes)?;
+    let request: ReplayRequest = body::described(&app.limits, &headers, body).await?;
     let replay = app.ingest.start_replay(request).await?;
     let location = format!("/v1/replays/{}", replay.id);
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))

@@ -20,8 +20,8 @@ use super::problem::Problem;
 use super::tus::{self, ResumableUploads};
 use super::waterfall::LineCache;
 use super::{
-    angle, assets, cepstra, dashboard, export, freshness, health, indicators, libraries, library_states, matching, metrics, openapi,
-    recomputations, replays, reports, segments, traffic, uploads, waterfall, waveforms, wear,
+    alarms, angle, assets, cepstra, dashboard, export, freshness, health, indicators, libraries, library_states, maintenance, matching,
+    metrics, openapi, recomputations, replays, reports, segments, traffic, uploads, waterfall, waveforms, wear,
 };
 use crate::ingest::Ingest;
 
@@ -47,6 +47,8 @@ fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(assets::list, assets::create))
         .routes(routes!(assets::show, assets::replace, assets::remove))
+        .routes(routes!(maintenance::list, maintenance::add))
+        .routes(routes!(maintenance::remove))
         .routes(routes!(segments::list, uploads::upload))
         .routes(routes!(indicators::trend))
         .routes(routes!(wear::latest))
@@ -62,6 +64,12 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(angle::turn))
         .routes(routes!(cepstra::cepstrum))
         .routes(routes!(matching::show))
+        .routes(routes!(alarms::list))
+        .routes(routes!(alarms::show))
+        .routes(routes!(alarms::acknowledge))
+        .routes(routes!(alarms::shelve))
+        .routes(routes!(alarms::unshelve))
+        .routes(routes!(alarms::comment))
         .routes(routes!(tus::create, tus::options))
         .routes(routes!(tus::offset, tus::show, tus::go_on, tus::give_up))
         .routes(routes!(replays::start, replays::list))

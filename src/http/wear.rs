@@ -7,11 +7,12 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
 use super::router::App;
 use super::{assets, freshness, reduction, table};
-use crate::asset::{AssetId, AssetSpec, SegmentId, WearLimits};
+use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
 use crate::estimate::{BaselineProgress, WearEstimate, WearStatus};
 use crate::signal::{PREPROCESSING, ShaftSpeed};
 use crate::store::Trend;
@@ -106,6 +107,8 @@ pub(super) struct HistoryParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
+    /// Only records in this one of the asset's operating bins.
+    operating_bin: Option<String>,
     /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
@@ -130,6 +133,9 @@ struct HistoryRow {
     start_time: Timestamp,
     /// The record.
     segment_id: SegmentId,
+    /// The operating bin that it lies in, where it lies in one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    operating_bin: Option<String>,
     /// What kind of answer it is.
     status: WearStatus,
     /// The same in words.
@@ -174,7 +180,11 @@ pub(super) async fn history(
         return table::answer(mark, wants_csv, HistoryView::default(), table_of);
     };
     let trend = app.ingest.store().trend(&channel).await?;
-    let render = move || render(&trend, asked.from, asked.to, most);
+    let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
+    let render = move || {
+        let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
+        render(&trend, &asset.spec.operating_bins, &chosen, most)
+    };
     let mut view = app.ingest.workers().run("reduce a history", render).await?;
     view.channel = Some(channel.channel);
     table::answer(mark, wants_csv, view, table_of)
@@ -214,11 +224,10 @@ fn table_of(view: &HistoryView, table: &mut table::Table) -> Result<(), csv::Err
     Ok(())
 }
 
-fn render(trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>, most: usize) -> HistoryView {
-    let range = trend.range(from, to);
-    let points = &trend.wear[range.clone()];
+fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) -> HistoryView {
     let column = |value: fn(&crate::store::WearPoint) -> Option<f64>| -> Vec<f64> {
-        points.iter().map(|point| value(point).unwrap_or(f64::NAN)).collect()
+        let values = (0..chosen.len()).map(|n| value(&trend.wear[chosen.position(n)]));
+        values.map(|value| value.unwrap_or(f64::NAN)).collect()
     };
     let columns = [
         column(|point| point.median_um),
@@ -227,12 +236,14 @@ fn render(trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>, most: u
         column(|point| point.reference_wear_um),
     ];
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-    let kept = reduction::extremes(&columns, points.len(), most);
+    let kept = reduction::extremes(&columns, chosen.len(), most);
     let row = |n: &usize| {
-        let point = &points[*n];
+        let position = chosen.position(*n);
+        let point = &trend.wear[position];
         HistoryRow {
-            start_time: trend.start_time[range.start + n],
-            segment_id: trend.segment_id[range.start + n].clone(),
+            start_time: trend.start_time[position],
+            segment_id: trend.segment_id[position].clone(),
+            operating_bin: chosen::bin_of(bins, trend, position).map(str::to_owned),
             status: point.status,
             reason: point.reason.to_string(),
             median_um: point.median_um,
@@ -245,7 +256,7 @@ fn render(trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>, most: u
     };
     HistoryView {
         channel: None,
-        reduced: kept.len() < points.len(),
+        reduced: kept.len() < chosen.len(),
         items: kept.iter().map(row).collect(),
     }
 }

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::OwnedMutexGuard;
 
 use super::fold::RecentPoints;
+use super::occurrences::Occurrences;
 use crate::asset::AssetId;
 use crate::store::SegmentKey;
 
@@ -19,6 +20,8 @@ pub(super) struct Slot {
     pub(super) points: Option<RecentPoints>,
     /// The earliest record stored since a recomputation of the channel began.
     pub(super) earliest_new: Option<SegmentKey>,
+    /// What happened between its records; none until it is needed, or where more has happened since.
+    pub(super) occurrences: Option<Arc<Occurrences>>,
 }
 
 /// The same behind the channel's lock.
@@ -31,7 +34,7 @@ pub(super) struct Channels {
 }
 
 impl Slot {
-    /// Notes a record that a recomputation under way may have passed already.
+    /// Notes a record, or the place of something between records, that a recomputation under way may have passed already.
     pub(super) fn note_new(&mut self, key: &SegmentKey) {
         if self.earliest_new.as_ref().is_none_or(|earliest| key < earliest) {
             self.earliest_new = Some(key.clone());

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 use crate::asset::{AssetId, SegmentId};
+use crate::estimate::AlarmError;
 use crate::recording::RecordingError;
 use crate::store::StoreError;
 
@@ -72,6 +73,15 @@ pub enum IngestError {
     /// There is no such replay.
     #[error("there is no replay {0:?}")]
     ReplayUnknown(String),
+    /// There is no such alarm.
+    #[error("there is no alarm {0:?}")]
+    AlarmUnknown(String),
+    /// An alarm is in a state in which an action cannot be done.
+    #[error(transparent)]
+    Alarm(#[from] AlarmError),
+    /// There is no such maintenance event.
+    #[error("there is no maintenance event {0:?}")]
+    MaintenanceUnknown(String),
     /// A worker stopped in the middle of its task: a fault of the program.
     #[error("a worker stopped while it was to {0}")]
     WorkerLost(&'static str),

@@ -4,14 +4,18 @@
 //! so that a late record folds only what comes after it, and gets the same bits as if all had come in order.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use super::libraries::KeyedTracker;
+use super::occurrences::{Occurrence, Occurrences};
 use super::{Ingest, IngestError};
-use crate::estimate::{BaselineProgress, TrackerState, WearEstimate, WearStatus};
+use crate::estimate::{AlarmPanel, BaselineProgress, PanelChange, TrackerState, WearEstimate, WearStatus};
 use crate::signal::{Features, Indicators, RunMeans};
-use crate::store::{ChannelSummary, FoldState, RunResult, SEGMENTS_PER_STATE, SegmentKey, StoreError, StoredFeatures};
+use crate::store::{
+    ChannelSummary, FoldState, FoldedAlarms, PlacedChange, RunResult, SEGMENTS_PER_STATE, SegmentKey, StoreError, StoredFeatures,
+};
 
 /// Latest states held in memory: records of connections side by side come in nearly in order.
 const RECENT: usize = 16;
@@ -21,6 +25,41 @@ const RECENT: usize = 16;
 pub(super) struct ChannelState {
     tracker: TrackerState,
     run_means: RunMeans,
+    alarms: AlarmPanel,
+}
+
+impl ChannelState {
+    fn start(tracker: &KeyedTracker) -> Self {
+        Self {
+            tracker: tracker.tracker.start(),
+            run_means: RunMeans::default(),
+            alarms: AlarmPanel::of(&tracker.rules),
+        }
+    }
+
+    /// Takes what happened between two records.
+    fn pass(&mut self, tracker: &KeyedTracker, occurrence: &Occurrence) -> Vec<PanelChange> {
+        match occurrence {
+            Occurrence::Action(action) => self.alarms.act(&tracker.rules, action).into_iter().collect(),
+            Occurrence::Maintenance(event) => {
+                tracker.tracker.event(&mut self.tracker, event);
+                // Means over the run of another gear or sensor are nothing to compare with.
+                self.run_means = RunMeans::default();
+                self.alarms.maintenance(&tracker.rules, event)
+            }
+        }
+    }
+
+    fn take(&mut self, tracker: &KeyedTracker, input: &FoldInput) -> (RunResult, Vec<PanelChange>) {
+        let FoldInput { key, features, indicators } = input;
+        let result = RunResult {
+            indicators: self.run_means.update(indicators),
+            wear: tracker.tracker.update(&mut self.tracker, key.start_time, features),
+        };
+        let indicators = [indicators, &result.indicators];
+        let changes = self.alarms.reading(&tracker.rules, key.start_time, &result.wear, indicators);
+        (result, changes)
+    }
 }
 
 /// What the fold takes of one record.
@@ -55,6 +94,57 @@ pub(super) struct Folded {
     pub(super) results: Vec<(SegmentKey, RunResult)>,
     /// States to be kept, the newest last.
     pub(super) points: Vec<FoldPoint>,
+    /// What came of the alarms.
+    pub(super) alarms: AlarmRun,
+}
+
+/// The alarms of a channel from a place on.
+#[derive(Debug)]
+pub(super) struct AlarmRun {
+    /// The place: twice the number of records before.
+    after: u64,
+    changes: Vec<PlacedChange>,
+    /// After all records, and after what people did since the last one.
+    panel: AlarmPanel,
+}
+
+impl AlarmRun {
+    /// Before the first record.
+    pub(super) fn start(tracker: &KeyedTracker) -> Self {
+        Self {
+            after: 0,
+            changes: Vec::new(),
+            panel: AlarmPanel::of(&tracker.rules),
+        }
+    }
+
+    /// Replaces what comes after the place where `next` begins.
+    pub(super) fn go_on(&mut self, next: Self) {
+        self.changes.retain(|change| change.place <= next.after);
+        self.changes.extend(next.changes);
+        self.panel = next.panel;
+    }
+
+    /// For the store.
+    pub(super) fn folded<'a>(&'a self, tracker: &'a KeyedTracker, is_append: bool) -> FoldedAlarms<'a> {
+        FoldedAlarms {
+            rules: &tracker.rules,
+            panel: &self.panel,
+            changes: &self.changes,
+            after: self.after,
+            is_append,
+        }
+    }
+
+    /// Whether nothing happened.
+    pub(super) fn is_quiet(&self) -> bool {
+        self.changes.is_empty()
+    }
+
+    fn add(&mut self, place: u64, changes: Vec<PanelChange>) {
+        let placed = changes.into_iter().map(|(rule, change)| PlacedChange { place, rule, change });
+        self.changes.extend(placed);
+    }
 }
 
 impl FoldInput {
@@ -131,38 +221,42 @@ impl RecentPoints {
 }
 
 /// Folds records, in the order of time, on from a state or from the start. CPU work: for a worker thread.
-fn fold(tracker: &KeyedTracker, from: Option<FoldPoint>, inputs: Vec<FoldInput>) -> Folded {
-    let (mut state, mut position) = match from {
-        Some(point) => (point.state, point.position),
-        None => (
-            ChannelState {
-                tracker: tracker.tracker.start(),
-                run_means: RunMeans::default(),
-            },
-            0,
-        ),
+fn fold(tracker: &KeyedTracker, from: Option<FoldPoint>, inputs: Vec<FoldInput>, occurrences: &Occurrences) -> Folded {
+    let (mut state, mut position, mut last_time) = match from {
+        Some(point) => (point.state, point.position, Some(point.last.start_time)),
+        None => (ChannelState::start(tracker), 0, None),
     };
     let last = position + inputs.len() as u64;
-    let mut folded = Folded {
-        results: Vec::with_capacity(inputs.len()),
-        points: Vec::new(),
+    let mut results = Vec::with_capacity(inputs.len());
+    let mut points = Vec::new();
+    let mut alarms = AlarmRun {
+        after: 2 * position,
+        ..AlarmRun::start(tracker)
     };
-    for FoldInput { key, features, indicators } in inputs {
-        let result = RunResult {
-            indicators: state.run_means.update(&indicators),
-            wear: tracker.tracker.update(&mut state.tracker, key.start_time, &features),
-        };
+    for input in inputs {
+        let start_time = input.key.start_time;
+        for occurrence in occurrences.between(last_time, start_time) {
+            alarms.add(2 * position + 1, state.pass(tracker, occurrence));
+        }
+        let (result, changes) = state.take(tracker, &input);
         position += 1;
+        last_time = Some(start_time);
+        alarms.add(2 * position, changes);
         if position.is_multiple_of(SEGMENTS_PER_STATE) || position + RECENT as u64 > last {
-            folded.points.push(FoldPoint {
-                last: key.clone(),
+            points.push(FoldPoint {
+                last: input.key.clone(),
                 position,
                 state: state.clone(),
             });
         }
-        folded.results.push((key, result));
+        results.push((input.key, result));
     }
-    folded
+    // An event counts from the next record on; what people did to an alarm counts at once.
+    for action in occurrences.actions_from(last_time) {
+        alarms.add(2 * position + 1, state.alarms.act(&tracker.rules, action).into_iter().collect());
+    }
+    alarms.panel = state.alarms;
+    Folded { results, points, alarms }
 }
 
 impl Ingest {
@@ -172,12 +266,11 @@ impl Ingest {
         tracker: &KeyedTracker,
         from: Option<FoldPoint>,
         inputs: Vec<FoldInput>,
+        occurrences: &Arc<Occurrences>,
     ) -> Result<Folded, IngestError> {
-        let tracker = tracker.clone();
-        self.inner
-            .workers
-            .run("estimate the wear", move || fold(&tracker, from, inputs))
-            .await
+        let (tracker, occurrences) = (tracker.clone(), Arc::clone(occurrences));
+        let fold = move || fold(&tracker, from, inputs, &occurrences);
+        self.inner.workers.run("estimate the wear", fold).await
     }
 
     /// The state after a channel's latest record; none before the first one, or where it cannot be read.

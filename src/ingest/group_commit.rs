@@ -40,7 +40,8 @@ struct Job {
 #[derive(Default)]
 pub(super) struct CommitQueue {
     waiting: Mutex<Vec<Job>>,
-    turn: tokio::sync::Mutex<()>,
+    /// Held while segments are committed, and while something between them is stored.
+    pub(super) turn: tokio::sync::Mutex<()>,
 }
 
 impl CommitQueue {
@@ -74,7 +75,7 @@ struct Prepared {
 /// What new segments do to a channel's history.
 enum Fold {
     /// The estimates after position `after` are these.
-    From { after: u64, folded: Folded },
+    From { after: u64, folded: Folded, tracker: KeyedTracker },
     /// They have these results for now, and the history after them is to be folded again in the background.
     Later { results: Vec<(SegmentKey, RunResult)> },
 }
@@ -218,13 +219,15 @@ impl Ingest {
                 analysed: analysis_keys(spec),
                 fold: current.fold_key.clone(),
             };
-            let folded = self.fold_on(current, None, inputs_of(&new)).await?;
+            let occurrences = self.occurrences(&spec.id, None, &mut slot).await?;
+            let folded = self.fold_on(current, None, inputs_of(&new), &occurrences).await?;
+            let tracker = current.clone();
             return Ok(Prepared {
                 name: name.to_owned(),
                 new,
                 slot,
                 keys,
-                fold: Fold::From { after: 0, folded },
+                fold: Fold::From { after: 0, folded, tracker },
             });
         };
         let keys = channel.keys.clone();
@@ -260,6 +263,7 @@ impl Ingest {
         if slot.points.is_none() {
             slot.points = Some(RecentPoints::new(self.newest_point(channel).await?));
         }
+        let occurrences = self.occurrences(&channel.asset_id, Some(channel), slot).await?;
         let points = slot.points.get_or_insert_default();
         let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
             return Ok(Fold::Later { results: Vec::new() });
@@ -276,8 +280,9 @@ impl Ingest {
         let mut inputs = inputs_of(new);
         let is_latest = newest.as_ref().is_some_and(|newest| newest.last < *first);
         if is_latest {
-            let folded = self.fold_on(tracker, from, inputs).await?;
-            return Ok(Fold::From { after, folded });
+            let folded = self.fold_on(tracker, from, inputs, &occurrences).await?;
+            let tracker = tracker.clone();
+            return Ok(Fold::From { after, folded, tracker });
         }
         let fold_all = stored_after <= FOLDED_AT_ONCE && newest.is_some();
         // All that is stored after the state, or only what lies before the last of the new ones.
@@ -294,11 +299,12 @@ impl Ingest {
             }
         }
         inputs.sort_by(|a, b| a.key.cmp(&b.key));
-        let mut folded = self.fold_on(tracker, from, inputs).await?;
+        let mut folded = self.fold_on(tracker, from, inputs, &occurrences).await?;
         if fold_all {
             // Those before the first new one are what they were.
             folded.results.retain(|(key, _)| key >= first);
-            return Ok(Fold::From { after, folded });
+            let tracker = tracker.clone();
+            return Ok(Fold::From { after, folded, tracker });
         }
         folded.results.retain(|(key, _)| new.contains_key(key));
         Ok(Fold::Later { results: folded.results })
@@ -312,6 +318,8 @@ impl Ingest {
         let mut answer = Vec::new();
         let mut changed = Vec::with_capacity(prepared.len());
         let mut recompute = Vec::new();
+        let mut notices = Vec::new();
+        let now = self.inner.clock.now();
         for (asset, mut prepared) in prepared {
             let mut channel = commit.channel(asset, &prepared.name).await?;
             channel.keys = prepared.keys;
@@ -320,10 +328,16 @@ impl Ingest {
                 prepared.slot.note_new(&segment.key());
             }
             let (results, points) = match prepared.fold {
-                Fold::From { after, folded } => {
+                Fold::From { after, folded, tracker } => {
                     commit.set_wears(&channel, &folded.results).await?;
                     commit.set_states(&channel, after, &states_of(&folded.points)?).await?;
-                    commit.set_channel(&mut channel, folded.results.len() > prepared.new.len()).await?;
+                    let is_append = folded.results.len() == prepared.new.len();
+                    commit.set_channel(&mut channel, !is_append).await?;
+                    let has_alarms = prepared.slot.occurrences.as_ref().is_none_or(|known| known.has_alarms);
+                    if has_alarms || !folded.alarms.is_quiet() {
+                        notices.extend(commit.set_alarms(&channel, folded.alarms.folded(&tracker, is_append), now).await?);
+                        prepared.slot.occurrences = None;
+                    }
                     (folded.results, Some((after, folded.points)))
                 }
                 Fold::Later { results } => {
@@ -348,6 +362,7 @@ impl Ingest {
                 slot.points.get_or_insert_default().replace(after, points);
             }
         }
+        self.announce_alarms(notices);
         if !recompute.is_empty() {
             self.recompute_in_background(recompute);
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sha2::{Digest, Sha256};
 
 use crate::asset::AssetSpec;
-use crate::estimate::{EstimatorSettings, METHOD};
+use crate::estimate::{AlarmRule, EstimatorSettings, METHOD};
 use crate::library::Ensemble;
 use crate::signal::{GEAR_PREPROCESSING, INDICATORS, PREPROCESSING};
 use crate::store::AnalysisKeys;
@@ -29,8 +29,8 @@ pub(super) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     }
 }
 
-/// Everything but the features that a channel's estimates depend on, and how the features were made.
-pub(super) fn fold_key(settings: &EstimatorSettings, feature_key: &str, ensemble: Option<&Ensemble>) -> String {
+/// Everything but the features that a channel's estimates and alarms depend on, and how the features were made.
+pub(super) fn fold_key(settings: &EstimatorSettings, feature_key: &str, ensemble: Option<&Ensemble>, rules: &[AlarmRule]) -> String {
     hash(&[
         env!("CARGO_PKG_VERSION"),
         METHOD,
@@ -38,6 +38,7 @@ pub(super) fn fold_key(settings: &EstimatorSettings, feature_key: &str, ensemble
         ensemble.map_or("", Ensemble::id),
         &settings.baseline_records.to_string(),
         &format!("{:?}", settings.limit_um),
+        &serde_json::to_string(rules).unwrap_or_default(),
     ])
 }
 

@@ -9,7 +9,7 @@ use tokio::sync::watch;
 use super::IngestError;
 use super::keys::{analysis_keys, fold_key};
 use crate::asset::AssetSpec;
-use crate::estimate::{EstimatorSettings, Tracker};
+use crate::estimate::{AlarmRule, EstimatorSettings, Tracker};
 use crate::gear::PairSpec;
 use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, library_id};
 
@@ -57,6 +57,8 @@ pub(super) struct KeyedTracker {
     pub(super) fold_key: String,
     /// Features under another key cannot go in.
     pub(super) feature_key: Arc<str>,
+    /// When alarms are raised.
+    pub(super) rules: Arc<[AlarmRule]>,
 }
 
 /// The libraries in use.
@@ -197,12 +199,14 @@ impl Libraries {
             limit_um: spec.limits.danger_um.or(spec.limits.warning_um),
         };
         let feature_key = analysis_keys(spec).feature;
-        let fold_key = fold_key(&settings, &feature_key, ensemble.as_deref());
+        let rules = spec.alarm_rules();
+        let fold_key = fold_key(&settings, &feature_key, ensemble.as_deref(), &rules);
         let mut trackers = self.trackers.lock().unwrap_or_else(PoisonError::into_inner);
         let keyed = trackers.entry(fold_key.clone()).or_insert_with(|| KeyedTracker {
             tracker: Arc::new(Tracker::new(settings, ensemble)),
             fold_key,
             feature_key,
+            rules: rules.into(),
         });
         keyed.clone()
     }

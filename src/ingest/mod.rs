@@ -8,6 +8,7 @@
 //! changes the estimates after it to what they would have been. Time comes from the [`Clock`] that the service was started with.
 
 mod accept;
+mod alarms;
 mod batch;
 mod channels;
 mod clock;
@@ -16,6 +17,8 @@ mod fold;
 mod group_commit;
 mod keys;
 mod libraries;
+mod maintenance;
+mod occurrences;
 mod recall;
 mod recompute;
 mod replay;
@@ -32,9 +35,10 @@ use tokio::sync::{RwLock, Semaphore, broadcast};
 
 use crate::asset::{AssetId, AssetSpec, Segment};
 use crate::library::{EnsembleSettings, GridSettings, LibraryShelf};
-use crate::store::{Asset, Store};
+use crate::store::{AlarmNotice, Asset, Store, StoredEvent};
 
 pub use accept::{Given, RecordFormat};
+pub use alarms::PersonsAction;
 pub use batch::{BatchSummary, Refused};
 pub use clock::{Clock, SystemClock};
 pub use error::IngestError;
@@ -107,6 +111,17 @@ pub enum Announcement {
     },
     /// A recomputation of a channel's history went on or ended.
     RecomputationChanged(Arc<Recomputation>),
+    /// Something happened to an alarm.
+    AlarmChanged(Arc<AlarmNotice>),
+    /// Something done to a machine was told of, or taken back.
+    MaintenanceChanged {
+        /// The asset.
+        asset: AssetId,
+        /// The event.
+        event: Arc<StoredEvent>,
+        /// It was taken back.
+        is_removed: bool,
+    },
     /// A replay went on or ended.
     ReplayChanged(Arc<Replay>),
 }

@@ -9,10 +9,11 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::accept::analyse;
-use super::fold::{FoldInput, FoldPoint, read_point};
+use super::fold::{AlarmRun, FoldInput, FoldPoint, read_point};
 use super::group_commit::states_of;
 use super::keys::analysis_keys;
 use super::libraries::KeyedTracker;
+use super::occurrences::Occurrences;
 use super::recall::recall_here;
 use super::{Announcement, Ingest, IngestError};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
@@ -65,6 +66,31 @@ pub struct Recomputation {
     pub started_at: Timestamp,
     /// When it ended.
     pub finished_at: Option<Timestamp>,
+}
+
+/// The generations that are being made.
+#[derive(Debug, Clone, Copy)]
+struct Generations {
+    analyses: AnalysisGeneration,
+    wear: WearGeneration,
+}
+
+/// A history as far as it is folded again.
+#[derive(Debug)]
+struct Refolded {
+    /// The state after the last record folded; none before the first one.
+    point: Option<FoldPoint>,
+    /// All changes of alarms so far.
+    alarms: AlarmRun,
+}
+
+impl Refolded {
+    fn start(tracker: &KeyedTracker) -> Self {
+        Self {
+            point: None,
+            alarms: AlarmRun::start(tracker),
+        }
+    }
 }
 
 /// Recomputations since the start, the last one of each channel; and what is to be looked at.
@@ -193,8 +219,10 @@ impl Ingest {
         };
         let wear = self.inner.store.next_wear(channel).await?;
         self.show(asset, name, |shown| shown.state = RecomputationState::Folding);
-        let mut point = None;
-        while self.fold_piece(tracker, channel, analyses, wear, &mut point).await? >= FOLDED_AT_ONCE as usize {}
+        let generations = Generations { analyses, wear };
+        let mut history = Refolded::start(tracker);
+        let occurrences = self.occurrences(asset, Some(channel), &mut *slot.lock().await).await?;
+        while self.fold_piece(tracker, channel, generations, &occurrences, &mut history).await? >= FOLDED_AT_ONCE as usize {}
         // From here on nothing new comes in: what came meanwhile is little.
         let mut slot = slot.lock().await;
         if analysis_keys(&self.inner.store.asset(asset).await?.spec) != wanted.analysed {
@@ -204,19 +232,24 @@ impl Ingest {
         if channel.keys.analysed != wanted.analysed {
             self.analyse_again(spec, channel, analyses).await?;
         }
+        let occurrences = self.occurrences(asset, Some(channel), &mut slot).await?;
         let passed = |point: &Option<FoldPoint>, key: &SegmentKey| point.as_ref().is_some_and(|point| point.last >= *key);
         if let Some(earliest) = slot.earliest_new.take()
-            && passed(&point, &earliest)
+            && passed(&history.point, &earliest)
         {
             let stored = self.inner.store.state_of_generation(channel, wear, &earliest).await?;
-            point = stored.and_then(|stored| read_point(channel, stored));
+            history.point = stored.and_then(|stored| read_point(channel, stored));
         }
-        while self.fold_piece(tracker, channel, analyses, wear, &mut point).await? > 0 {}
-        self.inner.store.serve(channel, analyses, wear, wanted).await?;
-        slot.points = None;
-        drop(slot);
-        tracing::info!(%asset, channel = name, records = channel.segments, "history computed again");
+        // Also where no record is left: what people did since the last one.
+        while self.fold_piece(tracker, channel, generations, &occurrences, &mut history).await? > 0 {}
+        let alarms = history.alarms.folded(tracker, false);
         let now = self.inner.clock.now();
+        let notices = self.inner.store.serve(channel, analyses, wear, wanted, alarms, now).await?;
+        slot.points = None;
+        slot.occurrences = None;
+        drop(slot);
+        self.announce_alarms(notices);
+        tracing::info!(%asset, channel = name, records = channel.segments, "history computed again");
         self.show(asset, name, |shown| {
             shown.state = RecomputationState::Finished;
             shown.finished_at = Some(now);
@@ -261,28 +294,30 @@ impl Ingest {
         }
     }
 
-    /// Folds the records after `point`, at most so many at once, and returns how many they were.
+    /// Folds the records after what is folded so far, at most so many at once, and returns how many they were.
     async fn fold_piece(
         &self,
         tracker: &KeyedTracker,
         channel: &ChannelSummary,
-        analyses: AnalysisGeneration,
-        wear: WearGeneration,
-        point: &mut Option<FoldPoint>,
+        Generations { analyses, wear }: Generations,
+        occurrences: &Arc<Occurrences>,
+        history: &mut Refolded,
     ) -> Result<usize, IngestError> {
         let store = &self.inner.store;
+        let Refolded { point, alarms } = history;
         let after = point.as_ref().map(|point| &point.last);
         let stored = store.features_of_generation(channel, analyses, after, FOLDED_AT_ONCE).await?;
         let count = stored.len();
-        if count == 0 {
-            return Ok(0);
-        }
         let inputs = stored
             .into_iter()
             .map(|stored| FoldInput::of(stored, &tracker.feature_key))
             .collect();
         let position = point.as_ref().map_or(0, |point| point.position);
-        let mut folded = self.fold_on(tracker, point.take(), inputs).await?;
+        let mut folded = self.fold_on(tracker, point.clone(), inputs, occurrences).await?;
+        alarms.go_on(folded.alarms);
+        if count == 0 {
+            return Ok(0);
+        }
         let states = states_of(&folded.points)?;
         store.add_wears(channel, wear, &folded.results, position, &states).await?;
         *point = folded.points.pop();

@@ -20,6 +20,8 @@ pub enum HistoryKind {
     Spectrum,
     /// `flankwatch.v1.WearEstimate`.
     Wear,
+    /// `flankwatch.v1.AlarmState`.
+    Alarm,
 }
 
 impl HistoryKind {
@@ -28,6 +30,7 @@ impl HistoryKind {
             Self::Indicators => "flankwatch.v1.Indicators",
             Self::Spectrum => "flankwatch.v1.Spectrum",
             Self::Wear => "flankwatch.v1.WearEstimate",
+            Self::Alarm => "flankwatch.v1.AlarmState",
         }
     }
 
@@ -36,6 +39,7 @@ impl HistoryKind {
             Self::Indicators => "indicators",
             Self::Spectrum => "spectrum",
             Self::Wear => "wear",
+            Self::Alarm => "alarm",
         };
         format!("{base}/{name}")
     }

@@ -6,7 +6,12 @@
 use super::fold_states::FoldState;
 use super::rows::{get, to_ns};
 use super::segments::new_segment_of;
-use super::{Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, NewSegment, RunResult, SegmentKey, Store, StoreError, StoredFeatures};
+use jiff::Timestamp;
+
+use super::{
+    AlarmNotice, Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, FoldedAlarms, NewSegment, RunResult, SegmentKey, Store, StoreError,
+    StoredFeatures,
+};
 use crate::asset::SegmentId;
 
 /// A generation of a channel's analyses.
@@ -131,14 +136,17 @@ impl Store {
         self.state_before_in(channel, generation.0, key).await
     }
 
-    /// Serves these generations from now on; both must have every segment of the channel.
+    /// Serves these generations from now on, with the alarms that were folded with them; both must have every segment of the channel.
+    /// Returns what is new of the alarms.
     pub async fn serve(
         &self,
         channel: &ChannelSummary,
         analyses: AnalysisGeneration,
         wear: WearGeneration,
         keys: ChannelKeys,
-    ) -> Result<(), StoreError> {
+        alarms: FoldedAlarms<'_>,
+        now: Timestamp,
+    ) -> Result<Vec<AlarmNotice>, StoreError> {
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
         channel.analysis_generation = analyses.0;
@@ -154,7 +162,9 @@ impl Store {
         channel.must_fold = false;
         channel.leftovers = true;
         commit.set_channel(&mut channel, true).await?;
-        commit.finish().await
+        let notices = commit.set_alarms(&channel, alarms, now).await?;
+        commit.finish().await?;
+        Ok(notices)
     }
 
     /// Removes the rows of generations that are neither served nor being made, of up to `limit` segments after `after`. Returns where

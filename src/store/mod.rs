@@ -3,6 +3,8 @@
 //! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as they came, named by
 //! their hash) and `lock`. All methods speak in domain types; rows and statements do not leave this room.
 
+mod alarm_commit;
+mod alarms;
 mod assets;
 mod commit;
 mod database;
@@ -10,6 +12,7 @@ mod error;
 mod fold_states;
 mod generations;
 mod keyed_uploads;
+mod maintenance;
 mod objects;
 mod raw;
 mod replays;
@@ -24,12 +27,15 @@ use std::sync::Arc;
 use database::Database;
 use trend::TrendShelf;
 
+pub use alarm_commit::{AlarmNotice, FoldedAlarms, PlacedChange};
+pub use alarms::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary};
 pub use commit::Commit;
 pub use error::StoreError;
 pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
 pub use generations::{AnalysisGeneration, WearGeneration};
 pub use keyed_uploads::KeyedUpload;
+pub use maintenance::StoredEvent;
 pub use objects::Objects;
 pub use raw::GivenUp;
 pub use segments::{Analysed, NewSegment, Order, RunResult, SegmentFilter, SegmentKey, StoredFeatures};

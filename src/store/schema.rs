@@ -24,7 +24,7 @@ impl Dialect {
 }
 
 /// Each migration's statements; a migration that has been released is never changed.
-const MIGRATIONS: &[&[&str]] = &[FIRST, RUN_INDICATORS, KEYED_UPLOADS, GENERATIONS];
+const MIGRATIONS: &[&[&str]] = &[FIRST, RUN_INDICATORS, KEYED_UPLOADS, GENERATIONS, ALARMS];
 
 /// Assets, channels, segments with everything about them.
 const FIRST: &[&str] = &[
@@ -214,6 +214,49 @@ const GENERATIONS: &[&str] = &[
     "CREATE TABLE replays (
         number BIGINT NOT NULL PRIMARY KEY,
         replay TEXT NOT NULL
+    )",
+];
+
+/// Maintenance events of assets, and alarms of channels. What people did to an alarm stays; its changes are replaced where the history is folded
+/// again, and those that are not confirmed then stay as withdrawn. `place` is twice the number of records before and at a change, and one
+/// more where it lies between two records.
+const ALARMS: &[&str] = &[
+    "CREATE TABLE maintenance_events (
+        asset_id TEXT NOT NULL REFERENCES assets (id) ON DELETE CASCADE,
+        id TEXT NOT NULL,
+        time_ns BIGINT NOT NULL,
+        event TEXT NOT NULL,
+        PRIMARY KEY (asset_id, id)
+    )",
+    "CREATE INDEX maintenance_in_time ON maintenance_events (asset_id, time_ns, id)",
+    "CREATE TABLE alarms (
+        id TEXT NOT NULL PRIMARY KEY,
+        channel_no BIGINT NOT NULL REFERENCES channels (channel_no) ON DELETE CASCADE,
+        quantity TEXT NOT NULL,
+        rule TEXT,
+        alarm TEXT NOT NULL,
+        standing TEXT NOT NULL,
+        severity TEXT,
+        shelved_until_ns BIGINT,
+        changed_at_ns BIGINT NOT NULL
+    )",
+    "CREATE INDEX alarms_of_channel ON alarms (channel_no)",
+    "CREATE INDEX alarms_in_time ON alarms (changed_at_ns, id)",
+    "CREATE INDEX alarms_by_standing ON alarms (standing)",
+    "CREATE TABLE alarm_actions (
+        alarm_id TEXT NOT NULL REFERENCES alarms (id) ON DELETE CASCADE,
+        number BIGINT NOT NULL,
+        after_ns BIGINT NOT NULL,
+        action TEXT NOT NULL,
+        PRIMARY KEY (alarm_id, number)
+    )",
+    "CREATE TABLE alarm_changes (
+        alarm_id TEXT NOT NULL REFERENCES alarms (id) ON DELETE CASCADE,
+        place BIGINT NOT NULL,
+        number BIGINT NOT NULL,
+        change TEXT NOT NULL,
+        withdrawn_at_ns BIGINT,
+        PRIMARY KEY (alarm_id, place, number)
     )",
 ];
 

@@ -14,7 +14,7 @@ use super::rows::{from_json, from_ns, get, get_json, get_json_or_default, to_ns}
 use super::{ChannelSummary, Store, StoreError};
 use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
-use crate::signal::Indicators;
+use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 
 /// Records held in memory over all channels before the least recently asked-for histories are dropped.
 const MOST_RECORDS: usize = 1_000_000;
@@ -33,6 +33,10 @@ pub struct Trend {
     pub unit: String,
     /// Value of each indicator by name; NaN where a segment has none.
     pub indicators: BTreeMap<String, Vec<f64>>,
+    /// Shaft speed in hertz that was used; NaN where none was found.
+    pub shaft_speed_hz: Vec<f64>,
+    /// Torque in N·m that came with the record; NaN where none did.
+    pub torque_nm: Vec<f64>,
     /// The wear estimates.
     pub wear: Vec<WearPoint>,
     channel_no: i64,
@@ -99,6 +103,11 @@ impl Trend {
             log_evidence: get(row, "log_evidence")?,
             reference_wear_um: get(row, "reference_wear_um")?,
         });
+        let speed: Option<String> = get(row, "shaft_speed")?;
+        let speed: Option<ShaftSpeed> = speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?;
+        let operating_point: OperatingPoint = get_json(row, "operating_point", &id)?;
+        self.shaft_speed_hz.push(speed.map_or(f64::NAN, |speed| speed.shaft_speed_hz));
+        self.torque_nm.push(operating_point.torque_nm.unwrap_or(f64::NAN));
         self.unit = get(row, "unit")?;
         self.start_time.push(from_ns(get(row, "start_time_ns")?));
         self.segment_id.push(SegmentId(id));
@@ -201,7 +210,7 @@ impl Store {
             let last_ns = trend.start_time.last().map_or(Ok(i64::MIN), |time| to_ns(*time))?;
             let last_id = trend.segment_id.last().map_or("", |id| id.0.as_str());
             let rows = sqlx::query(
-                "SELECT s.id, s.start_time_ns, s.unit, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
+                "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
                     w.p05_um, w.p95_um, w.log_evidence
                  FROM segments s
                  JOIN analyses a ON a.segment_id = s.id AND a.generation = $5

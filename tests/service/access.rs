@@ -9,7 +9,8 @@ use flankwatch::http::{Scope, ServiceConfig, ServiceError, TlsFiles, Tokens, sta
 use flankwatch::ingest::SystemClock;
 use jiff::Timestamp;
 
-use crate::running::{Answer, Service, plain_asset, record};
+use crate::command_line::flankwatch;
+use crate::running::{Answer, Service, mcap, plain_asset, record};
 
 fn with_token(service: &Service, token: &str, method: &str, path: &str, body: &str) -> Answer {
     let authorization = format!("Bearer {token}");
@@ -160,6 +161,11 @@ fn certificate(folder: &std::path::Path) -> Option<TlsFiles> {
         certificate: folder.join("c.pem"),
         key: folder.join("k.pem"),
     };
+    // Rustls takes no certificate of an authority for that of a server.
+    let request = folder.join("request.cnf");
+    let extensions = "basicConstraints = critical,CA:FALSE\nsubjectAltName = IP:127.0.0.1\n";
+    let names = "[req]\ndistinguished_name = dn\nx509_extensions = ext\nprompt = no\n[dn]\nCN = localhost\n[ext]\n";
+    std::fs::write(&request, format!("{names}{extensions}")).unwrap();
     let made = std::process::Command::new("openssl")
         .args([
             "req",
@@ -172,7 +178,9 @@ fn certificate(folder: &std::path::Path) -> Option<TlsFiles> {
             "-days",
             "2",
         ])
-        .args(["-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout"])
+        .arg("-config")
+        .arg(&request)
+        .arg("-keyout")
         .arg(&files.key)
         .arg("-out")
         .arg(&files.certificate)
@@ -209,4 +217,55 @@ fn openssl_speaks_tls_with_the_service() {
     client.wait().unwrap();
     assert!(said.starts_with("HTTP/1.1 200 ") && said.contains("\"status\":\"ok\""), "{said}");
     runtime.block_on(service.stop()).unwrap();
+}
+
+#[test]
+fn a_replay_goes_over_tls_to_whom_it_trusts() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(files) = certificate(folder.path()) else { return };
+    let authority = files.certificate.display().to_string();
+    let mut config = ServiceConfig::new("127.0.0.1:0".parse().unwrap(), folder.path().join("data"));
+    config.tls = Some(files);
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let service = runtime.block_on(start(config, Arc::new(SystemClock))).unwrap();
+    let asset = serde_json::from_value(plain_asset("pump")).unwrap();
+    runtime.block_on(service.ingest().create_asset(&asset)).unwrap();
+    let recording = folder.path().join("run.mcap");
+    std::fs::write(&recording, mcap(&[record("1", 1), record("1", 2)])).unwrap();
+    let (recording, url) = (recording.display().to_string(), service.url());
+    let words = ["replay", recording.as_str(), "--asset", "pump", "--url", url.as_str(), "--ca"];
+    let with_ca = |file: &str| flankwatch(&[&words[..], &[file]].concat());
+    let said = with_ca(&authority).expect_success();
+    assert!(said.out().contains("2 records sent to https://"), "{}", said.out());
+    let stored = runtime.block_on(service.ingest().store().segment_count()).unwrap();
+    assert_eq!(stored, 2);
+    with_ca(&recording).expect_refusal(&["--ca", "run.mcap", "PEM"]);
+    with_ca("nowhere.pem").expect_refusal(&["nowhere.pem"]);
+    runtime.block_on(service.stop()).unwrap();
+}
+
+#[test]
+fn a_head_that_is_too_large_is_told_so() {
+    let service = Service::start_with(|config| config.http.header_bytes = 16 << 10);
+    let address = service.url("").trim_start_matches("http://").to_string();
+    let long = format!("x-long: {}\r\n", "x".repeat(64 << 10));
+    let many: String = (0..200).map(|n| format!("x-{n}: 1\r\n")).collect();
+    for (fields, status, word) in [
+        (long.as_str(), "431 Request Header Fields Too Large", "16384 bytes"),
+        (&many, "431 Request Header Fields Too Large", "100 fields"),
+        ("no field\r\n", "400 Bad Request", "HTTP/1.1"),
+    ] {
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        // The service may hang up before all of it is written.
+        let _ = write!(stream, "GET /v1/assets HTTP/1.1\r\nhost: x\r\n{fields}\r\n");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+        assert!(head.starts_with(&format!("HTTP/1.1 {status}\r\n")), "{answer}");
+        assert!(head.contains("content-type: application/problem+json"), "{answer}");
+        let problem: serde_json::Value = serde_json::from_str(body).unwrap();
+        assert!(problem["detail"].as_str().unwrap().contains(word), "{answer}");
+    }
+    service.get("/v1/assets").expect(200);
 }

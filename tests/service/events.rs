@@ -7,17 +7,17 @@ use std::time::Duration;
 use crate::running::{Service, record};
 
 /// A stream of events as it comes over the wire.
-struct EventStream(BufReader<TcpStream>);
+pub(crate) struct EventStream(BufReader<TcpStream>);
 
 #[derive(Debug)]
-struct Received {
-    kind: String,
-    id: String,
-    data: serde_json::Value,
+pub(crate) struct Received {
+    pub(crate) kind: String,
+    pub(crate) id: String,
+    pub(crate) data: serde_json::Value,
 }
 
 impl EventStream {
-    fn open(service: &Service, query: &str, last: Option<&str>) -> Self {
+    pub(crate) fn open(service: &Service, query: &str, last: Option<&str>) -> Self {
         let address = service.url("").trim_start_matches("http://").to_string();
         let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
@@ -34,7 +34,7 @@ impl EventStream {
         Self(reader)
     }
 
-    fn next(&mut self) -> Received {
+    pub(crate) fn next(&mut self) -> Received {
         let (mut kind, mut id, mut data) = (String::new(), String::new(), None);
         loop {
             let mut line = String::new();

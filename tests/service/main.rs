@@ -2,6 +2,7 @@
 #![cfg(test)]
 
 mod access;
+mod alarms;
 mod architecture;
 mod assets;
 mod browser;

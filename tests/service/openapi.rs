@@ -5,8 +5,9 @@ use std::process::Command;
 
 use serde_json::{Value, json};
 
+use crate::alarms::{at_once, loud, watched};
 use crate::left_out;
-use crate::running::{Service, record};
+use crate::running::{Service, mcap, record};
 
 fn description(service: &Service) -> Value {
     service.get("/openapi.json").expect(200).json()
@@ -64,6 +65,44 @@ fn the_page_of_the_description_asks_nothing_of_other_hosts() {
     assert!(service.get("/docs/ui/swagger-ui.css").expect(200).bytes.len() > 10_000);
 }
 
+#[test]
+fn every_example_of_a_request_runs() {
+    let service = Service::start();
+    service.post_json("/v1/assets", &watched("gearbox-1", &at_once())).expect(201);
+    service.upload("gearbox-1", &loud(0, 4.0));
+    let alarm = service.get("/v1/alarms").expect(200).json()["items"][0]["id"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    std::fs::write(service.folder().join("recordings/run.mcap"), mcap(&[record("a1", 5)])).unwrap();
+    let document = description(&service);
+    let mut sent = 0;
+    for (path, methods) in document["paths"].as_object().unwrap() {
+        for (method, operation) in methods.as_object().unwrap() {
+            for (media_type, content) in operation["requestBody"]["content"].as_object().into_iter().flatten() {
+                let example = &content["example"];
+                if !["application/json", "application/toml"].contains(&media_type.as_str()) {
+                    continue;
+                }
+                assert!(!example.is_null(), "{method} {path} has no example of {media_type}");
+                let body = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
+                let address = path.replace("{asset}", "gearbox-1").replace("{alarm}", &alarm);
+                let answer = service.send(&method.to_uppercase(), &address, &[("content-type", media_type)], body.as_bytes());
+                let mut documented = operation["responses"].as_object().unwrap().keys();
+                let success = documented.find(|status| status.starts_with('2')).unwrap();
+                assert_eq!(
+                    answer.status.to_string(),
+                    *success,
+                    "{method} {path}: {}",
+                    String::from_utf8_lossy(&answer.bytes)
+                );
+                sent += 1;
+            }
+        }
+    }
+    assert!(sent >= 10, "{sent}");
+}
+
 /// The tool, where it is on the path or named by the environment.
 fn schemathesis() -> Option<PathBuf> {
     let named = std::env::var_os("FLANKWATCH_SCHEMATHESIS").map(PathBuf::from);
@@ -77,12 +116,13 @@ fn schemathesis() -> Option<PathBuf> {
 fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
     let Some(tool) = schemathesis() else { return };
     let service = Service::start();
-    service.plain_asset("gearbox-1");
-    let segment = service.upload("gearbox-1", &record("a1", 1));
+    service.post_json("/v1/assets", &watched("gearbox-1", &at_once())).expect(201);
+    let segment = service.upload("gearbox-1", &loud(0, 4.0));
     let segment = segment["id"].as_str().unwrap();
+    let alarm = service.get("/v1/alarms").expect(200).json()["items"][0]["id"].clone();
     let folder = tempfile::tempdir().unwrap();
     // What exists is asked for too, not only made-up names.
-    let hints = json!({ "asset": "gearbox-1", "segment": segment });
+    let hints = json!({ "asset": "gearbox-1", "segment": segment, "alarm": alarm });
     let config = format!(
         "[parameters]\n{}",
         hints

@@ -1,0 +1,263 @@
+//! Alarms through their states.
+
+use jiff::SignedDuration;
+use proptest::prelude::*;
+
+use super::*;
+use crate::estimate::MaintenanceKind;
+
+fn rule(raise: u32, raise_of: u32, clear: u32, clear_of: u32) -> AlarmRule {
+    AlarmRule {
+        quantity: AlarmQuantity::WearUm,
+        warning: Some(100.0),
+        danger: Some(200.0),
+        hysteresis: 10.0,
+        settings: AlarmSettings {
+            raise,
+            raise_of,
+            clear,
+            clear_of,
+        },
+    }
+}
+
+fn at(minute: i64) -> Timestamp {
+    Timestamp::UNIX_EPOCH + SignedDuration::from_mins(minute)
+}
+
+fn taken(minute: i64, action: AlarmAction, seen: Option<Severity>) -> ActionTaken {
+    ActionTaken {
+        time: at(minute),
+        after: at(minute),
+        action,
+        seen,
+        by: "Ada".to_owned(),
+        comment: "seen".to_owned(),
+    }
+}
+
+/// Does what can be done, seeing what there is.
+fn act(alarm: &mut Alarm, minute: i64, action: AlarmAction) -> Result<AlarmChange, AlarmError> {
+    alarm.check(at(minute), &action)?;
+    Ok(alarm.act(&taken(minute, action, alarm.severity())))
+}
+
+fn feed(alarm: &mut Alarm, rule: &AlarmRule, values: &[f64]) -> Vec<Option<Severity>> {
+    let mut read = |(i, value): (usize, &f64)| {
+        let reading = AlarmReading {
+            time: at(i as i64),
+            value: Some(*value),
+        };
+        alarm.reading(rule, reading);
+        alarm.severity()
+    };
+    values.iter().enumerate().map(&mut read).collect()
+}
+
+#[test]
+fn n_of_m_raise_and_n_of_m_clear() {
+    let (mut alarm, rule) = (Alarm::default(), rule(2, 3, 2, 3));
+    let got = feed(&mut alarm, &rule, &[101.0, 50.0, 101.0, 95.0, 95.0, 89.0, 95.0, 89.0]);
+    let warning = Some(Severity::Warning);
+    assert_eq!(got, [None, None, warning, warning, warning, warning, warning, None]);
+    assert_eq!(alarm.state(at(9)), AlarmState::ReturnedUnacknowledged);
+    assert_eq!(alarm.last().map(|change| change.value), Some(Some(89.0)));
+}
+
+#[test]
+fn an_alarm_goes_through_its_states() {
+    let (mut alarm, rule) = (Alarm::default(), rule(1, 1, 1, 1));
+    assert_eq!(alarm.state(at(0)), AlarmState::Normal);
+    feed(&mut alarm, &rule, &[150.0]);
+    assert_eq!(alarm.state(at(0)), AlarmState::Unacknowledged);
+    let change = act(&mut alarm, 1, AlarmAction::Acknowledge).unwrap();
+    assert_eq!(
+        (change.state, change.by.as_str(), change.comment.as_str()),
+        (AlarmState::Acknowledged, "Ada", "seen")
+    );
+    assert!(act(&mut alarm, 1, AlarmAction::Acknowledge).is_err());
+    // Worse: to be acknowledged again. Less bad: not.
+    feed(&mut alarm, &rule, &[250.0]);
+    assert_eq!(
+        (alarm.state(at(2)), alarm.severity()),
+        (AlarmState::Unacknowledged, Some(Severity::Danger))
+    );
+    act(&mut alarm, 2, AlarmAction::Acknowledge).unwrap();
+    feed(&mut alarm, &rule, &[150.0]);
+    assert_eq!(
+        (alarm.state(at(3)), alarm.severity()),
+        (AlarmState::Acknowledged, Some(Severity::Warning))
+    );
+    feed(&mut alarm, &rule, &[0.0]);
+    assert_eq!(alarm.state(at(4)), AlarmState::Normal);
+    feed(&mut alarm, &rule, &[150.0, 0.0]);
+    assert_eq!(alarm.state(at(5)), AlarmState::ReturnedUnacknowledged);
+    act(&mut alarm, 6, AlarmAction::Acknowledge).unwrap();
+    assert_eq!(alarm.state(at(6)), AlarmState::Normal);
+}
+
+#[test]
+fn nobody_acknowledges_worse_than_was_shown() {
+    let (mut alarm, rule) = (Alarm::default(), rule(1, 1, 1, 1));
+    feed(&mut alarm, &rule, &[250.0]);
+    // Done when only a warning was there: a late record made it worse.
+    let change = alarm.act(&taken(1, AlarmAction::Acknowledge, Some(Severity::Warning)));
+    assert_eq!((change.state, change.by.as_str()), (AlarmState::Unacknowledged, "Ada"));
+    let change = alarm.act(&taken(1, AlarmAction::Acknowledge, Some(Severity::Danger)));
+    assert_eq!(change.state, AlarmState::Acknowledged);
+    // Done again, as after a late record that changed what it was about: kept, without effect.
+    let change = alarm.act(&taken(2, AlarmAction::Unshelve, None));
+    assert_eq!(
+        (change.state, change.action),
+        (AlarmState::Acknowledged, Some(AlarmAction::Unshelve))
+    );
+}
+
+#[test]
+fn a_new_gear_ends_what_the_old_one_raised() {
+    let rules = [
+        rule(2, 2, 2, 2),
+        AlarmRule {
+            quantity: AlarmQuantity::Novelty,
+            ..rule(1, 1, 1, 1)
+        },
+    ];
+    let mut panel = AlarmPanel::of(&rules);
+    let event = |kind| MaintenanceEvent {
+        time: at(3),
+        kind,
+        by: String::new(),
+        comment: String::new(),
+    };
+    for alarm in &mut panel.alarms {
+        feed(alarm, &rules[0], &[150.0, 150.0]);
+    }
+    let changed = panel.maintenance(&rules, &event(MaintenanceKind::SensorReplaced));
+    let state = AlarmState::ReturnedUnacknowledged;
+    assert_eq!(
+        changed.iter().map(|(n, change)| (*n, change.state)).collect::<Vec<_>>(),
+        [(1, state)]
+    );
+    let changed = panel.maintenance(&rules, &event(MaintenanceKind::GearReplaced));
+    assert_eq!(
+        changed.iter().map(|(n, change)| (*n, change.state)).collect::<Vec<_>>(),
+        [(0, state)]
+    );
+    // One more reading above does not raise it: those of the old gear do not count.
+    assert_eq!(feed(&mut panel.alarms[0], &rules[0], &[150.0]), [None]);
+    let action = PanelAction {
+        quantity: AlarmQuantity::Novelty,
+        taken: taken(4, AlarmAction::Acknowledge, None),
+    };
+    assert_eq!(panel.act(&rules, &action).unwrap().1.state, AlarmState::Normal);
+    assert_eq!(panel.act(&rules[..1], &action), None);
+}
+
+#[test]
+fn what_is_shelved_comes_back_by_itself() {
+    let (mut alarm, rule) = (Alarm::default(), rule(1, 1, 1, 1));
+    feed(&mut alarm, &rule, &[150.0]);
+    assert!(act(&mut alarm, 5, AlarmAction::Unshelve).is_err());
+    assert!(act(&mut alarm, 5, AlarmAction::Shelve { until: at(5) }).is_err());
+    act(&mut alarm, 5, AlarmAction::Shelve { until: at(20) }).unwrap();
+    assert_eq!(
+        (alarm.state(at(19)), alarm.state(at(20))),
+        (AlarmState::Shelved, AlarmState::Unacknowledged)
+    );
+    act(&mut alarm, 6, AlarmAction::Unshelve).unwrap();
+    assert_eq!(alarm.state(at(7)), AlarmState::Unacknowledged);
+}
+
+#[test]
+fn no_value_neither_raises_nor_clears() {
+    let (mut alarm, rule) = (Alarm::default(), rule(1, 1, 1, 1));
+    feed(&mut alarm, &rule, &[150.0]);
+    for value in [None, Some(f64::NAN)] {
+        assert_eq!(alarm.reading(&rule, AlarmReading { time: at(1), value }), None);
+    }
+    assert_eq!(alarm.severity(), Some(Severity::Warning));
+}
+
+#[test]
+fn rules_that_cannot_be_used_are_refused() {
+    let good = rule(1, 3, 1, 3);
+    assert!(good.validate().is_ok());
+    let refused = [
+        AlarmRule {
+            warning: None,
+            danger: None,
+            ..good.clone()
+        },
+        AlarmRule {
+            danger: Some(90.0),
+            ..good.clone()
+        },
+        AlarmRule {
+            hysteresis: -1.0,
+            ..good.clone()
+        },
+        AlarmRule {
+            warning: Some(f64::NAN),
+            ..good.clone()
+        },
+        rule(0, 3, 1, 3),
+        rule(4, 3, 1, 3),
+        rule(1, 3, 1, 2000),
+    ];
+    for rule in refused {
+        assert!(rule.validate().is_err(), "{rule:?}");
+    }
+}
+
+proptest! {
+    /// Between two changes of one direction and the other lie at least as many readings as the rule asks for: a severity cannot be left before
+    /// N readings below it, nor entered before N above.
+    #[test]
+    fn nothing_flaps_faster_than_n(
+        values in prop::collection::vec(60.0..240.0f64, 1..200),
+        raise in 1u32..5, more in 0u32..4, clear in 1u32..5, clear_more in 0u32..4,
+    ) {
+        let rule = rule(raise, raise + more, clear, clear + clear_more);
+        let mut alarm = Alarm::default();
+        let states = feed(&mut alarm, &rule, &values);
+        let mut before = None;
+        for (i, state) in states.into_iter().enumerate() {
+            let window = |of: u32| &values[(i + 1).saturating_sub(of as usize)..=i];
+            for (severity, level) in [(Severity::Warning, 100.0), (Severity::Danger, 200.0)] {
+                let (was, is) = (before >= Some(severity), state >= Some(severity));
+                if is && !was {
+                    let above = window(raise + more).iter().filter(|value| **value > level).count();
+                    prop_assert!(above >= raise as usize);
+                }
+                if was && !is {
+                    let below = window(clear + clear_more).iter().filter(|value| **value < level - 10.0).count();
+                    prop_assert!(below >= clear as usize);
+                }
+            }
+            before = state;
+        }
+    }
+
+    /// A value that stays between the clear level and the level never changes the alarm.
+    #[test]
+    fn between_clear_level_and_level_nothing_changes(values in prop::collection::vec(90.0..100.0f64, 1..100), raised in any::<bool>()) {
+        let (mut alarm, rule) = (Alarm::default(), rule(1, 1, 1, 1));
+        if raised {
+            feed(&mut alarm, &rule, &[150.0]);
+        }
+        let last = alarm.last().cloned();
+        feed(&mut alarm, &rule, &values);
+        prop_assert_eq!(alarm.last(), last.as_ref());
+    }
+
+    #[test]
+    fn a_copy_in_json_goes_on_the_same(values in prop::collection::vec(60.0..240.0f64, 1..60)) {
+        let (mut alarm, rule) = (Alarm::default(), rule(2, 3, 2, 4));
+        for (i, value) in values.iter().enumerate() {
+            let mut copy: Alarm = serde_json::from_str(&serde_json::to_string(&alarm).unwrap()).unwrap();
+            let reading = AlarmReading { time: at(i as i64), value: Some(*value) };
+            prop_assert_eq!(copy.reading(&rule, reading), alarm.reading(&rule, reading));
+            prop_assert_eq!(&copy, &alarm);
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! An asset's category after NAMUR NE 107, and its open alarms in numbers.
+
+use jiff::Timestamp;
+use serde::Serialize;
+
+use crate::asset::WearLimits;
+use crate::estimate::{AlarmState, Severity, WearEstimate, WearStatus};
+use crate::store::StoredAlarm;
+
+/// What an asset needs, after NAMUR NE 107.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Category {
+    /// Danger, or a sensor that does not say what it feels.
+    Failure,
+    /// Maintenance is to be planned.
+    MaintenanceRequired,
+    /// Something is not as the estimate assumes: what is seen is not wear, or it cannot be told.
+    OutOfSpecification,
+    /// Not ready yet: the baseline is being collected or the library simulated.
+    CheckFunction,
+    /// All is well.
+    Normal,
+    /// There is nothing to judge by.
+    None,
+}
+
+/// An asset's alarms in numbers.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+pub(super) struct AlarmCounts {
+    /// Raised as danger and not shelved.
+    pub(super) danger: u32,
+    /// Raised as warning and not shelved.
+    pub(super) warning: u32,
+    /// To be acknowledged, also where they are over, and not shelved.
+    pub(super) unacknowledged: u32,
+    /// Put aside.
+    pub(super) shelved: u32,
+}
+
+impl AlarmCounts {
+    /// Counts alarms as they stand at a time.
+    pub(super) fn of<'a>(alarms: impl IntoIterator<Item = &'a StoredAlarm>, now: Timestamp) -> Self {
+        let mut counts = Self::default();
+        for StoredAlarm { alarm, .. } in alarms {
+            let state = alarm.state(now);
+            if state == AlarmState::Shelved {
+                counts.shelved += 1;
+                continue;
+            }
+            counts.danger += u32::from(alarm.severity() == Some(Severity::Danger));
+            counts.warning += u32::from(alarm.severity() == Some(Severity::Warning));
+            counts.unacknowledged += u32::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged));
+        }
+        counts
+    }
+}
+
+impl Category {
+    /// Of an asset with these alarms, this latest wear and a library in this state. `limits` are to be those that no alarm watches.
+    pub(super) fn of(alarms: AlarmCounts, wear: Option<&WearEstimate>, limits: WearLimits, library_state: &str) -> Self {
+        let beyond = |limit: Option<f64>| {
+            limit
+                .zip(wear.and_then(|wear| wear.median_um))
+                .is_some_and(|(limit, um)| um >= limit)
+        };
+        let status = wear.map(|wear| wear.status);
+        if alarms.danger > 0 || beyond(limits.danger_um) || status == Some(WearStatus::SensorFault) {
+            return Self::Failure;
+        }
+        if alarms.warning > 0 || beyond(limits.warning_um) {
+            return Self::MaintenanceRequired;
+        }
+        if library_state == "failed" {
+            return Self::OutOfSpecification;
+        }
+        match status {
+            Some(WearStatus::Estimated) => Self::Normal,
+            Some(WearStatus::OutsideLibrary | WearStatus::NotIdentifiable | WearStatus::NoFeatures) => Self::OutOfSpecification,
+            Some(WearStatus::CollectingBaseline | WearStatus::Recomputing) => Self::CheckFunction,
+            _ if library_state == "building" => Self::CheckFunction,
+            Some(WearStatus::NoLibrary | WearStatus::SensorFault) | None => Self::None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::BaselineProgress;
+
+    fn wear(status: WearStatus, median_um: Option<f64>) -> WearEstimate {
+        let baseline = BaselineProgress { have: 8, need: 8 };
+        WearEstimate {
+            median_um,
+            ..WearEstimate::without_number(status, String::new(), baseline, String::new())
+        }
+    }
+
+    #[test]
+    fn the_category_follows_the_alarms_before_the_status() {
+        let raised = |danger, warning| AlarmCounts {
+            danger,
+            warning,
+            ..AlarmCounts::default()
+        };
+        let limits = WearLimits {
+            warning_um: Some(100.0),
+            danger_um: Some(200.0),
+        };
+        let none = WearLimits::default();
+        let estimated = wear(WearStatus::Estimated, Some(150.0));
+        for (alarms, wear, limits, library, category) in [
+            (raised(1, 1), Some(&estimated), none, "ready", Category::Failure),
+            (raised(0, 1), Some(&estimated), none, "ready", Category::MaintenanceRequired),
+            (raised(0, 0), Some(&estimated), limits, "ready", Category::MaintenanceRequired),
+            (raised(0, 0), Some(&estimated), none, "ready", Category::Normal),
+            (
+                raised(0, 0),
+                Some(&wear(WearStatus::SensorFault, None)),
+                none,
+                "ready",
+                Category::Failure,
+            ),
+            (
+                raised(0, 0),
+                Some(&wear(WearStatus::OutsideLibrary, None)),
+                none,
+                "ready",
+                Category::OutOfSpecification,
+            ),
+            (
+                raised(0, 0),
+                Some(&wear(WearStatus::CollectingBaseline, None)),
+                none,
+                "ready",
+                Category::CheckFunction,
+            ),
+            (raised(0, 0), Some(&wear(WearStatus::NoLibrary, None)), none, "none", Category::None),
+            (raised(0, 0), None, none, "building", Category::CheckFunction),
+            (raised(0, 0), None, none, "failed", Category::OutOfSpecification),
+            (raised(0, 0), None, none, "none", Category::None),
+        ] {
+            assert_eq!(Category::of(alarms, wear, limits, library), category, "{alarms:?} {wear:?}");
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! Which records of a trend are asked for: a stretch of time, and of it those of one operating bin.
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use jiff::Timestamp;
+
+use super::problem::Problem;
+use crate::asset::{AssetSpec, OperatingBin};
+use crate::store::Trend;
+
+/// Positions in a trend.
+#[derive(Debug)]
+pub(super) struct Chosen {
+    range: Range<usize>,
+    /// Those of the range that were asked for; all where there is none.
+    some: Option<Vec<usize>>,
+}
+
+impl Chosen {
+    /// The records that start at `from` or later and before `to`, of a bin where one is given.
+    pub(super) fn of(trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>, bin: Option<&OperatingBin>) -> Self {
+        let range = trend.range(from, to);
+        let some = bin.map(|bin| range.clone().filter(|n| holds(bin, trend, *n)).collect());
+        Self { range, some }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.some.as_ref().map_or(self.range.len(), Vec::len)
+    }
+
+    /// The position in the trend of the `n`-th record.
+    pub(super) fn position(&self, n: usize) -> usize {
+        self.some.as_ref().map_or(self.range.start + n, |some| some[n])
+    }
+
+    /// A column of the trend for these records.
+    pub(super) fn column<'a, T: Copy>(&self, whole: &'a [T]) -> Cow<'a, [T]> {
+        match &self.some {
+            None => Cow::Borrowed(&whole[self.range.clone()]),
+            Some(some) => some.iter().map(|n| whole[*n]).collect(),
+        }
+    }
+}
+
+/// The bin of an asset that a client asks for.
+pub(super) fn asked_bin(spec: &AssetSpec, name: Option<&str>) -> Result<Option<OperatingBin>, Problem> {
+    let Some(name) = name else { return Ok(None) };
+    let bin = spec.operating_bins.iter().find(|bin| bin.name == name);
+    let unknown = || Problem::query("operating_bin", name, "the name of one of the asset's operating_bins");
+    bin.cloned().map(Some).ok_or_else(unknown)
+}
+
+/// The bin that a record of a trend lies in; none where it lies in none.
+pub(super) fn bin_of<'a>(bins: &'a [OperatingBin], trend: &Trend, position: usize) -> Option<&'a str> {
+    bins.iter().find(|bin| holds(bin, trend, position)).map(|bin| bin.name.as_str())
+}
+
+fn holds(bin: &OperatingBin, trend: &Trend, position: usize) -> bool {
+    let known = |value: f64| value.is_finite().then_some(value);
+    bin.holds(known(trend.shaft_speed_hz[position]), known(trend.torque_nm[position]))
+}

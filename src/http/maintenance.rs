@@ -1,0 +1,159 @@
+//! `/v1/assets/{asset}/maintenance`: what was done to a machine.
+
+use axum::Json;
+use axum::body::Body;
+use axum::extract::{FromRequestParts, Path, State};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::IntoResponse;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::alarms::check_signature;
+use super::body;
+use super::problem::Problem;
+use super::query::{self, AssetInPath, Page, Parameters};
+use super::router::App;
+use crate::asset::AssetId;
+use crate::estimate::{MaintenanceEvent, MaintenanceKind};
+use crate::store::StoredEvent;
+
+/// Something that was done.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Done {
+    /// When; now where not given.
+    #[serde(default)]
+    #[schema(example = "2026-03-01T08:00:00Z")]
+    time: Option<Timestamp>,
+    /// What was done.
+    #[schema(example = "gear_replaced")]
+    kind: MaintenanceKind,
+    /// Who did it: 1 to 200 bytes.
+    #[schema(example = "Ada")]
+    by: String,
+    /// In their words: at most 2000 bytes.
+    #[serde(default)]
+    #[schema(example = "new pair, same drawing")]
+    comment: String,
+}
+
+/// A maintenance event.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = StoredMaintenanceEvent)]
+pub(super) struct EventView {
+    /// Identifier in its asset.
+    id: String,
+    /// The asset.
+    asset_id: AssetId,
+    #[serde(flatten)]
+    event: MaintenanceEvent,
+}
+
+impl EventView {
+    /// An event of an asset.
+    pub(super) fn new(asset_id: AssetId, stored: StoredEvent) -> Self {
+        let StoredEvent { id, event } = stored;
+        Self { id, asset_id, event }
+    }
+}
+
+/// Tell of maintenance
+///
+/// It counts from the first record at its time or later. Where there are such records, the history is estimated again in the background. The
+/// same event again is answered as the first time.
+#[utoipa::path(
+    post,
+    path = "/v1/assets/{asset}/maintenance",
+    tag = "assets",
+    params(("asset" = AssetId, Path, description = "The asset")),
+    request_body(content = Done),
+    responses((status = 201, body = EventView, headers(("location" = String, description = "Its address")))),
+)]
+pub(super) async fn add(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<impl IntoResponse, Problem> {
+    let Done { time, kind, by, comment } = body::described(&app.limits, &headers, body).await?;
+    check_signature(&by, &comment)?;
+    let time = time.unwrap_or_else(|| app.ingest.now());
+    let event = MaintenanceEvent { time, kind, by, comment };
+    let stored = app.ingest.add_maintenance(&asset, event).await?;
+    let location = format!("/v1/assets/{asset}/maintenance/{}", stored.id);
+    let view = EventView::new(asset, stored);
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)))
+}
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ListParameters {
+    /// Entries of the page: 1 to 1000, 100 where not given.
+    #[param(minimum = 1, maximum = 1000)]
+    limit: Option<u32>,
+    /// `next_cursor` of the page before.
+    cursor: Option<String>,
+}
+
+/// Maintenance of an asset
+///
+/// What was done, the latest first.
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/maintenance",
+    tag = "assets",
+    params(("asset" = AssetId, Path, description = "The asset"), ListParameters),
+    responses((status = 200, body = Page<EventView>)),
+)]
+pub(super) async fn list(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<ListParameters>,
+) -> Result<Json<Page<EventView>>, Problem> {
+    let limit = query::limit(asked.limit)?;
+    let after = query::place_cursor(asked.cursor.as_deref())?;
+    let store = app.ingest.store();
+    store.asset(&asset).await?;
+    let events = store.latest_maintenance(&asset, after.as_ref(), limit + 1).await?;
+    let page = Page::new(events, limit, |stored: &StoredEvent| {
+        query::cursor_at(stored.event.time, &stored.id)
+    });
+    Ok(Json(page.map(|stored| EventView::new(asset.clone(), stored))))
+}
+
+/// Take a maintenance event back
+///
+/// As if it had never been told of: the history is estimated again where it reaches the event.
+#[utoipa::path(
+    delete,
+    path = "/v1/assets/{asset}/maintenance/{event}",
+    tag = "assets",
+    params(
+        ("asset" = AssetId, Path, description = "The asset"),
+        ("event" = String, Path, description = "The event"),
+    ),
+    responses((status = 204, description = "Gone")),
+)]
+pub(super) async fn remove(State(app): State<App>, EventInPath { asset, event }: EventInPath) -> Result<StatusCode, Problem> {
+    app.ingest.remove_maintenance(&asset, &event).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// An asset and one of its events in the path.
+pub(super) struct EventInPath {
+    asset: AssetId,
+    event: String,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for EventInPath {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let parsed = Path::<(String, String)>::from_request_parts(parts, state).await;
+        let Path((asset, event)) = parsed.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
+        let asset = AssetId::new(asset).map_err(|error| Problem::not_found(format!("there is no such asset: {error}")))?;
+        Ok(Self { asset, event })
+    }
+}

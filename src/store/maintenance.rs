@@ -1,0 +1,117 @@
+//! Maintenance events of assets.
+
+use jiff::Timestamp;
+use sha2::{Digest, Sha256};
+use sqlx::any::AnyRow;
+
+use super::commit::Commit;
+use super::rows::{get, get_json, to_json, to_ns};
+use super::{ChannelSummary, Store, StoreError};
+use crate::asset::AssetId;
+use crate::estimate::MaintenanceEvent;
+
+/// A maintenance event as it is stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredEvent {
+    /// Identifier in its asset: that of its content.
+    pub id: String,
+    /// The event.
+    pub event: MaintenanceEvent,
+}
+
+impl StoredEvent {
+    /// Names an event.
+    pub fn new(event: MaintenanceEvent) -> Result<Self, StoreError> {
+        let content = to_json(&event, "event", "maintenance")?;
+        let id = Sha256::digest(content).iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+        Ok(Self { id, event })
+    }
+}
+
+impl Store {
+    /// All events of an asset in the order of time.
+    pub async fn maintenance(&self, asset: &AssetId) -> Result<Vec<MaintenanceEvent>, StoreError> {
+        let rows = sqlx::query("SELECT * FROM maintenance_events WHERE asset_id = $1 ORDER BY time_ns, id")
+            .bind(asset.as_str())
+            .fetch_all(self.read())
+            .await?;
+        rows.iter().map(|row| Ok(event_of(row)?.event)).collect()
+    }
+
+    /// Up to `limit` events of an asset, the latest first, from the first one after `after`.
+    pub async fn latest_maintenance(
+        &self,
+        asset: &AssetId,
+        after: Option<&(Timestamp, String)>,
+        limit: u32,
+    ) -> Result<Vec<StoredEvent>, StoreError> {
+        let (after_ns, after_id) = match after {
+            Some((time, id)) => (to_ns(*time)?, id.as_str()),
+            None => (i64::MAX, "~"),
+        };
+        let rows = sqlx::query(
+            "SELECT * FROM maintenance_events WHERE asset_id = $1 AND (time_ns, id) < ($2, $3) ORDER BY time_ns DESC, id DESC LIMIT $4",
+        )
+        .bind(asset.as_str())
+        .bind(after_ns)
+        .bind(after_id)
+        .bind(i64::from(limit))
+        .fetch_all(self.read())
+        .await?;
+        rows.iter().map(event_of).collect()
+    }
+
+    /// An event of an asset; none where there is none of that identifier.
+    pub async fn maintenance_event(&self, asset: &AssetId, id: &str) -> Result<Option<StoredEvent>, StoreError> {
+        let row = sqlx::query("SELECT * FROM maintenance_events WHERE asset_id = $1 AND id = $2")
+            .bind(asset.as_str())
+            .bind(id)
+            .fetch_optional(self.read())
+            .await?;
+        row.as_ref().map(event_of).transpose()
+    }
+}
+
+impl Commit {
+    /// Adds an event; returns whether it was not there before.
+    pub async fn add_maintenance(&mut self, asset: &AssetId, stored: &StoredEvent) -> Result<bool, StoreError> {
+        let added = sqlx::query(
+            "INSERT INTO maintenance_events (asset_id, id, time_ns, event) VALUES ($1, $2, $3, $4) ON CONFLICT (asset_id, id) DO NOTHING",
+        )
+        .bind(asset.as_str())
+        .bind(stored.id.as_str())
+        .bind(to_ns(stored.event.time)?)
+        .bind(to_json(&stored.event, "event", &stored.id)?)
+        .execute(&mut *self.transaction)
+        .await?;
+        Ok(added.rows_affected() > 0)
+    }
+
+    /// Removes an event; returns whether it was there.
+    pub async fn remove_maintenance(&mut self, asset: &AssetId, id: &str) -> Result<bool, StoreError> {
+        let removed = sqlx::query("DELETE FROM maintenance_events WHERE asset_id = $1 AND id = $2")
+            .bind(asset.as_str())
+            .bind(id)
+            .execute(&mut *self.transaction)
+            .await?;
+        Ok(removed.rows_affected() > 0)
+    }
+
+    /// Says that a channel's history is to be folded again where it reaches a time.
+    pub async fn fold_again_from(&mut self, channel: &ChannelSummary, time: Timestamp) -> Result<(), StoreError> {
+        let mut channel = self.channel_again(channel).await?;
+        if channel.last_start_time.is_some_and(|last| last >= time) {
+            channel.must_fold = true;
+            self.set_channel(&mut channel, false).await?;
+        }
+        Ok(())
+    }
+}
+
+fn event_of(row: &AnyRow) -> Result<StoredEvent, StoreError> {
+    let id: String = get(row, "id")?;
+    Ok(StoredEvent {
+        event: get_json(row, "event", &id)?,
+        id,
+    })
+}
