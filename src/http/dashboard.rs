@@ -86,6 +86,7 @@ const FILES: &[StaticFile] = files![
     "replay-panel.js",
     "route.js",
     "settings-fields.js",
+    "settings-lists.js",
     "settings.js",
     "spectrum-plot.js",
     "spectrum-tools.js",

@@ -39,7 +39,7 @@ export class AssetPage {
   #events;
   #panes = new Map();
   #log = h("input", { type: "checkbox", id: "trend-log", onchange: () => change({ log: this.#log.checked ? "1" : null }, { quiet: true }) });
-  #more = h("select", { id: "trend-more", "aria-label": "Add another indicator", onchange: () => this.#togglePane(this.#more.value) });
+  #more = h("select", { id: "trend-more", hidden: true, "aria-label": "Add another indicator", onchange: () => this.#togglePane(this.#more.value) });
   #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"], ["own", "By operating bin"]].map(([value, text]) => h("option", { value }, text)));
   #empty = h("section", { class: "card empty", hidden: true });
   #grid;

@@ -24,7 +24,7 @@ export class EventsCard {
   #onRemove;
   #shown;
   #list = h("ul");
-  #words = h("p", { class: "muted" });
+  #words = h("p", { class: "muted loading" }, "Loading…");
   element;
 
   /** `onTell()` opens the dialog for maintenance, `onRemove(event)` takes one back. */

@@ -44,7 +44,7 @@ export class FleetPage {
   #order = h("select", { id: "fleet-sort", onchange: () => change({ sort: this.#order.value, desc: null }) });
   #list = h("div", { class: "card fleet", hidden: true });
   #empty = h("div", { hidden: true });
-  #loading = h("p", { class: "notice" }, "Loading the fleet…");
+  #loading = h("p", { class: "notice loading" }, "Loading the fleet…");
 
   constructor(root, route) {
     this.#query = route.query;

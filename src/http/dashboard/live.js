@@ -88,6 +88,7 @@ export class Live {
 export function showStatus(status, { live, text, banner, bannerText, bannerWait }) {
   const { state, updatedAt, lostAt, retryAt, error, told } = status;
   live.dataset.state = state;
+  document.body.dataset.connection = state; // what is still loading then says nothing that the banner does not
   live.title = told ? "The server tells of every change at once" : "The page asks the server every two seconds";
   const fresh = updatedAt ? `updated ${age(new Date(updatedAt).toISOString())}` : "no data yet";
   setText(text, state === "loading" ? "connecting…" : fresh);

@@ -12,7 +12,7 @@ const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
 export class MaintenanceDialog {
   #id;
   #time = h("input", { id: "maintenance-time", type: "datetime-local", step: 1, required: true });
-  #by = h("input", { id: "maintenance-by", autocomplete: "name", maxlength: 200 });
+  #by = h("input", { id: "maintenance-by", autocomplete: "name", maxlength: 200, required: true });
   #comment = h("textarea", { id: "maintenance-comment", rows: 2, maxlength: 2000, placeholder: "for example the serial number of the new pair" });
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Save");
@@ -49,11 +49,11 @@ export class MaintenanceDialog {
     event.preventDefault();
     const kind = this.element.querySelector("[name=maintenance-kind]:checked").value;
     const [by, comment] = [this.#by.value.trim(), this.#comment.value.trim()];
-    if (by) keepName(by);
+    keepName(by);
     this.#save.disabled = true;
     try {
       const time = new Date(`${this.#time.value}Z`).toISOString();
-      await api.tellMaintenance(this.#id, { time, kind, ...(by && { by }), ...(comment && { comment }) });
+      await api.tellMaintenance(this.#id, { time, kind, by, comment });
       this.#comment.value = "";
       this.element.close();
       changed();

@@ -46,6 +46,8 @@ export class RecordView {
     const buttons = h("div", { class: "steps", role: "group", "aria-label": "Choose a record" }, this.#previous, this.#next, this.#latest, this.#pin);
     const head = h("div", { class: "plot-head" }, this.#time, buttons);
     const bar = h("section", { class: "card record-bar", "aria-label": "Selected record" }, head, this.#words, this.#pinnedWords, this.#values, chips);
+    const shown = shownPanes(parse(location.hash).query);
+    for (const [key, card] of this.#cards) card.element.hidden = !shown.includes(key);
     this.elements = [bar, ...[...this.#cards.values()].map(({ element }) => element)];
   }
 
