@@ -19,7 +19,7 @@ export class AlarmDetail {
   #history = h("ol", { class: "alarm-history" });
   #by = h("input", { id: "alarm-by", autocomplete: "name", maxlength: 200, required: true });
   #comment = h("textarea", { id: "alarm-comment", rows: 2, maxlength: 2000 });
-  #span = h("select", { id: "alarm-shelve", onchange: () => this.#offerTime() }, SHELVED_FOR.map(([value, text]) => h("option", { value }, text)));
+  #span = h("select", { id: "alarm-shelve", "aria-label": "How long to shelve", onchange: () => this.#offerTime() }, SHELVED_FOR.map(([value, text]) => h("option", { value }, text)));
   #until = h("input", { id: "alarm-until", type: "datetime-local", step: 60, "aria-label": "Shelve until, UTC", hidden: true });
   #acknowledge = h("button", { type: "button", class: "primary", onclick: () => this.#act("acknowledge") }, "Acknowledge");
   #shelve = h("button", { type: "button", onclick: () => this.#act("shelve") }, "Shelve for");

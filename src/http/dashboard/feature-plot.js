@@ -65,7 +65,7 @@ export function featureDrawing({ features, wear_um: wear, interval_um: [low, hig
       uirevision: revision,
       hovermode: "closest",
       barmode: "overlay",
-      xaxis: { title: { text: "Change of amplitude since the baseline (dB)" }, zeroline: true, zerolinecolor: colour.edge },
+      xaxis: { title: { text: "Change since the baseline (dB)" }, zeroline: true, zerolinecolor: colour.edge },
       yaxis: { autorange: "reversed", type: "category", categoryorder: "array", categoryarray: y, ticks: "", dtick: 1 },
     },
   };
