@@ -1,4 +1,4 @@
-//! `flankwatch demo`: the service with a sample gearbox that wears out before the visitor's eyes.
+//! `flankwatch demo`: the service with a sample gearbox that wears before the visitor's eyes.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -38,7 +38,7 @@ pub(super) struct DemoArgs {
     /// Keep the demonstration's data in this folder instead of a temporary one
     #[arg(long, value_name = "DIR")]
     data_dir: Option<PathBuf>,
-    /// Records of the run to failure
+    /// Records of the run
     #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(30..=10_000))]
     records: u32,
     /// Records replayed a second
