@@ -1,6 +1,7 @@
 // Files from the page: a WAV, a CSV, dropped ones, and broken ones that are refused in words.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { asset, createAsset, json, open, removeAsset } from "./page.mjs";
 
 const RATE = 4000;
@@ -54,6 +55,21 @@ export const CHECKS = {
     assert.deepEqual([items[0].samples, items[0].sample_rate_hz], [2000, RATE]);
     const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
     assert.ok(wave.value.every((sample, n) => Math.abs(sample - value(n)) < 1e-6), "no sample is changed");
+    await end(opened);
+  },
+
+  "an MCAP recording's records are counted, and damage is told": async () => {
+    const opened = await dialog();
+    const { id, page } = opened;
+    const recording = (name) => readFile(new URL(`../../fixtures/recordings/${name}.mcap`, import.meta.url));
+    await page.setInputFiles("#upload-file", { name: "run.mcap", mimeType: "application/mcap", buffer: await recording("mcap-json") });
+    await page.locator('.result[data-kind="good"]').getByText(/run\.mcap: [1-9]\d* records read, [1-9]\d* stored, 0 already known, 0 refused/).waitFor();
+    assert.ok((await json(`assets/${id}`)).summary.segments > 0);
+    assert.deepEqual(opened.faults, []);
+    await page.setInputFiles("#upload-file", { name: "torn.mcap", mimeType: "application/mcap", buffer: await recording("mcap-bad-chunk-crc") });
+    const torn = page.locator('.result[data-kind="part"]');
+    await torn.getByText(/torn\.mcap: .* 1 refused/).waitFor();
+    assert.match(await torn.innerText(), /Record 1: mcap: damaged at byte \d+: Chunk CRC failed/);
     await end(opened);
   },
 
