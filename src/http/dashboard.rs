@@ -72,6 +72,7 @@ const FILES: &[StaticFile] = files![
     "match-words.js",
     "match.js",
     "mesh-plots.js",
+    "novelty-plot.js",
     "operating-bins.js",
     "person.js",
     "plot-card.js",

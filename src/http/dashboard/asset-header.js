@@ -113,6 +113,14 @@ export class AssetHeader {
     this.tick();
   }
 
+  /** Says what the last estimate was where the latest record has none; `items` are the wear history. */
+  recall(items, wear) {
+    const last = wear.median_um == null ? items.findLast((item) => item.median_um != null) : null;
+    if (!last) return;
+    this.#number.hidden = false;
+    setChildren(this.#number, h("span", {}, `Last estimate ${depth(last.median_um)} µm`), h("span", { class: "muted" }, `5 to 95 %: ${depth(last.p05_um)} to ${depth(last.p95_um)} µm, ${utc(last.start_time)}`));
+  }
+
   #updateChannels(channels, chosen) {
     this.#channelField.hidden = channels.length < 2;
     if (this.#channel.dataset.channels !== JSON.stringify(channels)) {

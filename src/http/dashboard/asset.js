@@ -154,6 +154,7 @@ export class AssetPage {
     const revision = `${this.#id} ${channel}`;
     const selected = segment.start_time ?? null;
     const points = history instanceof Error ? [] : history.items;
+    this.#header.recall(points, latest);
     this.#record.place(points.map((item) => item.segment_id), id, !this.#query.segment);
     await Promise.all([
       this.#drawWear(history, latest, selected, revision, events),

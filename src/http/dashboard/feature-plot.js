@@ -1,18 +1,7 @@
 // Features of a record as changes since the baseline, beside what the library expects of the estimated wear.
 
-import { depth, number } from "./format.js";
+import { depth, featureName, number } from "./format.js";
 import { palette } from "./plots.js";
-
-/** A feature's name as the field writes it. */
-export function featureName(name) {
-  const [, kind, order] = /^ln_(mesh|sideband|env)_(\d+)$/.exec(name) ?? [];
-  if (kind === "mesh") return `mesh ${order}×`;
-  if (kind === "sideband") return `sidebands of ${order}×`;
-  if (kind === "env") return `envelope of ${order}×`;
-  if (order === undefined && /^ln_shaft_\d+$/.test(name)) return `shaft ${name.slice(9)}×`;
-  if (/^ln_floor_\d+$/.test(name)) return `noise floor, band ${name.slice(9)}`;
-  return { ln_rms: "RMS", ln_kurtosis: "kurtosis" }[name] ?? name;
-}
 
 const KINDS = ["ln_mesh", "ln_sideband", "ln_env", "ln_rms", "ln_kurtosis"];
 const place = ({ name }) => KINDS.findIndex((kind) => name.startsWith(kind)) * 100 + Number(/\d+$/.exec(name)?.[0] ?? 0);

@@ -45,8 +45,9 @@ function wearContent(asset, state) {
   ];
 }
 
-function limitContent({ wear, last_start_time: last }) {
+function limitContent({ wear, last_start_time: last }, limits) {
   const left = timeToLimit(wear, last);
+  if (!left && limitUse(wear, limits)?.share >= 1) return [note("passed")];
   if (!left) return [note("–")];
   const title = `${depth(left.limit)} µm is expected at ${utc(left.date)}`;
   return [h("strong", { title }, left.median), h("span", { class: "muted interval-words" }, left.interval), left.from === "from now" ? null : h("span", { class: "muted interval-words" }, left.from)];
@@ -86,7 +87,7 @@ export class FleetRow {
     setChildren(this.#state, badge(state), alarmWords(summary.alarms));
     setChildren(this.#wear, ...wearContent(asset, state));
     setChildren(this.#trend, summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"));
-    setChildren(this.#limit, ...limitContent(summary));
+    setChildren(this.#limit, ...limitContent(summary, asset.limits));
     setText(this.#segments, count(summary.segments));
     this.#last.title = summary.last_start_time ? utc(summary.last_start_time) : "";
     this.tick();

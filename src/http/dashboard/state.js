@@ -1,6 +1,6 @@
 // What an asset's numbers mean for the person who looks after it, in the categories of NAMUR NE 107.
 
-import { depth, span } from "./format.js";
+import { depth, featureName, number, span } from "./format.js";
 
 /** Kinds of state, worst first. `symbol` names a shape in symbols.js, `category` the NE 107 signal. */
 export const STATES = {
@@ -78,7 +78,7 @@ export function sentence(wear, limits) {
   if (wear.status === "no_library") return "No gear pair is described for this asset, so indicators are computed but wear is not estimated.";
   if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
-  if (wear.status === "outside_library") return `Something other than wear has changed: ${wear.reason}.`;
+  if (wear.status === "outside_library") return unexplained(wear);
   if (wear.status === "not_identifiable") return `The records do not tell how worn the gear is: ${wear.reason}.`;
   const { p05_um: low, p95_um: high } = wear;
   const certain = atEnd(wear)
@@ -101,6 +101,14 @@ function outlook(wear, limits) {
 }
 
 const AGED = 0.1; // a last record so much of the remaining time ago is too old to count from now
+
+/** What is not as wear would have it. */
+function unexplained({ novelty, reason }) {
+  const most = (novelty?.most ?? []).filter(({ deviations }) => Math.abs(deviations) > 3);
+  if (most.length === 0) return `Something other than wear has changed: ${reason}.`;
+  const words = most.map(({ feature, ln_ratio: ratio }) => `${featureName(feature)}, × ${number(Math.exp(ratio), 2)}`).join("; ");
+  return `Something other than wear has changed. Against what the best wear state expects: ${words}. Look at bearings, mounting and load.`;
+}
 
 /** How long until the limit is passed, in words, from the prognosis after the record of `last`; null where none is known. */
 export function timeToLimit(wear, last = wear?.start_time, now = Date.now()) {
