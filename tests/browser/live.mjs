@@ -22,6 +22,25 @@ export const CHECKS = {
     await removeAsset(id);
   },
 
+  "records that come without a pause do not keep the page from following them": async () => {
+    const id = await createAsset("busy", {});
+    const { page } = await open(`#/assets/${id}`);
+    await page.getByText("Waiting for the first record").waitFor();
+    let sending = true;
+    const stream = (async () => {
+      for (let minute = 0; sending && minute < 60; minute++) {
+        await sendNoise(id, minute);
+        await new Promise((resolve) => setTimeout(resolve, 100));
+      }
+    })();
+    await page.getByText(/^[1-9]\d* records?/).waitFor({ timeout: 10_000 });
+    assert.ok((await json(`assets/${id}`)).summary.segments < 60, "the page followed while records were coming");
+    sending = false;
+    await stream;
+    await page.context().close();
+    await removeAsset(id);
+  },
+
   "without a stream of events the page asks again by itself": async () => {
     const { page } = await open("", {}, (fresh) => fresh.route("**/v1/events*", (route) => route.abort()));
     await page.locator(`[data-asset="${asset}"]`).waitFor();

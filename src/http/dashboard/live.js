@@ -39,8 +39,10 @@ export class Live {
 
   /** An event: what is under way goes on, and another look follows. */
   #changed() {
+    const isFirst = !this.#due;
     this.#due = true;
-    if (!this.#busy && this.#failures === 0) this.#later(LEAST_MS);
+    // further events do not put the look off: where they come without a pause it would never be
+    if (isFirst && !this.#busy && this.#failures === 0) this.#later(LEAST_MS);
   }
 
   /** Asks at once and forgets what is under way: what was asked for may have changed. */
