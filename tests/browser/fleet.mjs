@@ -1,7 +1,7 @@
 // A fleet of 500 assets: it is quick, and sorted, filtered and grouped. The server's answer is made up from its own for one asset.
 
 import assert from "node:assert/strict";
-import { asset, close, json, noSidewaysScrolling, open, PHONE, timed } from "./page.mjs";
+import { asset, close, json, noSidewaysScrolling, open, PHONE, say, timed } from "./page.mjs";
 
 const COUNT = 500;
 const WANTED_MS = 200;
@@ -16,6 +16,7 @@ async function many(nameOf) {
     Object.assign(copy, { id: `gearbox-${String(n).padStart(3, "0")}`, name: nameOf(n) });
     Object.assign(copy.summary.wear, { status: n % 11 ? "estimated" : "not_identifiable", median_um: median, p05_um: Math.max(0, median - 25), p95_um: median + 30 });
     copy.summary.recent_wear_um = Array.from({ length: 40 }, (_, k) => (median * k) / 39);
+    copy.summary.alarms = { danger: Number(n % 50 === 7), warning: 0, unacknowledged: Number(n % 50 === 7), shelved: 0 };
     if (n % 13 === 0) copy.summary = { ...copy.summary, segments: 0, wear: null, recent_wear_um: [], last_start_time: null };
     return copy;
   });
@@ -51,7 +52,7 @@ export const CHECKS = {
     await page.getByPlaceholder("Name or id").fill("line 3,");
     await page.getByText(`of ${COUNT} assets`).waitFor();
     assert.equal(await total(page), Array.from({ length: COUNT }, (_, n) => n % 7).filter((line) => line === 2).length);
-    await page.getByRole("button", { name: /^Danger/ }).click();
+    await page.getByRole("button", { name: /^Danger \d/ }).click();
     await page.waitForFunction(() => location.hash.includes("state=danger"));
     assert.ok((await total(page)) < 20);
     await close(opened, name);
@@ -88,6 +89,7 @@ export const CHECKS = {
     const opened = await fleet({}, (n) => `Plant ${"AB"[n % 2]} / line ${n % 3} / gearbox ${n}`);
     const { page } = opened;
     assert.equal(await total(page), COUNT + 6, "a heading for each place");
+    await page.locator("th button").first().click();
     const button = page.getByRole("button", { name: "Plant A / line 0" });
     await button.click();
     await page.waitForFunction(() => location.hash.includes("closed="));
@@ -101,15 +103,11 @@ export const CHECKS = {
 
   "500 assets answer within 200 ms": async () => {
     const { page } = await fleet();
-    const say = (what, times) => {
-      console.log(`        500 assets, ${what}: ${times.map((ms) => ms.toFixed(0)).join(", ")} ms (wanted: ${WANTED_MS})`);
-      assert.ok(Math.min(...times) <= WANTED_MS, `${what} takes ${times} ms`);
-    };
     for (const label of ["Asset", "Wear, 5 to 95 %", "Last record"]) {
       const sort = (words) => [...document.querySelectorAll("th button")].find((button) => button.textContent === words).click();
       const times = [];
       for (let turn = 0; turn < 3; turn++) times.push(await timed(page, sort, label));
-      say(`sorting by “${label}”`, times);
+      say(`500 assets, sorting by “${label}”`, times, WANTED_MS);
     }
     const type = (words) => {
       const input = document.querySelector("#fleet-search");
@@ -118,9 +116,9 @@ export const CHECKS = {
     };
     const [typed, scrolled] = [[], []];
     for (const words of ["line 5", "", "gearbox 4", ""]) typed.push(await timed(page, type, words));
-    say("filtering", typed);
+    say("500 assets, filtering", typed, WANTED_MS);
     for (const share of [0.5, 1, 0.2]) scrolled.push(await timed(page, (to) => scrollTo(0, to * document.body.scrollHeight), share));
-    say("scrolling", scrolled);
+    say("500 assets, scrolling", scrolled, WANTED_MS);
     await page.context().close();
   },
 

@@ -1,6 +1,7 @@
 // What all checks share: the browser, a page with a list of what went wrong in it, and waiting for what it shows.
 
 import assert from "node:assert/strict";
+import { cpus, loadavg } from "node:os";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
 
@@ -90,6 +91,14 @@ export async function recordShown(page) {
 export async function noSidewaysScrolling(page) {
   const excess = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
   assert.ok(excess <= 0, `the page is ${excess} px too wide`);
+}
+
+const FAR_TOO_LONG = 5;
+
+/** Says what was measured, and how busy the machine was. Other work counts into these times, so only what takes many times as long as wanted fails. */
+export function say(what, measured, wanted) {
+  console.log(`        ${what}: ${measured.map((ms) => ms.toFixed(0)).join(", ")} ms (wanted: ${wanted}; load ${loadavg()[0].toFixed(1)} on ${cpus().length} cores)`);
+  assert.ok(Math.min(...measured) < FAR_TOO_LONG * wanted, `${what} takes ${measured} ms`);
 }
 
 /** Runs `act`, a function or its source, in a page and gives the milliseconds until two frames after it have been painted. */
