@@ -56,7 +56,7 @@ function baselineZone(items, colour) {
   const only = collecting.length === items.length;
   const annotation = only
     ? { ...common, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
-    : { ...common, text: "baseline", x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(), y: 0.3, textangle: -90 };
+    : { ...common, text: "baseline", x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(), y: 0.15, textangle: -90 };
   return { shape, annotation };
 }
 
