@@ -7,7 +7,7 @@ const number = (text) => (text.trim() === "" ? undefined : Number(text));
 const given = (object) => Object.fromEntries(Object.entries(object).filter(([, value]) => value !== undefined));
 const DEFAULT_SETTINGS = { raise: 3, raise_of: 5, clear: 5, clear_of: 5 };
 
-/** A list that is edited row by row; `columns` are `{ label, value(entry), input? }`, `read(values)` makes an entry again. */
+/** A list that is edited row by row; `columns` are `{ label, value(entry), input?, place?, breaks? }`, `read(values)` makes an entry again. */
 class Rows {
   #columns;
   #read;
@@ -36,7 +36,7 @@ class Rows {
     });
     const row = h("div", { class: "setting-row" });
     const remove = h("button", { type: "button", class: "quiet", "aria-label": `Remove this ${this.#name}`, onclick: () => this.#remove(row) }, "✕");
-    row.append(...inputs.map((field, n) => h("label", { class: "field" }, h("span", { "aria-hidden": "true" }, this.#columns[n].label), field)), remove);
+    row.append(...inputs.flatMap((field, n) => [this.#columns[n].breaks ? h("span", { class: "row-break" }) : "", h("label", { class: `field ${this.#columns[n].place ?? ""}` }, h("span", { "aria-hidden": "true" }, this.#columns[n].label), field)]), remove);
     row.inputs = inputs;
     this.#list.append(row);
     if (focus) inputs[0].focus();
@@ -61,14 +61,14 @@ const setting = (key) => (rule) => ({ ...DEFAULT_SETTINGS, ...rule.settings })[k
 
 const RULE = [
   { label: "Watches", value: ({ quantity }) => (quantity?.indicator ? "indicator" : quantity), input: kinds },
-  { label: "Indicator", value: ({ quantity }) => quantity?.indicator, input: text({ placeholder: "rms" }) },
+  { label: "Indicator", value: ({ quantity }) => quantity?.indicator, input: text({ placeholder: "rms" }), place: "of-indicator" },
   { label: "Warning above", value: ({ warning }) => warning },
   { label: "Danger above", value: ({ danger }) => danger },
   { label: "Hysteresis", value: ({ hysteresis }) => hysteresis },
-  { label: "Raised by", value: setting("raise"), input: whole },
-  { label: "of the last", value: setting("raise_of"), input: whole },
-  { label: "Cleared by", value: setting("clear"), input: whole },
-  { label: "of the last", value: setting("clear_of"), input: whole },
+  { label: "Raised by", value: setting("raise"), input: whole, place: "count", breaks: true },
+  { label: "of the last", value: setting("raise_of"), input: whole, place: "count" },
+  { label: "Cleared by", value: setting("clear"), input: whole, place: "count" },
+  { label: "of the last", value: setting("clear_of"), input: whole, place: "count" },
 ];
 
 function ruleOf([kind, indicator, warning, danger, hysteresis, raise, raiseOf, clear, clearOf]) {
