@@ -1,4 +1,4 @@
-//! `flankwatch demo`: the service with a sample gearbox that wears out before the visitor's eyes.
+//! `flankwatch demo`: the service with a sample gearbox that wears before the visitor's eyes.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -26,6 +26,9 @@ const ASSET: &str = "demo-gearbox";
 /// Seconds between the starts of two records.
 const INTERVAL_S: f64 = 60.0;
 
+/// Wear depth at the end: past the warning limit and short of the danger limit, so that an alarm and a forecast are there to be seen.
+const MAX_WEAR_UM: f64 = 190.0;
+
 /// Arguments of `flankwatch demo`.
 #[derive(Args)]
 pub(super) struct DemoArgs {
@@ -35,7 +38,7 @@ pub(super) struct DemoArgs {
     /// Keep the demonstration's data in this folder instead of a temporary one
     #[arg(long, value_name = "DIR")]
     data_dir: Option<PathBuf>,
-    /// Records of the run to failure
+    /// Records of the run
     #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(30..=10_000))]
     records: u32,
     /// Records replayed a second
@@ -75,7 +78,7 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
     let clock: Arc<dyn Clock> = Arc::new(SystemClock);
     let service = start_anywhere(args.listen, data_dir, clock.clone()).await?;
     output::print(&format!(
-        "dashboard: http://{}/#/assets/{ASSET}\na gearbox wears out in about {:.0} s; Ctrl-C ends\n",
+        "dashboard: http://{}/#/assets/{ASSET}\na gearbox wears towards its danger limit for about {:.0} s; Ctrl-C ends\n",
         service.address(),
         f64::from(args.records) / args.speed,
     ))?;
@@ -150,7 +153,7 @@ async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), 
         records: args.records,
         seconds: 2.0,
         sample_rate_hz: 20_000.0,
-        max_wear_um: 245.0,
+        max_wear_um: MAX_WEAR_UM,
         wear_exponent: 1.5,
         start_time: now - SignedDuration::from_secs_f64(INTERVAL_S * f64::from(args.records)),
         interval_s: INTERVAL_S,

@@ -34,7 +34,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Serve with a sample gearbox and a simulated run to failure, replayed fast
+    /// Serve with a sample gearbox and a simulated run towards its danger limit, replayed fast
     Demo(demo::DemoArgs),
     /// Run the service: HTTP API and dashboard
     Serve(serve::ServeArgs),

@@ -12,6 +12,9 @@ const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 46.0;
 
+/// Half of the longest label of a time.
+const LABEL_HALF: f64 = 36.0;
+
 /// What the horizontal axis counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Horizontal {
@@ -153,9 +156,11 @@ impl Chart {
         };
         for Tick { at, label } in across {
             let x = frame.across(at);
+            // A label in the middle of the last tick would reach over the picture's edge.
+            let anchor = if x + LABEL_HALF > WIDTH { "end" } else { "middle" };
             let _ = write!(
                 svg,
-                "<line class=\"tick\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{bottom}\" y2=\"{}\"/><text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>",
+                "<line class=\"tick\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{bottom}\" y2=\"{}\"/><text x=\"{x:.1}\" y=\"{}\" text-anchor=\"{anchor}\">{label}</text>",
                 bottom + 5.0,
                 bottom + 18.0
             );

@@ -40,7 +40,7 @@ const DIMENSIONLESS: [&str; 4] = ["kurtosis", "fm0", "fm4", "na4"];
 const CLASSES: [&str; 4] = ["one", "two", "three", "four"];
 
 /// Records in the table; the latest ones where there are more.
-const TABLE_ROWS: usize = 200;
+const TABLE_ROWS: usize = 100;
 
 const STYLE: &str = include_str!("report.css");
 
@@ -71,7 +71,7 @@ pub(super) fn html(report: &Report) -> String {
     table(report, &mut body);
     format!(
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
-         <title>{title}</title><style>{STYLE}</style></head><body>{body}</body></html>"
+         <title>{title}</title><link rel=\"icon\" href=\"data:,\"><style>{STYLE}</style></head><body>{body}</body></html>"
     )
 }
 
@@ -152,7 +152,7 @@ fn indicator_section((name, heading, caption): (&str, &str, &str), channels: &BT
         class: CLASSES[n % CLASSES.len()],
     });
     let unit = channels.values().flatten().next().map_or("", |record| record.unit.as_str());
-    let unit = if DIMENSIONLESS.contains(&name) { "–" } else { unit };
+    let unit = if DIMENSIONLESS.contains(&name) { "–" } else { unit_words(unit) };
     let chart = Chart {
         horizontal: Horizontal::Time,
         x_title: "start of the record (UTC)".to_owned(),
@@ -171,7 +171,7 @@ fn spectrum_section(report: &Report, body: &mut String) {
     let chart = Chart {
         horizontal: Horizontal::Number,
         x_title: "frequency (Hz)".to_owned(),
-        y_title: format!("peak amplitude ({})", spectrum.unit),
+        y_title: format!("peak amplitude ({})", unit_words(&spectrum.unit)),
         series: vec![Series {
             name: "last record".to_owned(),
             points: points.map(|(bin, a)| (bin as f64 * spectrum.resolution_hz, Some(*a))).collect(),
@@ -205,6 +205,7 @@ fn section(heading: &str, caption: &str, chart: &Chart, band: Option<&str>, body
 fn table(report: &Report, body: &mut String) {
     let shown = &report.records[report.records.len().saturating_sub(TABLE_ROWS)..];
     let rows: String = shown.iter().map(row).collect();
+    let unit = unit_words(shown.last().map_or("", |record| &record.unit));
     let which = if shown.len() < report.records.len() || report.all_records.is_some_and(|all| all > shown.len()) {
         format!("<p>The latest {} records.</p>", shown.len())
     } else {
@@ -212,18 +213,24 @@ fn table(report: &Report, body: &mut String) {
     };
     let _ = write!(
         body,
-        "<h2>Records</h2>{which}<table><thead><tr><th>Record</th><th>Channel</th><th>Start (UTC)</th><th>Shaft (Hz)</th><th>RMS</th>\
-         <th>Kurtosis</th><th>OMX</th><th>FM4</th><th>NA4</th><th>Shaft angle</th><th>Wear</th></tr></thead><tbody>{rows}</tbody></table>"
+        "<h2>Records</h2>{which}<table><thead><tr><th>Start (UTC)</th><th>Channel</th><th>Shaft (Hz)</th><th>RMS ({unit})</th>\
+         <th>Kurtosis (–)</th><th>OMX ({unit})</th><th>FM4 (–)</th><th>NA4 (–)</th><th>Wear, 5 to 95 % (µm)</th><th>Shaft angle</th><th>Record</th>\
+         </tr></thead><tbody>{rows}</tbody></table>"
     );
 }
 
 fn row(record: &ReportedRecord) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4}"));
+    let wear = record.wear.as_ref();
+    let depths = wear.and_then(|wear| Some((wear.median_um?, wear.p05_um?, wear.p95_um?)));
+    let wear = depths.map_or_else(
+        || format!("<td class=\"words\">{}</td>", escape(&record.wear_words)),
+        |(median, low, high)| format!("<td>{median:.0} ({low:.0} to {high:.0})</td>"),
+    );
     format!(
-        "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-        escape(&record.name),
-        escape(&record.channel),
+        "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>{wear}<td>{}</td><td class=\"name\">{}</td></tr>",
         record.start_time.strftime("%Y-%m-%d %H:%M:%S"),
+        escape(&record.channel),
         number(record.shaft_speed_hz),
         number(record.indicators.get("rms")),
         number(record.indicators.get("kurtosis")),
@@ -231,8 +238,17 @@ fn row(record: &ReportedRecord) -> String {
         number(record.indicators.get("fm4")),
         number(record.indicators.get("na4")),
         record.shaft_angle.as_ref().map_or_else(|| "–".to_owned(), angle_words),
-        escape(&record.wear_words),
+        escape(&record.name),
     )
+}
+
+/// A unit as it is written on an axis.
+fn unit_words(unit: &str) -> &str {
+    match unit {
+        "m/s2" | "m/s^2" => "m/s²",
+        "" | "1" => "–",
+        other => other,
+    }
 }
 
 fn seconds(record: &ReportedRecord) -> f64 {

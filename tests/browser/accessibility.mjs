@@ -12,6 +12,11 @@ const PAGES = {
   waterfall: [`#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall")],
   match: [`#/assets/${asset}/match`, (page) => drawn(page, "transmission")],
   settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],
+  alarms: [async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`, (page) => page.locator(".alarm-history li").first().waitFor()],
+  "no alarm chosen": ["#/alarms", (page) => page.locator(".table-card .alarms, .table-card .notice").first().waitFor()],
+  library: [async () => `#/libraries/${(await json("libraries")).items[0].id}`, (page) => drawn(page, "transmission")],
+  report: [`v1/assets/${asset}/report`, (page) => page.locator("table tbody tr").first().waitFor()],
+  "no such page": ["#/nowhere", (page) => page.getByText("This address leads nowhere").waitFor()],
   libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
 };
 
@@ -28,7 +33,7 @@ const checks = Object.entries(PAGES).map(([key, [address, ready]]) => [
   `axe finds nothing serious on the page: ${key}`,
   async () => {
     for (const colorScheme of ["light", "dark"]) {
-      const { page } = await open(address, { colorScheme });
+      const { page } = await open(typeof address === "string" ? address : await address(), { colorScheme });
       await ready(page);
       await page.waitForTimeout(500);
       assert.deepEqual(await findings(page), [], `${key}, ${colorScheme}`);
@@ -46,6 +51,13 @@ export const CHECKS = {
   "axe finds nothing serious in the dialog for records": async () => {
     const { page } = await open(`#/assets/${asset}`);
     await page.getByRole("button", { name: "Add records" }).click();
+    assert.deepEqual(await findings(page), []);
+    await page.context().close();
+  },
+
+  "axe finds nothing serious in the dialog for maintenance": async () => {
+    const { page } = await open(`#/assets/${asset}`);
+    await page.getByRole("button", { name: "Enter maintenance" }).click();
     assert.deepEqual(await findings(page), []);
     await page.context().close();
   },

@@ -1,6 +1,7 @@
 // What all checks share: the browser, a page with a list of what went wrong in it, and waiting for what it shows.
 
 import assert from "node:assert/strict";
+import { cpus, loadavg } from "node:os";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
 
@@ -25,7 +26,7 @@ export async function open(path, options = {}, before = async () => {}) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
   const page = await context.newPage();
   const faults = [];
-  page.on("console", (message) => message.type() === "error" && !message.location().url.endsWith("/v1/events") && faults.push(`console: ${message.text()} ${message.location().url}`));
+  page.on("console", (message) => message.type() === "error" && faults.push(`console: ${message.text()} ${message.location().url}`));
   page.on("pageerror", (error) => faults.push(`exception: ${error.stack}`));
   page.on("request", (request) => {
     const url = new URL(request.url());
@@ -59,6 +60,27 @@ export const shownTime = (time) => `${new Date(time).toISOString().slice(0, 19).
 export const parameters = (page) => new URLSearchParams(new URL(page.url()).hash.split("?")[1]);
 export const json = async (path) => (await fetch(`${base}/v1/${path}`)).json();
 
+const asJson = { "content-type": "application/json" };
+
+/** Makes an asset of its own for a check; `more` is added to its description. */
+export async function createAsset(kind, more) {
+  const id = `${kind}-${Date.now()}`;
+  const spec = { id, gear: { teeth: [31, 62], shaft_speed_hz: 10 }, sensor: { unit: "m/s2" }, ...more };
+  const answer = await fetch(`${base}/v1/assets`, { method: "POST", headers: asJson, body: JSON.stringify(spec) });
+  assert.equal(answer.status, 201, await answer.text());
+  return id;
+}
+
+export const removeAsset = (id) => fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
+
+/** Sends a record of noise of an amplitude to an asset. */
+export async function sendNoise(id, minute, amplitude = 1) {
+  const samples = Array.from({ length: 2000 }, (_, n) => amplitude * (Math.sin(n * 0.49) + 0.2 * Math.sin(n * n)));
+  const body = JSON.stringify({ start_time: `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`, sample_rate_hz: 4000, unit: "m/s2", channel: "a1", samples });
+  const answer = await fetch(`${base}/v1/assets/${id}/segments`, { method: "POST", headers: asJson, body });
+  assert.equal(answer.status, 201, await answer.text());
+}
+
 /** Waits until the page shows the record that its address names. */
 export async function recordShown(page) {
   const segment = await json(`segments/${parameters(page).get("segment")}`);
@@ -69,6 +91,14 @@ export async function recordShown(page) {
 export async function noSidewaysScrolling(page) {
   const excess = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
   assert.ok(excess <= 0, `the page is ${excess} px too wide`);
+}
+
+const FAR_TOO_LONG = 5;
+
+/** Says what was measured, and how busy the machine was. Other work counts into these times, so only what takes many times as long as wanted fails. */
+export function say(what, measured, wanted) {
+  console.log(`        ${what}: ${measured.map((ms) => ms.toFixed(0)).join(", ")} ms (wanted: ${wanted}; load ${loadavg()[0].toFixed(1)} on ${cpus().length} cores)`);
+  assert.ok(Math.min(...measured) < FAR_TOO_LONG * wanted, `${what} takes ${measured} ms`);
 }
 
 /** Runs `act`, a function or its source, in a page and gives the milliseconds until two frames after it have been painted. */

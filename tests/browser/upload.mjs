@@ -1,7 +1,8 @@
 // Files from the page: a WAV, a CSV, dropped ones, and broken ones that are refused in words.
 
 import assert from "node:assert/strict";
-import { asset, base, json, open } from "./page.mjs";
+import { readFile } from "node:fs/promises";
+import { asset, createAsset, json, open, removeAsset } from "./page.mjs";
 
 const RATE = 4000;
 const value = (n) => Math.sin((2 * Math.PI * 310 * n) / RATE) + 0.3 * Math.sin(n * n);
@@ -23,9 +24,7 @@ const csv = (rows, broken) => ["time,a1", ...Array.from({ length: rows }, (_, n)
 
 /** A page of a new asset with its dialog open. */
 async function dialog() {
-  const id = `upload-${Date.now()}`;
-  const spec = { id, gear: { teeth: [31, 62], shaft_speed_hz: 10 }, sensor: { unit: "m/s2" } };
-  await fetch(`${base}/v1/assets`, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(spec) });
+  const id = await createAsset("upload", {});
   const opened = await open(`#/assets/${id}`);
   await opened.page.getByRole("button", { name: "Add records…" }).first().click();
   return { id, ...opened };
@@ -33,7 +32,7 @@ async function dialog() {
 
 async function end({ id, page }) {
   await page.context().close();
-  await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
+  await removeAsset(id);
 }
 
 export const CHECKS = {
@@ -56,6 +55,20 @@ export const CHECKS = {
     assert.deepEqual([items[0].samples, items[0].sample_rate_hz], [2000, RATE]);
     const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
     assert.ok(wave.value.every((sample, n) => Math.abs(sample - value(n)) < 1e-6), "no sample is changed");
+    await end(opened);
+  },
+
+  "an MCAP recording's records are counted, and damage is told": async () => {
+    const opened = await dialog();
+    const { id, page } = opened;
+    const recording = (name) => readFile(new URL(`../../fixtures/recordings/${name}.mcap`, import.meta.url));
+    await page.setInputFiles("#upload-file", { name: "run.mcap", mimeType: "application/mcap", buffer: await recording("mcap-json") });
+    await page.locator('.result[data-kind="good"]').getByText(/run\.mcap: [1-9]\d* records read, [1-9]\d* stored, 0 already known, 0 refused/).waitFor();
+    assert.ok((await json(`assets/${id}`)).summary.segments > 0);
+    await page.setInputFiles("#upload-file", { name: "torn.mcap", mimeType: "application/mcap", buffer: await recording("mcap-bad-chunk-crc") });
+    const torn = page.locator('.result[data-kind="part"]');
+    await torn.getByText(/torn\.mcap: .* 1 refused/).waitFor();
+    assert.match(await torn.innerText(), /Record 1: mcap: damaged at byte \d+: Chunk CRC failed/);
     await end(opened);
   },
 

@@ -1,7 +1,7 @@
 // Waterfall, match and settings: what is clicked and typed in them.
 
 import assert from "node:assert/strict";
-import { asset, base, close, drawn, json, open, parameters, recordShown } from "./page.mjs";
+import { asset, base, close, createAsset, drawn, json, open, parameters, recordShown, removeAsset, shoot } from "./page.mjs";
 
 export const CHECKS = {
   "a click on a line of the waterfall opens its record": async (name) => {
@@ -52,6 +52,34 @@ export const CHECKS = {
     assert.equal((await json(`assets/${id}`)).gear.teeth[0], 31);
     await page.context().close();
     await fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
+  },
+
+  "alarm rules and operating bins are set, and a wrong level is refused": async (name) => {
+    const id = await createAsset("ruled", { limits: { warning_um: 50, danger_um: 90 } });
+    const opened = await open(`#/assets/${id}/settings`);
+    const { page } = opened;
+    await page.getByText("Wear depth: warning above 50 µm, danger above 90 µm").waitFor();
+    await page.getByLabel("Rules of its own").check();
+    await page.getByRole("button", { name: "Add rule" }).click();
+    const rule = page.locator(".setting-row").filter({ has: page.getByLabel("Watches") }).last();
+    await rule.getByLabel("Indicator", { exact: true }).fill("kurtosis");
+    await rule.getByLabel("Warning above").fill("4");
+    await page.getByRole("button", { name: "Add operating bin" }).click();
+    await page.getByLabel("Name", { exact: true }).last().fill("full load");
+    await page.getByLabel("Torque from (N·m)").fill("80");
+    await page.locator(".setting-row").last().getByLabel("up to").last().fill("120");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await page.getByText("Saved.").waitFor();
+    const { alarms, operating_bins: bins } = await json(`assets/${id}`);
+    assert.deepEqual(alarms.map(({ quantity }) => quantity), ["wear_um", "novelty", { indicator: "kurtosis" }]);
+    assert.deepEqual(bins, [{ name: "full load", torque_nm: [80, 120] }]);
+    assert.deepEqual(opened.faults, []);
+    await rule.getByLabel("Danger above").fill("2");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    await page.getByText("Not saved:").waitFor();
+    await shoot(page, name);
+    await page.context().close();
+    await removeAsset(id);
   },
 
   "the gear pair is drawn to scale as it is typed": async (name) => {

@@ -128,6 +128,12 @@ export const flank = (id, depth, signal) => get(["libraries", id, "flank"], { we
 export const replaceAsset = (id, body) => send("PUT", ["assets", id], body);
 export const spectrum = (id, signal) => get(["segments", id, "spectrum"], { max_points: 4000 }, signal);
 export const envelope = (id, signal) => get(["segments", id, "envelope"], { max_points: 4000 }, signal);
+export const alarms = (parameters, signal) => get(["alarms"], parameters, signal);
+export const alarm = (id, signal) => get(["alarms", id], {}, signal);
+export const actOnAlarm = (id, action, body) => send("POST", ["alarms", id, action], body);
+export const maintenance = (id, signal) => get(["assets", id, "maintenance"], { limit: 200 }, signal);
+export const tellMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
+export const takeBackMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
 export const replays = (signal) => get(["replays"], { limit: 100 }, signal);
 export const startReplay = (body) => send("POST", ["replays"], body);
 export const stopReplay = (id) => send("DELETE", ["replays", id]);

@@ -1,5 +1,6 @@
 // Picks the page for the address, keeps it live, and shows how fresh it is.
 
+import { AlarmCount } from "./alarm-count.js";
 import { h, setChildren } from "./dom.js";
 import { Live, showStatus } from "./live.js";
 import { bindLogin } from "./login.js";
@@ -15,8 +16,9 @@ let shown = {};
 let built = {}; // the address that the page was made for: its code may have had to be fetched first
 let status = { state: "loading" };
 
+const alarmCount = new AlarmCount(byId("alarm-count"), byId("alarm-number"));
 const live = new Live(
-  async (signal) => page?.refresh(signal),
+  async (signal) => Promise.all([page?.refresh(signal), alarmCount.refresh(signal)]),
   (changed) => {
     status = changed;
     showStatus(status, view);
@@ -44,6 +46,7 @@ const PAGES = {
   waterfall: async () => (await import("./waterfall.js")).WaterfallPage,
   match: async () => (await import("./match.js")).MatchPage,
   settings: async () => (await import("./settings.js")).SettingsPage,
+  alarms: async () => (await import("./alarms.js")).AlarmsPage,
   libraries: async () => (await import("./libraries.js")).LibrariesPage,
   library: async () => (await import("./library.js")).LibraryPage,
   unknown: async () => UnknownPage,
@@ -51,7 +54,7 @@ const PAGES = {
 
 /** Says in the page's header which of its links is the current one. */
 function markNavigation(current) {
-  const section = { fleet: "fleet", libraries: "libraries", library: "libraries" }[current] ?? "";
+  const section = { fleet: "fleet", alarms: "alarms", libraries: "libraries", library: "libraries" }[current] ?? "";
   for (const link of document.querySelectorAll(".sections a")) {
     if (link.dataset.section === section) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");

@@ -38,7 +38,8 @@ function libraryFact({ library_id: id, library_state: state }, wear) {
 function limitFact(wear) {
   const left = timeToLimit(wear);
   if (!left) return null;
-  return fact(`Time to ${depth(left.limit)} µm`, left.median, small(`5 to 95 %: ${left.interval}; wear grows ${number(left.rate, 2)} µm a day`));
+  const words = left.from === "from now" ? left.median : `${left.median} ${left.from}`;
+  return fact(`Time to ${depth(left.limit)} µm`, words, small(`5 to 95 %: ${left.interval}; ${utc(left.date).replace(/:\d\d UTC$/, " UTC")}; wear grows ${number(left.rate, 2)} µm a day`));
 }
 
 function facts(asset, wear, last) {
@@ -53,7 +54,7 @@ function facts(asset, wear, last) {
     fact("Mesh frequency", hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]), small(speed ? "teeth × shaft speed" : "from the nominal speed")),
     fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
     limitFact(wear),
-    fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "segment" : "segments"}`, last),
+    fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "record" : "records"}`, last),
   ];
 }
 
@@ -110,6 +111,14 @@ export class AssetHeader {
     this.#age.title = this.#last ? `${utc(summary.first_start_time)} to ${utc(this.#last)}` : "";
     this.#updateChannels(summary.channels, channel);
     this.tick();
+  }
+
+  /** Says what the last estimate was where the latest record has none; `items` are the wear history. */
+  recall(items, wear) {
+    const last = wear.median_um == null ? items.findLast((item) => item.median_um != null) : null;
+    if (!last) return;
+    this.#number.hidden = false;
+    setChildren(this.#number, h("span", {}, `Last estimate ${depth(last.median_um)} µm`), h("span", { class: "muted" }, `5 to 95 %: ${depth(last.p05_um)} to ${depth(last.p95_um)} µm, ${utc(last.start_time)}`));
   }
 
   #updateChannels(channels, chosen) {

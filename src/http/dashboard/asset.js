@@ -5,17 +5,20 @@ import { answer } from "./api.js";
 import { refusal } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
 import { h, setChildren } from "./dom.js";
+import { EventsCard } from "./events-card.js";
+import { fetchEvents } from "./life-events.js";
+import { MaintenanceDialog } from "./maintenance-dialog.js";
 import { acceptDrops } from "./drop.js";
 import { PlotCard } from "./plot-card.js";
 import { indicatorName } from "./format.js";
-import { operatingBins } from "./operating-bins.js";
+import { namedBins, operatingBins } from "./operating-bins.js";
 import { linkTimeAxes, onPointClick } from "./plots.js";
 import { fetchPanes } from "./record-panes.js";
 import { RecordView } from "./record-view.js";
 import { RecordsDialog } from "./records-dialog.js";
 import { change } from "./route.js";
 import { chosenPanes, otherNames, PANES, paneNames, trendDrawing } from "./trend-plot.js";
-import { wearDrawing, withoutEstimate } from "./wear-plot.js";
+import { timeRange, wearDrawing, withoutEstimate } from "./wear-plot.js";
 
 /** Parameters of the address that say what to ask the server for. */
 const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part"];
@@ -32,10 +35,12 @@ export class AssetPage {
   #wear = new PlotCard("wear", "Wear over time");
   #trends = new PlotCard("trends", "Indicator trends");
   #record = new RecordView();
+  #maintenance;
+  #events;
   #panes = new Map();
   #log = h("input", { type: "checkbox", id: "trend-log", onchange: () => change({ log: this.#log.checked ? "1" : null }, { quiet: true }) });
-  #more = h("select", { id: "trend-more", "aria-label": "Add another indicator", onchange: () => this.#togglePane(this.#more.value) });
-  #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"]].map(([value, text]) => h("option", { value }, text)));
+  #more = h("select", { id: "trend-more", hidden: true, "aria-label": "Add another indicator", onchange: () => this.#togglePane(this.#more.value) });
+  #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"], ["own", "By operating bin"]].map(([value, text]) => h("option", { value }, text)));
   #empty = h("section", { class: "card empty", hidden: true });
   #grid;
   #dropping;
@@ -45,6 +50,8 @@ export class AssetPage {
     this.#id = route.id;
     this.#query = route.query;
     this.#dialog = new RecordsDialog(route.id);
+    this.#maintenance = new MaintenanceDialog(route.id);
+    this.#events = new EventsCard(() => this.#maintenance.open(this.#data?.segment?.start_time), (event) => this.#maintenance.takeBack(event));
     this.#header = new AssetHeader(() => this.#dialog.open());
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Indicators" });
     for (const { key, label } of PANES) {
@@ -56,7 +63,7 @@ export class AssetPage {
     this.#grid = h(
       "div",
       { class: "asset-grid", hidden: true },
-      h("div", { class: "column" }, this.#wear.element, this.#trends.element),
+      h("div", { class: "column" }, this.#wear.element, this.#events.element, this.#trends.element),
       h("div", { class: "column" }, this.#record.elements),
     );
     this.#dropping = acceptDrops(root, (files) => this.#dialog.take(files));
@@ -95,7 +102,7 @@ export class AssetPage {
     const channel = this.#query.channel ?? summary.wear_channel ?? summary.channels[0];
     const latest = await answer(api.wear(this.#id, channel, signal));
     if (latest instanceof Error) return this.#refused(latest);
-    if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element);
+    if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element, this.#maintenance.element);
     this.#header.update(asset, latest, latest.channel ?? channel, this.#query);
     if (!latest.segment_id) {
       this.#showEmpty();
@@ -122,32 +129,36 @@ export class AssetPage {
     const trends = record.then(async (segment) => {
       const names = paneNames(panes, segment);
       const { bins } = this.#query;
-      const [trend, operating] = await Promise.all([names.length ? answer(api.indicators(this.#id, channel, names, signal)) : null, bins ? answer(api.segments(this.#id, channel, signal)) : null]);
-      return { names, panes, answer: trend, bins: operatingBins(operating, bins), others: otherNames(segment) };
+      const own = asset.operating_bins ?? [];
+      const [trend, operating] = await Promise.all([names.length ? answer(api.indicators(this.#id, channel, names, signal)) : null, bins && bins !== "own" ? answer(api.segments(this.#id, channel, signal)) : null]);
+      return { names, panes, answer: trend, bins: bins === "own" ? namedBins(trend, own) : operatingBins(operating, bins), others: otherNames(segment) };
     });
     const { pin } = this.#query;
-    const [segment, recordPanes, pinned, others, history, trend] = await Promise.all([
+    const [segment, recordPanes, pinned, others, history, trend, events] = await Promise.all([
       record,
       known?.panes ?? fetchPanes(id, this.#query, signal),
       pin ? answer(api.segment(pin, signal)) : null,
       pin ? fetchPanes(pin, this.#query, signal) : null,
       answer(api.wearHistory(this.#id, channel, signal)),
       trends,
+      fetchEvents(this.#id, channel, signal),
     ]);
-    this.#data = { asset, latest, channel, id, segment, panes: recordPanes, pinned, others, history, trend };
+    this.#data = { asset, latest, channel, id, segment, panes: recordPanes, pinned, others, history, trend, events };
   }
 
   /** Draws everything again from what is known, for a changed address or theme. */
   async redraw() {
     if (!this.#data?.history) return;
-    const { asset, latest, channel, id, segment, history, trend } = this.#data;
+    const { asset, latest, channel, id, segment, history, trend, events } = this.#data;
+    this.#events.show(events);
     const revision = `${this.#id} ${channel}`;
     const selected = segment.start_time ?? null;
     const points = history instanceof Error ? [] : history.items;
+    this.#header.recall(points, latest);
     this.#record.place(points.map((item) => item.segment_id), id, !this.#query.segment);
     await Promise.all([
-      this.#drawWear(history, latest, selected, revision),
-      this.#drawTrends(trend, selected, revision),
+      this.#drawWear(history, latest, selected, revision, events),
+      this.#drawTrends(trend, selected, revision, events, history, latest),
       this.#record.show(this.#data, asset, this.#query),
     ]);
     const select = (clicked) => change({ segment: clicked });
@@ -156,24 +167,26 @@ export class AssetPage {
     linkTimeAxes(this.#wear.plot, this.#trends.plot);
   }
 
-  #drawWear(history, latest, selected, revision) {
+  #drawWear(history, latest, selected, revision, events) {
     if (history instanceof Error) return this.#wear.say(history.message);
     if (history.items.length === 0) return this.#wear.say("No records of this channel yet.");
     const reason = withoutEstimate(history.items);
     if (reason) return this.#wear.say(reason);
-    return this.#wear.show(wearDrawing(history, latest.limits, selected, revision, latest), `${this.#id}-wear`);
+    return this.#wear.show(wearDrawing(history, latest.limits, selected, revision, latest, events), `${this.#id}-wear`);
   }
 
-  #drawTrends({ names, panes, answer: indicators, bins, others }, selected, revision) {
+  #drawTrends({ names, panes, answer: indicators, bins, others }, selected, revision, events, history, latest) {
     this.#bins.value = this.#query.bins ?? "";
+    this.#bins.querySelector("[value=own]").hidden = !this.#data.asset.operating_bins?.length;
     this.#offer(others, panes);
     const logarithmic = this.#query.log === "1";
     this.#log.checked = logarithmic;
     for (const [key, chip] of this.#panes) chip.setAttribute("aria-pressed", String(panes.some((pane) => pane.key === key)));
     if (!indicators) return this.#trends.say("This record has no such indicators.");
     if (indicators instanceof Error) return this.#trends.say(indicators.message);
+    const range = timeRange(history, latest);
     this.#trends.plot.style.setProperty("--panes", panes.length);
-    return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, revision, bins), `${this.#id}-trends`);
+    return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, { revision, bins, events, range }), `${this.#id}-trends`);
   }
 
   /** The indicators that have no chip of their own; a chosen one is taken away by choosing it again. */
@@ -219,5 +232,6 @@ export class AssetPage {
     this.#trends.dispose();
     this.#record.dispose();
     this.#dialog.dispose();
+    this.#maintenance.dispose();
   }
 }

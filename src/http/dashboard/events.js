@@ -1,7 +1,6 @@
 // What the server tells of itself: a stream of server-sent events, read with fetch, because EventSource cannot show a token.
 
-import { address } from "./api.js";
-import * as api from "./api.js";
+import { address, authorization } from "./api.js";
 
 const AGAIN_MS = 10_000;
 const SILENT_MS = 45_000; // the server says something every 15 s; after three times nothing the connection is dead
@@ -12,7 +11,6 @@ export class Events {
   #onState;
   #last = null;
   #connected = false;
-  #unknown = false;
 
   constructor(onEvent, onState) {
     this.#onEvent = onEvent;
@@ -21,11 +19,11 @@ export class Events {
   }
 
   async #follow() {
-    while (!this.#unknown) {
+    for (;;) {
       try {
         await this.#read();
       } catch {
-        // lost or never there: polling goes on meanwhile
+        // lost or refused: polling goes on meanwhile
       }
       this.#set(false);
       await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
@@ -34,9 +32,8 @@ export class Events {
 
   async #read() {
     const abort = new AbortController();
-    const headers = { accept: "text/event-stream", ...(api.authorization?.() ?? {}), ...(this.#last && { "last-event-id": this.#last }) };
+    const headers = { accept: "text/event-stream", ...authorization(), ...(this.#last && { "last-event-id": this.#last }) };
     const response = await fetch(address(["events"]), { headers, signal: abort.signal, cache: "no-store" });
-    if (response.status === 404) this.#unknown = true;
     if (!response.ok) throw new Error(`the server answered ${response.status}`);
     this.#set(true);
     const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();

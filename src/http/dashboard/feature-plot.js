@@ -1,16 +1,7 @@
 // Features of a record as changes since the baseline, beside what the library expects of the estimated wear.
 
-import { depth, number } from "./format.js";
+import { depth, featureName, number } from "./format.js";
 import { palette } from "./plots.js";
-
-/** A feature's name as the field writes it. */
-export function featureName(name) {
-  const [, kind, order] = /^ln_(mesh|sideband|env)_(\d+)$/.exec(name) ?? [];
-  if (kind === "mesh") return `mesh ${order}×`;
-  if (kind === "sideband") return `sidebands of ${order}×`;
-  if (kind === "env") return `envelope of ${order}×`;
-  return { ln_rms: "RMS", ln_kurtosis: "kurtosis" }[name] ?? name;
-}
 
 const KINDS = ["ln_mesh", "ln_sideband", "ln_env", "ln_rms", "ln_kurtosis"];
 const place = ({ name }) => KINDS.findIndex((kind) => name.startsWith(kind)) * 100 + Number(/\d+$/.exec(name)?.[0] ?? 0);
@@ -63,7 +54,7 @@ export function featureDrawing({ features, wear_um: wear, interval_um: [low, hig
       uirevision: revision,
       hovermode: "closest",
       barmode: "overlay",
-      xaxis: { title: { text: "Change of amplitude since the baseline (dB)" }, zeroline: true, zerolinecolor: colour.edge },
+      xaxis: { title: { text: "Change since the baseline (dB)" }, zeroline: true, zerolinecolor: colour.edge },
       yaxis: { autorange: "reversed", type: "category", categoryorder: "array", categoryarray: y, ticks: "", dtick: 1 },
     },
   };

@@ -14,37 +14,46 @@ export function placeOf(asset) {
   return assetName(asset).split("/").slice(0, -1).map((part) => part.trim()).filter(Boolean).join(" / ");
 }
 
-function toggle(place, closed) {
-  const rest = closed.includes(place) ? closed.filter((other) => other !== place) : [...closed, place];
-  change({ closed: rest.map(encodeURIComponent).join(",") || null });
-}
-
-function header(groups, place, columns) {
-  if (groups.has(place)) return groups.get(place);
-  const icon = h("span", { "aria-hidden": "true" });
-  const sign = h("span");
-  const words = h("span", { class: "muted" });
-  const button = h("button", { type: "button" }, icon, sign, place || "Without a place", words);
-  const element = h("tr", { class: "group" }, h("th", { scope: "colgroup", colspan: columns }, button));
-  const group = { element, button, icon, sign, words };
-  groups.set(place, group);
-  return group;
-}
-
-/** Rows of assets under a heading each for their places; `groups` keeps headings, `closedText` is the address's list of closed ones. */
-export function groupRows(assets, rowOf, groups, columns, closedText) {
+/** `{ place, members, open, closed }` for each place, followed by its assets where it is open; `closedText` is the address's list of closed ones. */
+export function grouped(assets, closedText) {
   const closed = (closedText ?? "").split(",").filter(Boolean).map(decodeURIComponent);
-  const places = new Map();
-  for (const asset of assets) places.set(placeOf(asset), [...(places.get(placeOf(asset)) ?? []), asset]);
-  return [...places].sort(([a], [b]) => Number(!a) - Number(!b) || a.localeCompare(b, "en", { numeric: true })).flatMap(([place, members]) => {
-    const group = header(groups, place, columns);
-    const open = !closed.includes(place);
-    const worst = members.map(assetState).sort((a, b) => rank(a) - rank(b))[0];
-    setText(group.icon, open ? "▾" : "▸");
-    setChildren(group.sign, symbol(worst, 18));
-    setText(group.words, `${members.length} ${members.length === 1 ? "asset" : "assets"}, worst: ${STATES[worst].short}`);
-    group.button.setAttribute("aria-expanded", String(open));
-    group.button.onclick = () => toggle(place, closed);
-    return open ? [group.element, ...members.map(rowOf)] : [group.element];
+  const places = Map.groupBy(assets, placeOf);
+  // in the order of their first assets, so that a fleet sorted by state has the worst places on top
+  return [...places].flatMap(([place, members]) => {
+    const group = { place, members, open: !closed.includes(place), closed };
+    return group.open ? [group, ...members] : [group];
   });
+}
+
+/** A heading over the assets of one place. */
+export class GroupRow {
+  #group;
+  #icon = h("span", { "aria-hidden": "true" });
+  #sign = h("span");
+  #name = h("span");
+  #words = h("span", { class: "muted" });
+  #button = h("button", { type: "button", onclick: () => this.#toggle() }, this.#icon, this.#sign, this.#name, this.#words);
+  element;
+
+  constructor(columns) {
+    this.element = h("tr", { class: "group", role: "row" }, h("th", { scope: "colgroup", role: "rowheader", colspan: columns }, this.#button));
+  }
+
+  #toggle() {
+    const { place, closed } = this.#group;
+    const rest = closed.includes(place) ? closed.filter((other) => other !== place) : [...closed, place];
+    change({ closed: rest.map(encodeURIComponent).join(",") || null });
+  }
+
+  /** Shows a group of `grouped`. */
+  update(group) {
+    this.#group = group;
+    const { place, members, open } = group;
+    const worst = members.map(assetState).sort((a, b) => rank(a) - rank(b))[0];
+    setText(this.#icon, open ? "▾" : "▸");
+    setChildren(this.#sign, symbol(worst, 18));
+    setText(this.#name, place || "Without a place");
+    setText(this.#words, `${members.length} ${members.length === 1 ? "asset" : "assets"}, worst: ${STATES[worst].short}`);
+    this.#button.setAttribute("aria-expanded", String(open));
+  }
 }

@@ -13,7 +13,7 @@ export function assetName(asset) {
 }
 
 function cell(label, ...children) {
-  return h("td", { "data-label": label }, ...children);
+  return h("td", { role: "cell", "data-label": label }, ...children);
 }
 
 function note(text) {
@@ -45,9 +45,18 @@ function wearContent(asset, state) {
   ];
 }
 
-function limitContent(wear) {
-  const left = timeToLimit(wear);
-  return left ? [h("strong", {}, left.median), h("span", { class: "muted interval-words" }, left.interval)] : [note("–")];
+function limitContent({ wear, last_start_time: last }, limits) {
+  const left = timeToLimit(wear, last);
+  if (!left && limitUse(wear, limits)?.share >= 1) return [note("passed")];
+  if (!left) return [note("–")];
+  const title = `${depth(left.limit)} µm is expected at ${utc(left.date)}`;
+  return [h("strong", { title }, left.median), h("span", { class: "muted interval-words" }, left.interval), left.from === "from now" ? null : h("span", { class: "muted interval-words" }, left.from)];
+}
+
+function alarmWords({ danger = 0, warning = 0, unacknowledged = 0, shelved = 0 } = {}) {
+  const raised = danger + warning;
+  const parts = [raised && `${raised} ${raised === 1 ? "alarm" : "alarms"}`, unacknowledged && `${unacknowledged} unacknowledged`, shelved && `${shelved} shelved`].filter(Boolean);
+  return parts.length ? h("span", { class: "muted alarm-words" }, parts.join(", ")) : null;
 }
 
 /** A row that is built once and then kept up to date. */
@@ -61,8 +70,8 @@ export class FleetRow {
   #trend = cell("Wear over the life");
   #limit = cell("Time to limit");
   #last = cell("Last record", this.#age);
-  #segments = cell("Segments");
-  element = h("tr", {}, h("th", { scope: "row" }, this.#link, this.#id), this.#state, this.#wear, this.#trend, this.#limit, this.#last, this.#segments);
+  #segments = cell("Records");
+  element = h("tr", { role: "row" }, h("th", { scope: "row", role: "rowheader" }, this.#link, this.#id), this.#state, this.#wear, this.#trend, this.#limit, this.#last, this.#segments);
 
   /** Shows an asset; the same object again costs nothing. */
   update(asset) {
@@ -75,10 +84,10 @@ export class FleetRow {
     this.#link.href = format({ page: "asset", id: asset.id });
     setText(this.#link, assetName(asset));
     setText(this.#id, asset.name ? asset.id : "");
-    setChildren(this.#state, badge(state));
+    setChildren(this.#state, badge(state), alarmWords(summary.alarms));
     setChildren(this.#wear, ...wearContent(asset, state));
     setChildren(this.#trend, summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"));
-    setChildren(this.#limit, ...limitContent(summary.wear));
+    setChildren(this.#limit, ...limitContent(summary, asset.limits));
     setText(this.#segments, count(summary.segments));
     this.#last.title = summary.last_start_time ? utc(summary.last_start_time) : "";
     this.tick();

@@ -3,14 +3,15 @@
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { firstSteps } from "./first-steps.js";
-import { groupRows, placeOf } from "./fleet-groups.js";
+import { grouped, GroupRow, placeOf } from "./fleet-groups.js";
 import { assetName, FleetRow } from "./fleet-row.js";
+import { RowWindow } from "./fleet-window.js";
 import { change } from "./route.js";
 import { assetState, rank, STATES, timeToLimit } from "./state.js";
 import { symbol } from "./symbols.js";
 
 const wearOf = (asset) => asset.summary.wear?.median_um ?? -1;
-const leftOf = (asset) => timeToLimit(asset.summary.wear)?.seconds ?? Number.MAX_VALUE;
+const leftOf = ({ summary }) => timeToLimit(summary.wear, summary.last_start_time)?.seconds ?? Number.MAX_VALUE;
 const lastOf = (asset) => Date.parse(asset.summary.last_start_time ?? 0);
 const collator = new Intl.Collator("en", { numeric: true });
 const byName = (a, b) => collator.compare(assetName(a), assetName(b));
@@ -22,7 +23,7 @@ const COLUMNS = [
   { label: "Wear over the life" },
   { key: "limit", label: "Time to limit", compare: (a, b) => leftOf(a) - leftOf(b) },
   { key: "last", label: "Last record", descends: true, compare: (a, b) => lastOf(b) - lastOf(a) },
-  { key: "segments", label: "Segments", descends: true, compare: (a, b) => b.summary.segments - a.summary.segments },
+  { key: "segments", label: "Records", descends: true, compare: (a, b) => b.summary.segments - a.summary.segments },
 ];
 
 /** The fleet page. */
@@ -31,7 +32,9 @@ export class FleetPage {
   #query;
   #rows = new Map();
   #headers = new Map();
-  #body = h("tbody");
+  #body = h("tbody", { role: "rowgroup" });
+  #table;
+  #window;
   #total = h("p", { class: "muted", "aria-live": "polite" });
   #states = h("div", { class: "chips", role: "group", "aria-label": "Show only one state" });
   #search = h("input", { type: "search", id: "fleet-search", placeholder: "Name or id", autocomplete: "off", oninput: () => change({ q: this.#search.value }, { quiet: true }) });
@@ -41,7 +44,7 @@ export class FleetPage {
   #order = h("select", { id: "fleet-sort", onchange: () => change({ sort: this.#order.value, desc: null }) });
   #list = h("div", { class: "card fleet", hidden: true });
   #empty = h("div", { hidden: true });
-  #loading = h("p", { class: "notice" }, "Loading the fleet…");
+  #loading = h("p", { class: "notice loading" }, "Loading the fleet…");
 
   constructor(root, route) {
     this.#query = route.query;
@@ -55,14 +58,18 @@ export class FleetPage {
       this.#states,
       this.#total,
     );
-    this.#list.append(tools, h("table", {}, h("thead", {}, h("tr", {}, COLUMNS.map((column) => this.#header(column)))), this.#body));
+    const head = h("thead", { role: "rowgroup" }, h("tr", { role: "row", "aria-rowindex": "1" }, COLUMNS.map((column) => this.#header(column))));
+    // the roles are said although the elements have them: cards on a narrow screen would lose them
+    this.#table = h("table", { role: "table", "aria-label": "Assets", "aria-colcount": String(COLUMNS.length) }, head, this.#body);
+    this.#window = new RowWindow(this.#table, this.#body, (item, known) => this.#rowOf(item, known), (item) => (item.members ? "group" : "asset"));
+    this.#list.append(tools, this.#table);
     setChildren(root, h("h1", {}, "Fleet"), this.#loading, this.#empty, this.#list);
     document.title = "Fleet · flankwatch";
   }
 
   #header({ key, label }) {
-    if (!key) return h("th", { scope: "col" }, label);
-    const header = h("th", { scope: "col" }, h("button", { type: "button", class: "sort", onclick: () => this.#sortBy(key) }, label));
+    if (!key) return h("th", { scope: "col", role: "columnheader" }, label);
+    const header = h("th", { scope: "col", role: "columnheader" }, h("button", { type: "button", class: "sort", onclick: () => this.#sortBy(key) }, label));
     this.#headers.set(key, header);
     return header;
   }
@@ -89,11 +96,13 @@ export class FleetPage {
 
   /** Lets ages grow. */
   tick() {
-    for (const row of this.#rows.values()) row.tick();
+    for (const item of this.#window.shown) this.#rows.get(item.id)?.tick();
   }
 
-  /** Nothing to stop. */
-  dispose() {}
+  /** Follows the scrolling no more. */
+  dispose() {
+    this.#window.dispose();
+  }
 
   #render() {
     if (!this.#assets) return;
@@ -119,20 +128,21 @@ export class FleetPage {
   }
 
   #renderRows(assets) {
-    for (const asset of this.#assets) {
-      if (!this.#rows.has(asset.id)) this.#rows.set(asset.id, new FleetRow());
-      this.#rows.get(asset.id).update(asset);
-    }
     const placed = this.#assets.some((asset) => placeOf(asset));
     this.#groupField.hidden = !placed;
     this.#grouped.checked = placed && !this.#query.flat;
-    const rowOf = (asset) => this.#rows.get(asset.id).element;
-    const elements = this.#grouped.checked ? groupRows(assets, rowOf, this.#groups, COLUMNS.length, this.#query.closed) : assets.map(rowOf);
-    const same = elements.length === this.#body.children.length && elements.every((element, index) => element === this.#body.children[index]);
-    // moving rows would take the keyboard focus out of them
-    if (!same) this.#body.replaceChildren(...elements);
+    this.#window.show(this.#grouped.checked ? grouped(assets, this.#query.closed) : assets);
     const all = this.#assets.length;
     setText(this.#total, assets.length === all ? `${all} ${all === 1 ? "asset" : "assets"}` : `${assets.length} of ${all} assets`);
+  }
+
+  /** The row of an asset or the heading of a group; with `known` only where there is one already. */
+  #rowOf(item, known) {
+    const [rows, key, make] = item.members ? [this.#groups, item.place, () => new GroupRow(COLUMNS.length)] : [this.#rows, item.id, () => new FleetRow()];
+    if (known) return rows.get(key)?.element;
+    if (!rows.has(key)) rows.set(key, make());
+    rows.get(key).update(item);
+    return rows.get(key).element;
   }
 
   #renderStates(chosen) {

@@ -1,5 +1,6 @@
 // The way that wear is expected to go from the last record to the limit.
 
+import { depth } from "./format.js";
 import { timeToLimit } from "./state.js";
 
 const MOST_OF_HISTORY = 0.6; // a forecast takes at most so much of the history's length on the time axis
@@ -11,6 +12,7 @@ export function forecastOf(items, latest, colour) {
   if (!prognosis || !last) return null;
   const { limit_um: limit, median, p05, p95 } = prognosis;
   const [first, end] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
+  const left = timeToLimit(latest, last.start_time);
   const farthest = end + Math.max(MOST_OF_HISTORY * (end - first), 60_000);
   const shown = Math.min(Math.max(Date.parse(p95 ?? median), Date.parse(median)), farthest);
   const hoverinfo = "skip";
@@ -19,6 +21,6 @@ export function forecastOf(items, latest, colour) {
   return {
     traces: [line(p05, "dot", 1), line(late, "dot", 1), line(median, "dash", 2)],
     range: [items[0].start_time, new Date(shown + 0.02 * (shown - first)).toISOString()],
-    words: `forecast: limit in ${timeToLimit(latest).median} (${timeToLimit(latest).interval})`,
+    words: `forecast: ${depth(limit)} µm ${left.median} ${left.from} (5 to 95 %: ${left.interval})`,
   };
 }

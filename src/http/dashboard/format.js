@@ -97,6 +97,29 @@ export function indicatorName(name) {
   return INDICATORS[name] ?? (band ? `Band ${band[1]}` : name.replaceAll("_", " "));
 }
 
+const BANDS = 4; // of equal ratio, between these parts of half the sampling rate
+const [LOWEST, HIGHEST] = [0.02, 0.9];
+
+function bandWords(band, rate) {
+  if (!rate) return `band ${band} of ${BANDS}`;
+  const edge = (n) => hertz(Number((((LOWEST * rate) / 2) * (HIGHEST / LOWEST) ** (n / BANDS)).toPrecision(2)));
+  return `${edge(band - 1)} to ${edge(band)}`;
+}
+
+/** A feature's name as the field writes it; the sampling rate in hertz says where its band is. */
+export function featureName(name, rate) {
+  const [, kind, order] = /^ln_(mesh|sideband|env|shaft|floor|rest)_(\d+)$/.exec(name) ?? [];
+  const words = {
+    mesh: () => `mesh ${order}×`,
+    sideband: () => `sidebands of ${order}×`,
+    env: () => `envelope of ${order}×`,
+    shaft: () => `shaft ${order}×`,
+    floor: () => `noise floor, ${bandWords(order, rate)}`,
+    rest: () => `vibration beside the mesh lines, ${bandWords(order, rate)}`,
+  }[kind];
+  return words ? words() : ({ ln_rms: "RMS", ln_kurtosis: "kurtosis" }[name] ?? name);
+}
+
 const ABSENCES = {
   no_speed: "no shaft speed",
   too_short: "record too short",

@@ -39,8 +39,10 @@ export class Live {
 
   /** An event: what is under way goes on, and another look follows. */
   #changed() {
+    const isFirst = !this.#due;
     this.#due = true;
-    if (!this.#busy && this.#failures === 0) this.#later(LEAST_MS);
+    // further events do not put the look off: where they come without a pause it would never be
+    if (isFirst && !this.#busy && this.#failures === 0) this.#later(LEAST_MS);
   }
 
   /** Asks at once and forgets what is under way: what was asked for may have changed. */
@@ -88,6 +90,7 @@ export class Live {
 export function showStatus(status, { live, text, banner, bannerText, bannerWait }) {
   const { state, updatedAt, lostAt, retryAt, error, told } = status;
   live.dataset.state = state;
+  document.body.dataset.connection = state; // what is still loading then says nothing that the banner does not
   live.title = told ? "The server tells of every change at once" : "The page asks the server every two seconds";
   const fresh = updatedAt ? `updated ${age(new Date(updatedAt).toISOString())}` : "no data yet";
   setText(text, state === "loading" ? "connecting…" : fresh);

@@ -1,8 +1,7 @@
 // What a match says, in words: how sure it is, what it rests on, and what this record cannot tell.
 
-import { featureName } from "./feature-plot.js";
 import { h } from "./dom.js";
-import { depth, number, utc } from "./format.js";
+import { depth, featureName, number, utc } from "./format.js";
 import { format } from "./route.js";
 import { wearState } from "./state.js";
 import { badge } from "./symbols.js";
@@ -30,16 +29,16 @@ function agreementFact(match) {
   return fact("Agreement with the model", `${used.length - odd.length} of ${used.length} features`, small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all within their bars"));
 }
 
-function noveltyFact({ novelty }) {
+function noveltyFact({ novelty }, rate) {
   if (!novelty) return null;
   const { p_value: probability, outside, sensor_fault: fault, most = [] } = novelty;
   const words = fault ? `sensor: ${fault.replaceAll("_", " ")}` : outside ? "wear does not explain this record" : "explained by wear";
-  const odd = most.slice(0, 3).map(({ feature, deviations }) => `${featureName(feature)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`).join(", ");
+  const odd = most.slice(0, 3).map(({ feature, deviations }) => `${featureName(feature, rate)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`).join(", ");
   return fact("Novelty", words, small(`as odd or odder with probability ${number(probability, 2)}${odd ? `; most: ${odd}` : ""}`));
 }
 
 function identifiableFact({ interval_um: [low, high] }, { resolved_um: resolved }) {
-  if (!resolved) return fact("What can be told here", `to within ${depth((high - low) / 2)} µm`, small("half of the 5 to 95 % interval"));
+  if (!resolved || resolved[1] - resolved[0] < 1) return fact("What can be told here", `to within ${depth((high - low) / 2)} µm`, small("half of the 5 to 95 % interval"));
   return fact("What can be told here", `${depth(resolved[0])} to ${depth(resolved[1])} µm look alike`, small("within them the library changes less than it may be wrong by, at this operating point"));
 }
 
@@ -58,7 +57,7 @@ export function matchWords(segment, match, asset, query) {
       fact("Wear depth, median", `${depth(match.wear_um)} µm`, small(`5 to 95 %: ${depth(match.interval_um[0])} to ${depth(match.interval_um[1])} µm`)),
       agreementFact(match),
       identifiableFact(match, wear),
-      noveltyFact(wear),
+      noveltyFact(wear, segment.sample_rate_hz),
       fact("Library", h("a", { href: format({ page: "library", id: match.library_id, query: { state: String(match.state_index) } }) }, match.library_id.slice(0, 8)), small("the grid and its figures")),
     ),
   ];

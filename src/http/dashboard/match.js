@@ -8,8 +8,13 @@ import { assetName } from "./fleet-row.js";
 import { featureDrawing } from "./feature-plot.js";
 import { matchWords } from "./match-words.js";
 import { stiffnessDrawing, transmissionDrawing } from "./mesh-plots.js";
+import { noveltyDrawing } from "./novelty-plot.js";
 import { PlotCard } from "./plot-card.js";
+import { utc } from "./format.js";
+import { sentence } from "./state.js";
 import { posteriorDrawing } from "./posterior-plot.js";
+
+const MATCHED = ["estimated", "not_identifiable"]; // with these a record has a best state
 
 /** The match of one record, the selected or the latest one, with the library. */
 export class MatchPage {
@@ -24,7 +29,8 @@ export class MatchPage {
   #flank = new FlankCard();
   #stiffness = new PlotCard("stiffness", "Mesh stiffness");
   #transmission = new PlotCard("transmission", "Unloaded transmission error");
-  #notice = h("p", { class: "notice" }, "Loading…");
+  #novelty = new PlotCard("novelty", "Most unlike what wear does");
+  #notice = h("p", { class: "notice loading" }, "Loading…");
   #grid;
 
   constructor(root, route) {
@@ -35,7 +41,8 @@ export class MatchPage {
     const left = h("div", { class: "column" }, this.#words, this.#features.element, this.#posterior.element);
     const right = h("div", { class: "column" }, this.#flank.element, this.#stiffness.element, this.#transmission.element);
     this.#grid = h("div", { class: "asset-grid", hidden: true }, left, right);
-    setChildren(root, this.#frame.element, this.#notice, this.#grid);
+    this.#novelty.element.hidden = true;
+    setChildren(root, this.#frame.element, this.#notice, this.#novelty.element, this.#grid);
     this.#frame.update(route.id, route.query);
   }
 
@@ -53,9 +60,12 @@ export class MatchPage {
     const latest = await api.answer(api.wear(this.#id, this.#query.channel, signal));
     const id = this.#query.segment ?? latest.segment_id;
     if (latest instanceof Error || !id) return this.#say(latest instanceof Error ? latest.message : "No records yet: there is nothing to match.");
-    const [segment, match] = await Promise.all([api.answer(api.segment(id, signal)), api.answer(api.match(id, signal))]);
+    const segment = await api.answer(api.segment(id, signal));
+    if (segment instanceof Error) return this.#say(segment.message);
+    if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment);
+    const match = await api.answer(api.match(id, signal));
     if (match instanceof Error) return this.#say(match.message);
-    if (match === this.#data?.match && asset.updated_at === this.#data.asset.updated_at) return;
+    if (match === this.#data?.match && asset.updated_at === this.#data.asset?.updated_at) return;
     const { library_id: library, state_index: index, wear_um: depth } = match;
     const [state, unworn, flank] = await Promise.all([
       api.answer(api.libraryState(library, index, signal)),
@@ -72,9 +82,20 @@ export class MatchPage {
     this.#grid.hidden = true;
   }
 
+  /** A record without a best state, with what speaks against one where that is known. */
+  async #unmatched(segment) {
+    this.#say(`Record of ${utc(segment.start_time)}: ${sentence(segment.wear)}`);
+    const { novelty } = segment.wear;
+    this.#novelty.element.hidden = !novelty?.most?.length;
+    this.#data = { unmatched: segment };
+    if (novelty?.most?.length) await this.#novelty.show(noveltyDrawing(novelty, segment.sample_rate_hz, this.#id), `${this.#id}-novelty-${segment.start_time}`);
+  }
+
   /** Draws what is known anew. */
   async redraw() {
     if (!this.#data) return;
+    if (this.#data.unmatched) return this.#unmatched(this.#data.unmatched);
+    this.#novelty.element.hidden = true;
     const { asset, segment, match, state, unworn, flank } = this.#data;
     this.#notice.hidden = true;
     this.#grid.hidden = false;
@@ -94,6 +115,6 @@ export class MatchPage {
 
   /** Frees the plots. */
   dispose() {
-    for (const card of [this.#features, this.#posterior, this.#stiffness, this.#transmission]) card.dispose();
+    for (const card of [this.#novelty, this.#features, this.#posterior, this.#stiffness, this.#transmission]) card.dispose();
   }
 }

@@ -26,16 +26,27 @@ export function operatingBins(segments, choice) {
   return { bins, of, words: alike ? `The ${quantity.name}${latest} is the same within 1 %.` : `Coloured by ${quantity.name}${latest}.` };
 }
 
+/** The asset's own bins, which each row of a trend names, as `operatingBins` gives them. */
+export function namedBins(trend, own) {
+  if (!trend || trend instanceof Error) return null;
+  const names = own.map(({ name }) => name);
+  const of = new Map(trend.items.filter(({ operating_bin: name }) => names.includes(name)).map(({ segment_id: id, operating_bin: name }) => [id, names.indexOf(name)]));
+  return { bins: names, of, words: "Coloured by operating bin; grey: in none." };
+}
+
 /** One trace a bin, and one of records whose operating point is not known. */
 export function binTraces(items, name, { bins, of }, colour) {
   const trace = (wanted, stroke) => {
     const some = items.filter((item) => (of.get(item.segment_id) ?? -1) === wanted);
-    return { x: some.map((item) => item.start_time), y: some.map((item) => item[name]), mode: "markers", marker: { size: 4, color: stroke }, hoverinfo: "skip" };
+    return { x: some.map((item) => item.start_time), y: some.map((item) => item[name]), mode: "markers", marker: { size: 4.5, color: stroke }, hoverinfo: "skip" };
   };
-  return [trace(-1, colour.edge), ...bins.map((_, n) => trace(n, colour.series[n]))];
+  return [trace(-1, colour.edge), ...bins.map((_, n) => trace(n, binColour(n, colour)))];
 }
+
+// the fifth colour of a series is the grey of records in no bin
+const binColour = (n, colour) => [...colour.series.slice(0, 4), colour.reference, colour.danger, colour.warning, colour.ink][n % 8];
 
 /** What the colours mean. */
 export function binEntries({ bins }, colour) {
-  return bins.map((words, n) => ["band", colour.series[n], words]);
+  return bins.map((words, n) => ["band", binColour(n, colour), words]);
 }

@@ -87,7 +87,9 @@ export async function draw(element, traces, layout, filename) {
   const Plotly = await load();
   if (!element.isConnected) return;
   const toImageButtonOptions = { format: "png", scale: 2, filename };
-  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: BUTTONS_LEFT_OUT, toImageButtonOptions };
+  // on a touch screen the buttons would stand over the plot all the time, and there is nothing to drag
+  const displayModeBar = matchMedia("(pointer: coarse)").matches ? false : "hover";
+  const config = { responsive: true, displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT, toImageButtonOptions };
   await Plotly.react(element, traces, themed(layout, palette()), config);
 }
 
@@ -150,6 +152,9 @@ const SWATCHES = {
   dash: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2, "stroke-dasharray": "6 3" }),
   dot: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2.5, "stroke-dasharray": "2 3" }),
   band: (colour) => svg("rect", { x: 1, y: 1, width: 22, height: 12, fill: colour }),
+  octagon: (colour) => svg("path", { d: "M9.500 1.500h5L18 5v4l-3.500 3.500h-5L6 9V5z", fill: colour }),
+  square: (colour) => svg("rect", { x: 7, y: 2, width: 10, height: 10, fill: colour }),
+  circle: (colour) => svg("circle", { cx: 12, cy: 7, r: 4.5, fill: "none", stroke: colour, "stroke-width": 2 }),
   diamond: (colour) => svg("path", { d: "M12 2l5 5-5 5-5-5z", fill: "none", stroke: colour, "stroke-width": 2 }),
 };
 

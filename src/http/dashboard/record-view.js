@@ -25,6 +25,7 @@ export class RecordView {
   #query = {};
   #cards = new Map(PANES.map(({ key, label }) => [key, new PlotCard(key, label)]));
   #tools = new SpectrumTools();
+  #near = h("select", { id: "envelope-range", "aria-label": "Part of the envelope spectrum", onchange: () => change({ near: this.#near.value }, { quiet: true }) }, [["", "Whole band"], ["1", "Lines of the shafts"]].map(([value, text]) => h("option", { value }, text)));
   #cursor;
   elements;
 
@@ -35,6 +36,7 @@ export class RecordView {
     spectrum.tools.append(...this.#tools.elements);
     this.#cursor = new CursorLayer(spectrum, (cursor) => change({ cursor: formatCursor(cursor) }, { quiet: true }));
     spectrum.frame.before(this.#cursor.readout);
+    this.#cards.get("envelope").tools.append(this.#near);
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Ways to look at the record" });
     for (const { key, label } of PANES) {
       const chip = h("button", { type: "button", class: "chip", onclick: () => this.#toggle(key) }, label);
@@ -44,6 +46,8 @@ export class RecordView {
     const buttons = h("div", { class: "steps", role: "group", "aria-label": "Choose a record" }, this.#previous, this.#next, this.#latest, this.#pin);
     const head = h("div", { class: "plot-head" }, this.#time, buttons);
     const bar = h("section", { class: "card record-bar", "aria-label": "Selected record" }, head, this.#words, this.#pinnedWords, this.#values, chips);
+    const shown = shownPanes(parse(location.hash).query);
+    for (const [key, card] of this.#cards) card.element.hidden = !shown.includes(key);
     this.elements = [bar, ...[...this.#cards.values()].map(({ element }) => element)];
   }
 
@@ -83,7 +87,8 @@ export class RecordView {
   async show({ segment, pinned, panes, others }, asset, query) {
     this.#query = query;
     const keys = shownPanes(query);
-    const view = this.#tools.update(panes.spectrum, query);
+    this.#near.value = query.near === "1" ? "1" : "";
+    const view = { ...this.#tools.update(panes.spectrum, query), near: query.near === "1" };
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
     for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
     this.#showFacts(segment, pinned);

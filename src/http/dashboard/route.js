@@ -2,7 +2,7 @@
 
 const ASSET_VIEWS = ["waterfall", "match", "settings"];
 
-/** `{ page, id, query }` of a hash; `page` is "fleet", "asset" or one of its views, "libraries", "library" or "unknown". */
+/** `{ page, id, query }` of a hash; `page` is "fleet", "asset" or one of its views, "alarms", "libraries", "library" or "unknown". */
 export function parse(hash) {
   const [path, query = ""] = hash.replace(/^#/, "").split("?", 2);
   const [first, second, third, ...more] = path.split("/").filter(Boolean);
@@ -16,6 +16,7 @@ function place(first, id, third, more) {
     if (third === undefined) return { page: "asset", id };
     if (ASSET_VIEWS.includes(third)) return { page: third, id };
   }
+  if (id === undefined && first === "alarms") return { page: "alarms" };
   if (third === undefined && first === "libraries") return id === undefined ? { page: "libraries" } : { page: "library", id };
   return { page: "unknown" };
 }
@@ -33,7 +34,7 @@ function path({ page, id }) {
   if (page === "asset") return `#/assets/${name}`;
   if (ASSET_VIEWS.includes(page)) return `#/assets/${name}/${page}`;
   if (page === "library") return `#/libraries/${name}`;
-  return page === "libraries" ? "#/libraries" : "#/";
+  return { libraries: "#/libraries", alarms: "#/alarms" }[page] ?? "#/";
 }
 
 /** The hash of a route; parameters without a value are left out. */

@@ -5,6 +5,7 @@ import { AssetFrame, refusal } from "./asset-frame.js";
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
+import { SettingLists } from "./settings-lists.js";
 import { GROUPS, putAt, valueAt } from "./settings-fields.js";
 
 const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"]; // shown with an asset, not part of its description
@@ -17,6 +18,7 @@ export class SettingsPage {
   #frame;
   #asset;
   #inputs = new Map();
+  #lists = new SettingLists();
   #drawing = h("div", { class: "gear-drawing" });
   #pair = h("section", { class: "card" }, h("h2", {}, "Gear pair to scale"), this.#drawing);
   #result = h("p", { class: "result", role: "status" });
@@ -53,7 +55,7 @@ export class SettingsPage {
     const groups = GROUPS.filter((group) => !group.pair || this.#asset.gear.pair).map((group) => h("fieldset", { class: "card" }, h("legend", {}, group.title), h("div", { class: "form-fields" }, group.fields.map((field) => this.#field(field)))));
     const note = this.#asset.gear.pair ? null : h("p", { class: "notice" }, "No gear pair is described for this asset, so wear in µm is not estimated. Add gear.pair through the API to have a library built.");
     const buttons = h("div", { class: "form-buttons" }, this.#save, this.#undo, h("span", { class: "muted" }, "A changed gear pair or baseline estimates the whole history anew."));
-    this.#form = h("form", { class: "settings", novalidate: true, onsubmit: (event) => this.#submit(event), oninput: () => this.#typed() }, groups, note, this.#result, buttons);
+    this.#form = h("form", { class: "settings", novalidate: true, onsubmit: (event) => this.#submit(event), oninput: () => this.#typed() }, groups, this.#lists.elements, note, this.#result, buttons);
     setChildren(this.#root, this.#frame.element, h("div", { class: "settings-grid" }, this.#form, this.#asset.gear.pair ? this.#pair : null));
   }
 
@@ -74,6 +76,7 @@ export class SettingsPage {
       else input.value = value ?? "";
       input.removeAttribute("aria-invalid");
     }
+    this.#lists.fill(this.#asset);
     setText(this.#result, "");
     this.#result.dataset.kind = "";
     this.#typed();
@@ -91,6 +94,7 @@ export class SettingsPage {
       putAt(spec, path, value);
       if (alike && spec.gear.pair) putAt(spec, alike, value);
     }
+    this.#lists.put(spec);
     return spec;
   }
 

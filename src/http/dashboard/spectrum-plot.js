@@ -158,17 +158,20 @@ const BAND_SOURCES = {
   whole: "the whole band",
 };
 
-/** The drawing of an envelope spectrum; `teeth` are those of the driving and the driven gear. */
-export function envelopeDrawing(envelope, other, teeth, { logarithmic }, revision) {
+/** The drawing of an envelope spectrum, `near` the shafts' lines or whole; `teeth` are those of the driving and the driven gear. */
+export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, revision) {
   const colour = palette();
   const { shaft_speed_hz: shaft, band_hz: [low, high], band_source: source } = envelope;
-  const end = Math.min(envelope.frequency_hz.at(-1), high - low);
+  const whole = Math.min(envelope.frequency_hz.at(-1), high - low);
+  const end = near && shaft ? Math.min(whole, 6 * shaft) : whole;
   const lines = [];
   if (shaft) {
     const driven = (shaft * teeth[0]) / teeth[1];
     if (Math.abs(driven / shaft - 1) > 0.02) lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft" });
     for (let k = 1; k <= 5; k++) lines.push({ frequency_hz: k * shaft, label: k === 1 ? "shaft 1×" : `${k}×`, name: `driving shaft ${k}×` });
+    for (let k = 1; k <= 3; k++) lines.push({ frequency_hz: k * shaft * teeth[0], label: `mesh ${k}×`, name: `mesh ${k}×`, isMesh: true });
   }
+  const apart = shaft > 0.03 * end;
   const points = lines
     .filter((point) => point.frequency_hz <= end)
     .map((point) => {
@@ -179,18 +182,18 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic }, revisio
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
     traces: [...withOther(envelope, other, colour), marks(points, colour)],
     table: () => table(envelope, other),
-    legend: points.length ? [["diamond", colour.reference, `shaft lines of ${hertz(shaft)}`]] : [],
+    legend: points.length ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]] : [],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
     summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "no shaft speed known"}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
       hoverdistance: 12,
-      xaxis: { title: { text: "Modulation frequency (Hz)" }, range: [0, end] },
-      yaxis: amplitudeAxis(envelope, [0, end], logarithmic, revision),
+      xaxis: { title: { text: "Modulation frequency (Hz)" }, range: [0, end], uirevision: `${revision} ${end}` },
+      yaxis: amplitudeAxis(envelope, [0, end], logarithmic, `${revision} ${end}`),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
       // lines too close to be told apart have one label for all
-      annotations: points.filter((point, index) => index === 0 || shaft > 0.03 * end).map((point) => label(point, colour, logarithmic)),
+      annotations: points.filter(({ isMesh }, index) => index === 0 || isMesh || apart).map((point) => label(apart || point.isMesh ? point : { ...point, label: "shafts" }, colour, logarithmic)),
     },
   };
 }

@@ -1,11 +1,13 @@
 // What an asset's numbers mean for the person who looks after it, in the categories of NAMUR NE 107.
 
-import { depth, span } from "./format.js";
+import { depth, featureName, number, span } from "./format.js";
 
 /** Kinds of state, worst first. `symbol` names a shape in symbols.js, `category` the NE 107 signal. */
 export const STATES = {
   danger: { word: "Above danger limit", short: "Danger", symbol: "failure", category: "NE 107 failure" },
   warning: { word: "Above warning limit", short: "Warning", symbol: "maintenance", category: "NE 107 maintenance required" },
+  alarm_danger: { word: "Danger alarm", short: "Danger alarm", symbol: "failure", category: "NE 107 failure" },
+  alarm_warning: { word: "Warning alarm", short: "Warning alarm", symbol: "maintenance", category: "NE 107 maintenance required" },
   library_failed: { word: "Library failed", short: "Library failed", symbol: "specification", category: "NE 107 out of specification" },
   sensor: { word: "Sensor fault", short: "Sensor fault", symbol: "failure", category: "NE 107 failure, of the sensor" },
   outside: { word: "Not explained by wear", short: "Not explained", symbol: "specification", category: "NE 107 out of specification" },
@@ -38,8 +40,15 @@ export function wearState(wear, limits) {
   return danger == null && warning == null ? "unlimited" : "normal";
 }
 
-/** The key into `STATES` of an asset as listed. */
+/** The key into `STATES` of an asset as listed: what its wear says, or a raised alarm where that is worse. */
 export function assetState(asset) {
+  const key = ownState(asset);
+  const { danger = 0, warning = 0 } = asset.summary.alarms ?? {};
+  const alarm = danger ? "alarm_danger" : warning ? "alarm_warning" : null;
+  return alarm && rank(alarm) < rank(key) && !(alarm === "alarm_warning" && key === "warning") ? alarm : key;
+}
+
+function ownState(asset) {
   const { summary, limits } = asset;
   if (summary.library_state === "failed") return "library_failed";
   if (summary.segments === 0) return "empty";
@@ -54,6 +63,11 @@ export function limitUse(wear, limits) {
   return limit == null ? null : { limit, name: limits.danger_um != null ? "danger" : "warning", share: wear.median_um / limit };
 }
 
+/** Whether the interval reaches the end of what the library holds, so that the wear may be deeper. */
+export function atEnd({ posterior, p95_um: high }) {
+  return posterior != null && high >= posterior.wear_um.at(-1) - 0.5;
+}
+
 /** One or two sentences that say what is known of the wear and what to do with it. */
 export function sentence(wear, limits) {
   if (!wear) return "No record has been received yet.";
@@ -64,10 +78,12 @@ export function sentence(wear, limits) {
   if (wear.status === "no_library") return "No gear pair is described for this asset, so indicators are computed but wear is not estimated.";
   if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
-  if (wear.status === "outside_library") return `Something other than wear has changed: ${wear.reason}.`;
+  if (wear.status === "outside_library") return unexplained(wear);
   if (wear.status === "not_identifiable") return `The records do not tell how worn the gear is: ${wear.reason}.`;
   const { p05_um: low, p95_um: high } = wear;
-  const certain = `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
+  const certain = atEnd(wear)
+    ? `With 95 % probability the greatest wear depth is above ${depth(low)} µm; it may be more than the ${depth(high)} µm where the library ends.`
+    : `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
   return `${certain} ${outlook(wear, limits)}`.trim();
 }
 
@@ -84,12 +100,33 @@ function outlook(wear, limits) {
     : `The whole interval is below the ${name} limit of ${depth(next)} µm.`;
 }
 
-/** How long until the limit is passed, in words, from a wear estimate's prognosis; null where none is known. */
-export function timeToLimit(wear, now = Date.now()) {
+const AGED = 0.1; // a last record so much of the remaining time ago is too old to count from now
+
+/** What is not as wear would have it. */
+function unexplained({ novelty, reason }) {
+  const most = (novelty?.most ?? []).filter(({ deviations }) => Math.abs(deviations) > 3);
+  if (most.length === 0) return `Something other than wear has changed: ${reason}.`;
+  const words = most.map(({ feature, ln_ratio: ratio }) => `${featureName(feature)}, × ${number(Math.exp(ratio), 2)}`).join("; ");
+  return `Something other than wear has changed. Against what the best wear state expects: ${words}. Look at bearings, mounting and load.`;
+}
+
+/** How long until the limit is passed, in words, from the prognosis after the record of `last`; null where none is known. */
+export function timeToLimit(wear, last = wear?.start_time, now = Date.now()) {
   const { prognosis } = wear ?? {};
   if (!prognosis) return null;
-  const until = (time) => (Date.parse(time) - now) / 1000;
-  const words = (time) => (until(time) <= 0 ? "now" : span(until(time)));
+  const recorded = Date.parse(last);
+  // after an old record nobody knows whether the gear ran on: the time is then counted from that record
+  const aged = now - recorded > AGED * (Date.parse(prognosis.median) - recorded);
+  const seconds = (time) => (Date.parse(time) - (aged ? recorded : now)) / 1000;
+  const words = (time) => (seconds(time) <= 0 ? "at once" : span(seconds(time)));
   const late = prognosis.p95 ? words(prognosis.p95) : "much later";
-  return { seconds: until(prognosis.median), median: words(prognosis.median), interval: `${words(prognosis.p05)} to ${late}`, limit: prognosis.limit_um, rate: prognosis.rate_um_per_day };
+  return {
+    seconds: seconds(prognosis.median),
+    median: words(prognosis.median),
+    interval: `${words(prognosis.p05)} to ${late}`,
+    from: aged ? "after the last record" : "from now",
+    date: prognosis.median,
+    limit: prognosis.limit_um,
+    rate: prognosis.rate_um_per_day,
+  };
 }

@@ -1,5 +1,7 @@
 // Light, dark, or as the system has it; and the colours of the style sheet for plots, which need them as values.
 
+import { h, setChildren } from "./dom.js";
+
 const KEY = "flankwatch-theme";
 const ORDER = ["auto", "light", "dark"];
 const probe = document.createElement("span");
@@ -27,7 +29,7 @@ function announce() {
 /** Makes a button walk through auto, light and dark. */
 export function bindThemeButton(button) {
   const label = () => {
-    button.textContent = `Theme: ${choice}`;
+    setChildren(button, h("span", { class: "wide-only" }, "Theme: "), choice);
   };
   button.addEventListener("click", () => {
     choice = ORDER[(ORDER.indexOf(choice) + 1) % ORDER.length];

@@ -2,6 +2,7 @@
 
 import { binEntries, binTraces } from "./operating-bins.js";
 import { indicatorName, number, titled, unit } from "./format.js";
+import { eventMarks, wordsAt } from "./life-events.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
 /** The panes to choose from; `mesh` holds every mesh harmonic that the records have. */
@@ -46,8 +47,8 @@ function axisTitle(pane, units) {
   return titled(pane.label, units[pane.names[0]]);
 }
 
-/** The drawing for indicators over time. */
-export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, revision, bins = null) {
+/** The drawing for indicators over time; `range` is that of the wear above where it holds a forecast. */
+export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, { revision, bins = null, events, range }) {
   const colour = palette();
   const times = items.map((item) => item.start_time);
   const mode = items.length < 40 ? "lines+markers" : "lines";
@@ -61,6 +62,7 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     xaxis: { ...timeAxis, anchor: panes.length > 1 ? `y${panes.length}` : "y" },
     shapes: selected ? [verticalLine(selected, colour.select, "solid", 2)] : [],
   };
+  const caused = wordsAt(events);
   const traces = [];
   const entries = [];
   panes.forEach((pane, index) => {
@@ -76,7 +78,7 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
       uirevision: `${revision} ${logarithmic} ${panes.map(({ key }) => key)}`,
     };
     const shown = pane.key === "mesh" ? names.filter((name) => name.startsWith("mesh_")) : pane.names;
-    const words = (item) => shown.map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim()).join("<br>");
+    const words = (item) => shown.map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim()).concat(index === 0 ? (caused.get(item.start_time) ?? []) : []).join("<br>");
     const points = recordPoints(items, items.map((item) => item[shown[0]]), words);
     traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });
     if (bins && shown.length === 1) {
@@ -91,7 +93,12 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     });
   });
   // points at the ends would widen the axis, and it must stay in step with the wear above
-  if (bins) layout.xaxis.range = [times[0], times.at(-1)];
+  if (range ?? bins) layout.xaxis.range = range ?? [times[0], times.at(-1)];
+  const happened = eventMarks(events, colour, items);
+  layout.shapes.push(...happened.shapes);
+  layout.annotations = happened.annotations;
+  layout.margin = { ...timeMargin, t: timeMargin.t + happened.top };
+  entries.push(...happened.entries);
   if (bins) entries.push(...binEntries(bins, colour));
   return {
     traces,

@@ -7,7 +7,7 @@ const PARTS = [["average", "average over the turns"], ["residual", "residual, wi
 
 function angleWords({ source, harmonic, angle_error_deg: error, pulses }) {
   if (source === "tachometer") return `angle from ${count(pulses)} tachometer pulses${error == null ? "" : `, within ${number(error, 2)}°`}`;
-  if (source === "mesh_phase") return `angle from the phase of mesh harmonic ${harmonic}×, within ${number(error, 2)}°`;
+  if (source === "mesh_phase") return `angle from the phase of mesh harmonic ${harmonic}×, steady within ${error < 0.01 ? "0.01" : number(error, 2)}°`;
   return "speed taken to be constant: no line could be followed";
 }
 

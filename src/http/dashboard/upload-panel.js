@@ -93,7 +93,7 @@ export class UploadPanel {
       const sent = converted === file ? type : "audio/wav";
       const parameters = sent === "audio/wav" ? this.#parameters() : {};
       const href = address(["assets", this.#assetId, "segments"], parameters);
-      const answer = await send(href, converted, sent, (share) => (this.#progress.value = share));
+      const answer = await send(href, converted, sent, (share) => this.#sent(file, share));
       this.#accepted(file, answer);
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
@@ -104,8 +104,15 @@ export class UploadPanel {
     }
   }
 
+  #sent(file, share) {
+    if (share < 1) return (this.#progress.value = share);
+    // all bytes are gone, and the answer comes when every record is analysed and kept
+    this.#progress.removeAttribute("value");
+    setText(this.#result, `${file.name} is sent; the service is analysing it…`);
+  }
+
   #accepted(file, answer) {
-    this.#result.dataset.kind = "good";
+    this.#result.dataset.kind = !answer.refused_count ? "good" : answer.stored + answer.repeated > 0 ? "part" : "bad";
     setChildren(this.#result, ...words(file, answer).map((text) => h("p", {}, text)));
   }
 
@@ -120,8 +127,8 @@ export class UploadPanel {
 
 function words(file, answer) {
   if (answer.records !== undefined) {
-    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored, ${answer.repeated} already known, ${answer.refused.length} refused.`;
-    return [counts, ...answer.refused.slice(0, 5).map(({ record, channel, reason }) => `Record ${record}, channel ${channel}: ${reason}`)];
+    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored, ${answer.repeated} already known, ${answer.refused_count} refused.`;
+    return [counts, ...answer.refused.slice(0, 5).map(({ record, channel, reason }) => `Record ${record}${channel ? `, channel ${channel}` : ""}: ${reason}.`)];
   }
   const segments = answer.segments ?? [answer];
   return segments.map(({ channel, start_time: start, wear }) => {

@@ -8,8 +8,9 @@ const SCALE = [[0, "#0d0a2b"], [0.2, "#3b2f7d"], [0.4, "#31688e"], [0.6, "#1f9d8
 const TICKS = 9;
 
 function timeTicks(items) {
+  const oneDay = items[0].start_time.slice(0, 10) === items.at(-1).start_time.slice(0, 10);
   const picked = Array.from({ length: Math.min(TICKS, items.length) }, (_, n) => Math.round((n * (items.length - 1)) / Math.max(1, Math.min(TICKS, items.length) - 1)));
-  return { tickvals: picked, ticktext: picked.map((n) => items[n].start_time.slice(5, 16).replace("T", " ")) };
+  return { tickvals: picked, ticktext: picked.map((n) => items[n].start_time.slice(oneDay ? 11 : 5, 16).replace("T", " ")) };
 }
 
 /** The drawing of `range` decibels below the highest level, or words where there is nothing to draw. */
@@ -28,7 +29,7 @@ export function waterfallDrawing({ items, position, axis, unit: unitName, window
     zmax: top,
     zsmooth: false,
     colorscale: SCALE,
-    colorbar: { title: { text: `dB re 1 ${unit(unitName) || "unit"}`, side: "right" }, thickness: 14, outlinewidth: 0, tickfont: { color: colour.ink }, len: 1 },
+    colorbar: { title: { text: `Peak amplitude (dB re 1 ${unit(unitName) || "unit"})`, side: "right" }, thickness: 14, outlinewidth: 0, tickfont: { color: colour.ink }, len: 1 },
     text: known.map((item) => utc(item.start_time)),
     hovertemplate: `%{x:.1f} ${suffix}: %{z:.1f} dB<extra></extra>`,
   };

@@ -18,7 +18,7 @@ export function waveformDrawing(wave, other, range, duration, revision) {
   const compared = other && !(other instanceof Error);
   if (compared) traces.unshift(curve(other, colour.other, "pinned record, "));
   const shown = range ?? [0, duration];
-  const part = range ? `${number(shown[0], 5)} to ${number(shown[1], 5)} s` : `all ${number(duration, 4)} s`;
+  const part = range ? `${number(shown[0], 5)} to ${number(shown[1], 5)} s` : `All ${number(duration, 4)} s`;
   const detail = wave.reduced ? "drawn by the lowest and highest sample of each stretch; zoom in for every sample" : `every sample, ${count(wave.time_s.length)} of them`;
   return {
     traces,

@@ -2,6 +2,7 @@
 
 import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
+import { eventMarks, wordsAt } from "./life-events.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
 /** The outline of the band, one closed polygon for every stretch of records with an interval. */
@@ -29,15 +30,15 @@ function limitLine(name, value, colour, dash, ends) {
   const trace = { x: ends, y: [value, value], mode: "lines", line: { color: colour, width: 1, dash }, opacity: 0, hoverinfo: "skip" };
   const shape = { type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value, line: { color: colour, width: 1.5, dash } };
   const text = `${name} ${depth(value)} µm`;
-  const annotation = { text, xref: "paper", x: 0, xanchor: "left", y: value, yanchor: "bottom", showarrow: false, font: { color: colour } };
+  const annotation = { text, xref: "paper", x: 0, xanchor: "left", xshift: 22, y: value, yanchor: "bottom", showarrow: false, font: { color: colour } };
   return { trace, shape, annotation };
 }
 
-function hoverWords({ median_um: median, p05_um: low, p95_um: high, reference_wear_um: reference, status, reason }) {
+function hoverWords({ start_time: time, median_um: median, p05_um: low, p95_um: high, reference_wear_um: reference, status, reason }, events) {
   const lines = [median == null ? (reason ?? status) : `median ${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`];
   if (median != null && status !== "estimated") lines.push(status.replaceAll("_", " "));
   if (reference != null) lines.push(`reference ${depth(reference)} µm`);
-  return lines.join("<br>");
+  return [...lines, ...(events.get(time) ?? [])].join("<br>");
 }
 
 /** Why there is no estimate at all, or null where there is one or the baseline is under way. */
@@ -54,23 +55,29 @@ function baselineZone(items, colour) {
   const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
   const only = collecting.length === items.length;
   const annotation = only
-    ? { ...common, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
-    : { ...common, text: "baseline", x: from, xanchor: "left", textangle: -90 };
+    ? { ...common, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
+    : { ...common, text: "baseline", x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(), y: 0.15, textangle: -90 };
   return { shape, annotation };
 }
 
+/** The time range of the plots over an asset's life, with room for the forecast; undefined where the records alone say it. */
+export function timeRange(history, latest) {
+  return history instanceof Error || history.items.length === 0 ? undefined : forecastOf(history.items, latest, palette())?.range;
+}
+
 /** The drawing for a wear history; `selected` is the start time of the record that the page shows. */
-export function wearDrawing({ channel, items }, limits, selected, revision, latest) {
+export function wearDrawing({ channel, items }, limits, selected, revision, latest, events) {
   const colour = palette();
   const ends = [items[0].start_time, items.at(-1).start_time];
   const times = items.map((item) => item.start_time);
   const markers = items.length < 40 ? "lines+markers" : "lines";
+  const caused = wordsAt(events);
   const estimated = items.some((item) => item.median_um != null);
   const entries = estimated ? [["line", colour.accent, "median"], ["band", colour.band, "5 to 95 % interval"]] : [];
   const traces = [
     { ...bandOutline(items), mode: "lines", fill: "toself", fillcolor: colour.band, line: { width: 0 }, hoverinfo: "skip" },
     { x: times, y: items.map((item) => item.median_um), mode: markers, line: { color: colour.accent, width: 2 }, hoverinfo: "skip" },
-    recordPoints(items, items.map((item) => item.median_um ?? 0), hoverWords),
+    recordPoints(items, items.map((item) => item.median_um ?? 0), (item) => hoverWords(item, caused)),
   ];
   if (items.some((item) => item.median_um == null)) {
     const y = items.map((item) => (item.median_um == null ? 0 : null));
@@ -98,6 +105,10 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
     traces.push(...forecast.traces);
     entries.push(["dash", colour.series[1], forecast.words]);
   }
+  const happened = eventMarks(events, colour, items);
+  shapes.push(...happened.shapes);
+  annotations.push(...happened.annotations);
+  entries.push(...happened.entries);
   if (selected) shapes.push(verticalLine(selected, colour.select, "solid", 2));
   const last = items.findLast((item) => item.median_um != null);
   const now = last ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm` : "no estimate yet";
@@ -112,7 +123,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
       hovermode: "x unified",
       hoverdistance: -1,
       xaxis: forecast ? { ...timeAxis, range: forecast.range } : timeAxis,
-      margin: timeMargin,
+      margin: { ...timeMargin, t: timeMargin.t + happened.top },
       yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false },
       shapes,
       annotations,

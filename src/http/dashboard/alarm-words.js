@@ -1,0 +1,63 @@
+// Alarms in words and symbols: what is watched, how bad it is, where the alarm stands, and what happened to it.
+
+import { h } from "./dom.js";
+import { depth, indicatorName, number, unit, utc } from "./format.js";
+import { STATES } from "./state.js";
+import { symbol } from "./symbols.js";
+
+/** Where an alarm stands; `open` ones ask for somebody. */
+export const ALARM_STATES = {
+  unacknowledged: { word: "Unacknowledged", words: "raised, and nobody has said that they know", open: true },
+  returned_unacknowledged: { word: "Returned, unacknowledged", words: "it was raised and is over, and nobody has said that they know", open: true },
+  acknowledged: { word: "Acknowledged", words: "raised, and somebody knows", open: false },
+  shelved: { word: "Shelved", words: "put aside until a time", open: false },
+  normal: { word: "Normal", words: "nothing is raised", open: false },
+};
+
+/** What a rule watches. */
+export function quantityWords(quantity) {
+  if (quantity?.indicator) return indicatorName(quantity.indicator);
+  return { wear_um: "Wear depth", wear_above_limit: "Probability of having passed the limit", novelty: "Novelty (−log₁₀ of the p-value)" }[quantity] ?? String(quantity);
+}
+
+/** A reading or level of an alarm with its unit. */
+export function reading(value, { quantity, unit: unitName }) {
+  if (value == null) return "–";
+  if (quantity === "wear_um") return `${depth(value)} µm`;
+  return `${number(value, 3)} ${quantity?.indicator ? unit(unitName) : ""}`.trim();
+}
+
+/** The level that a raised alarm is above, or where one begins that is not raised. */
+export function levelWords(alarm) {
+  const { rule, severity } = alarm;
+  if (!rule) return "";
+  if (severity) return rule[severity] == null ? "" : `above ${reading(rule[severity], alarm)}`;
+  return ["warning", "danger"].filter((name) => rule[name] != null).map((name) => `${name} above ${reading(rule[name], alarm)}`)[0];
+}
+
+const SEVERITIES = { danger: ["danger", "Danger"], warning: ["warning", "Warning"] };
+
+/** The NE 107 symbol of an alarm's severity with its word. */
+export function severityBadge(severity, size = 20) {
+  const [key, word] = SEVERITIES[severity] ?? ["normal", "Not raised"];
+  return h("span", { class: "badge", title: STATES[key].category }, symbol(key, size), h("span", {}, word));
+}
+
+/** An alarm's state in a word, and until when it is shelved; `within` a sentence it begins small. */
+export function stateWords({ state, shelved_until: until }, within = false) {
+  const { word: own } = ALARM_STATES[state] ?? { word: state };
+  const word = within ? own.toLowerCase() : own;
+  return state === "shelved" && until ? `${word} until ${utc(until)}` : word;
+}
+
+const ACTIONS = { acknowledge: "acknowledged", unshelve: "unshelved", comment: "comment" };
+
+/** One entry of an alarm's history in words. */
+export function changeWords(change, alarm) {
+  const { action, severity, value, state } = change;
+  if (action?.shelve) return `shelved until ${utc(action.shelve.until)}`;
+  if (action) return ACTIONS[action] ?? String(action).replaceAll("_", " ");
+  const at = value == null ? "" : ` at ${reading(value, alarm)}`;
+  if (severity) return `${severity} raised${at}`;
+  return state === "normal" || state === "returned_unacknowledged" ? `back to normal${at}` : `${state.replaceAll("_", " ")}${at}`;
+}

@@ -1,0 +1,162 @@
+// Of a long table only the rows on view are in the page; empty rows as high as the missing ones keep the scroll bar true.
+
+import { h } from "./dom.js";
+
+const BEYOND = 6; // rows above and below the view, so that a slow scroll and the next press of Tab find them there
+
+/** Shows `items` as rows of `body`; `draw(item)` gives the element of one, `kind(item)` what rows of the same height have in common. */
+export class RowWindow {
+  #body;
+  #table;
+  #draw;
+  #kind;
+  #items = [];
+  #tops = [0];
+  #heights = new Map();
+  #everything = false;
+  #frame = 0;
+  #shown = [];
+  #ending = new AbortController();
+
+  constructor(table, body, draw, kind) {
+    [this.#table, this.#body, this.#draw, this.#kind] = [table, body, draw, kind];
+    const { signal } = this.#ending;
+    addEventListener("scroll", () => this.#soon(), { signal, passive: true });
+    addEventListener("resize", () => this.#resized(), { signal });
+    addEventListener("beforeprint", () => this.#all(true), { signal });
+    addEventListener("afterprint", () => this.#all(false), { signal });
+    body.addEventListener("keydown", (event) => this.#walk(event), { signal });
+  }
+
+  /** Shows other items, or the same ones anew. */
+  show(items) {
+    this.#items = items;
+    this.#table.setAttribute("aria-rowcount", String(items.length + 1)); // with the heading's row
+    this.#place();
+    this.#render();
+  }
+
+  /** The items whose rows are in the page. */
+  get shown() {
+    return this.#shown.map((index) => this.#items[index]).filter(Boolean);
+  }
+
+  /** Listens no more. */
+  dispose() {
+    this.#ending.abort();
+    cancelAnimationFrame(this.#frame);
+  }
+
+  #soon() {
+    this.#frame ||= requestAnimationFrame(() => {
+      this.#frame = 0;
+      this.#render();
+    });
+  }
+
+  #resized() {
+    this.#heights.clear();
+    this.#place();
+    this.#soon();
+  }
+
+  #all(is) {
+    this.#everything = is;
+    this.#render();
+  }
+
+  #place() {
+    this.#tops = [0];
+    for (const item of this.#items) this.#tops.push(this.#tops.at(-1) + (this.#heights.get(this.#kind(item)) ?? 80));
+  }
+
+  /** The first row that ends below `y`, in the table's own pixels. */
+  #at(y) {
+    let [low, high] = [0, this.#items.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.#tops[middle + 1] <= y) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  #wanted() {
+    const count = this.#items.length;
+    if (this.#everything) return this.#items.map((_, index) => index);
+    const top = -this.#body.getBoundingClientRect().top;
+    const from = Math.max(0, Math.min(this.#at(top), count - 1) - BEYOND);
+    const to = Math.min(count, this.#at(top + innerHeight) + 1 + BEYOND);
+    const wanted = Array.from({ length: Math.max(0, to - from) }, (_, n) => from + n);
+    // a row with the keyboard's focus stays, wherever the page is scrolled to
+    const held = this.#body.contains(document.activeElement) ? document.activeElement : null;
+    const focused = held ? this.#items.findIndex((item) => this.#draw(item, true)?.contains(held)) : -1;
+    if (focused >= 0 && !wanted.includes(focused)) wanted.push(focused);
+    return wanted.sort((a, b) => a - b);
+  }
+
+  #render() {
+    const wanted = this.#wanted();
+    const elements = [];
+    let next = 0;
+    for (const index of wanted) {
+      if (index > next) elements.push(this.#gap(next, index));
+      const element = this.#draw(this.#items[index]);
+      element.setAttribute("aria-rowindex", String(index + 2));
+      elements.push(element);
+      next = index + 1;
+    }
+    if (next < this.#items.length) elements.push(this.#gap(next, this.#items.length));
+    this.#shown = wanted;
+    this.#put(elements);
+    if (this.#measure(wanted)) {
+      this.#place();
+      this.#render();
+    }
+  }
+
+  /** Puts rows in their places and leaves alone what is there already: to move a row would take the focus out of it. */
+  #put(elements) {
+    const staying = new Set(elements);
+    for (const child of [...this.#body.children]) if (!staying.has(child)) child.remove();
+    let at = this.#body.firstChild;
+    for (const element of elements) {
+      if (element === at) at = at.nextSibling;
+      else this.#body.insertBefore(element, at);
+    }
+  }
+
+  #gap(from, to) {
+    const height = this.#tops[to] - this.#tops[from];
+    return h("tr", { class: "gap", "aria-hidden": "true", style: `height:${height}px` }, h("td"));
+  }
+
+  /** Learns how high the rows of each kind are; whether one was new. */
+  #measure(indices) {
+    let learned = false;
+    for (const index of indices) {
+      const kind = this.#kind(this.#items[index]);
+      if (this.#heights.has(kind)) continue;
+      const { height } = this.#draw(this.#items[index]).getBoundingClientRect();
+      if (!height) continue;
+      this.#heights.set(kind, height);
+      learned = true;
+    }
+    return learned;
+  }
+
+  /** Arrow keys, Home and End go from row to row. */
+  #walk(event) {
+    const at = this.#items.findIndex((item) => this.#draw(item, true)?.contains(event.target));
+    const last = this.#items.length - 1;
+    const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: last }[event.key];
+    if (at < 0 || to === undefined || to < 0 || to > last || event.altKey || event.ctrlKey || event.metaKey) return;
+    event.preventDefault();
+    const top = this.#body.getBoundingClientRect().top + scrollY + this.#tops[to];
+    const above = document.querySelector(".topbar")?.offsetHeight ?? 0;
+    if (top < scrollY + above) scrollTo(0, top - above);
+    else if (top + 120 > scrollY + innerHeight) scrollTo(0, top + 120 - innerHeight);
+    this.#render();
+    this.#draw(this.#items[to]).querySelector("a, button")?.focus({ preventScroll: true });
+  }
+}

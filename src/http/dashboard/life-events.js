@@ -1,0 +1,84 @@
+// What happened in an asset's life beside its records: maintenance, and the alarms of one channel; as marks on plots over time.
+
+import * as api from "./api.js";
+import { changeWords, quantityWords } from "./alarm-words.js";
+import { verticalLine } from "./plots.js";
+
+const MOST_ALARMS = 12; // histories that are asked for
+
+/** Kinds of maintenance, and what each does to the estimate. */
+export const MAINTENANCE = {
+  gear_replaced: { word: "Gears replaced", words: "Wear begins at zero again, a new baseline is learnt, and alarms on wear are over." },
+  sensor_replaced: { word: "Sensor replaced", words: "A new baseline is learnt; wear goes on from where it was." },
+  regime_changed: { word: "Operation changed", words: "Another load or speed: a new baseline is learnt; wear goes on from where it was." },
+};
+
+/** The word for a kind of maintenance. */
+export const maintenanceWord = (kind) => MAINTENANCE[kind]?.word ?? kind.replaceAll("_", " ");
+
+/** Maintenance and alarms with their histories, as answers of the server or errors. */
+export async function fetchEvents(id, channel, signal) {
+  const [maintenance, list] = await Promise.all([api.answer(api.maintenance(id, signal)), api.answer(api.alarms({ asset: id, channel, limit: MOST_ALARMS }, signal))]);
+  const listed = list instanceof Error ? [] : list.items;
+  const alarms = await Promise.all(listed.map((alarm) => api.answer(api.alarm(alarm.id, signal))));
+  return { maintenance, refused: list instanceof Error ? list : null, alarms: alarms.filter((alarm) => !(alarm instanceof Error)) };
+}
+
+/** Whether two answers of `fetchEvents` are the same objects. */
+export function sameEvents(a, b) {
+  return Boolean(a && b) && a.maintenance === b.maintenance && a.alarms.length === b.alarms.length && a.alarms.every((alarm, n) => alarm === b.alarms[n]);
+}
+
+/** Times at which readings raised or ended an alarm. */
+function changes(alarms) {
+  return alarms.flatMap((alarm) => alarm.history.filter(({ action, withdrawn_at: withdrawn }) => !action && !withdrawn).map((change) => ({ alarm, change })));
+}
+
+/** What a record caused, by its start time: lines for the words at a pointed record. */
+export function wordsAt({ alarms }) {
+  const words = new Map();
+  for (const { alarm, change } of changes(alarms)) {
+    const text = `${quantityWords(alarm.quantity)}: ${changeWords(change, alarm)}`;
+    words.set(change.time, [...(words.get(change.time) ?? []), text]);
+  }
+  return words;
+}
+
+const SYMBOLS = { danger: ["octagon", "danger"], warning: ["square", "accent"] };
+const STRIP_PX = 8; // from the plot's upper edge to the middle of a mark
+
+/** A mark of a few pixels above the plot at a time. */
+function mark(time, name, colour) {
+  const place = { xref: "x", xsizemode: "pixel", xanchor: time, yref: "paper", ysizemode: "pixel", yanchor: 1, line: { color: colour, width: 1.5 } };
+  if (name === "octagon") return { ...place, type: "path", path: "M-2.500 2.500H2.500L6 6V10L2.500 13.500H-2.500L-6 10V6Z", fillcolor: colour };
+  const box = { x0: -5, x1: 5, y0: STRIP_PX - 5, y1: STRIP_PX + 5 };
+  return name === "square" ? { ...place, ...box, type: "rect", fillcolor: colour } : { ...place, ...box, type: "circle" };
+}
+
+/**
+ * Marks in a strip above the plot: octagon danger, square warning, hollow circle back to normal; maintenance as a line over the whole plot with its word.
+ * `{ shapes, annotations, entries, top }`; `top` is the room that the strip needs in pixels.
+ */
+export function eventMarks({ maintenance, alarms }, colour, items) {
+  const [first, last] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
+  const within = (time) => Date.parse(time) >= first && Date.parse(time) <= last;
+  const marks = changes(alarms).filter(({ change }) => within(change.time));
+  const told = (maintenance instanceof Error ? [] : maintenance.items).filter(({ time }) => within(time));
+  const kinds = [
+    ["danger", ({ severity }) => severity === "danger", "danger alarm raised"],
+    ["warning", ({ severity }) => severity === "warning", "warning alarm raised"],
+    [null, ({ severity }) => !severity, "alarm over"],
+  ];
+  const [shapes, annotations, entries] = [[], [], []];
+  for (const [severity, is, words] of kinds) {
+    const some = marks.filter(({ change }) => is(change));
+    if (some.length === 0) continue;
+    const [name, ink] = SYMBOLS[severity] ?? ["circle", "muted"];
+    entries.push([name, colour[ink], words]);
+    shapes.push(...some.map(({ change }) => mark(change.time, name, colour[ink])));
+  }
+  shapes.push(...told.map(({ time }) => verticalLine(time, colour.reference, "dashdot", 1.5)));
+  for (const { time, kind } of told) annotations.push({ x: time, yref: "paper", y: 0.98, yanchor: "top", xanchor: "right", textangle: -90, text: maintenanceWord(kind), showarrow: false, bgcolor: colour.surface, font: { color: colour.reference } });
+  if (told.length) entries.push(["dash", colour.reference, "maintenance"]);
+  return { shapes, annotations, entries, top: marks.length ? 14 : 0 };
+}

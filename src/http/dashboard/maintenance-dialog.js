@@ -1,0 +1,87 @@
+// Entering maintenance: what was done, when, and by whom.
+
+import * as api from "./api.js";
+import { h, setText } from "./dom.js";
+import { utc } from "./format.js";
+import { MAINTENANCE, maintenanceWord } from "./life-events.js";
+import { keepName, lastName } from "./person.js";
+
+const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
+
+/** A dialog with a form for one event of maintenance. */
+export class MaintenanceDialog {
+  #id;
+  #time = h("input", { id: "maintenance-time", type: "datetime-local", step: 1, required: true });
+  #by = h("input", { id: "maintenance-by", autocomplete: "name", maxlength: 200, required: true });
+  #comment = h("textarea", { id: "maintenance-comment", rows: 2, maxlength: 2000, placeholder: "for example the serial number of the new pair" });
+  #result = h("p", { class: "result", role: "status" });
+  #save = h("button", { type: "submit", class: "primary" }, "Save");
+  element;
+
+  constructor(assetId) {
+    this.#id = assetId;
+    const kinds = Object.entries(MAINTENANCE).map(([kind, { word, words }], n) =>
+      h("label", {}, h("input", { type: "radio", name: "maintenance-kind", value: kind, checked: n === 0 }), h("strong", {}, word), h("span", { class: "muted" }, words)),
+    );
+    const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
+    const close = h("button", { type: "button", class: "quiet", onclick: () => this.element.close() }, "Close");
+    const form = h(
+      "form",
+      { onsubmit: (event) => this.#submit(event) },
+      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "What was done"), kinds),
+      h("div", { class: "fields" }, field(this.#time, "When, UTC"), field(this.#by, "By whom")),
+      field(this.#comment, "Comment"),
+      h("div", { class: "form-buttons" }, this.#save, h("span", { class: "muted" }, "It counts from the first record at that time or later; one in the past has the history estimated again.")),
+      this.#result,
+    );
+    this.element = h("dialog", { class: "records maintenance", "aria-labelledby": "maintenance-title" }, h("div", { class: "plot-head" }, h("h2", { id: "maintenance-title" }, `Maintenance of ${assetId}`), close), form);
+  }
+
+  /** Shows the dialog with a time, that of the record on show, to begin with. */
+  open(time) {
+    this.#time.value = new Date(time ?? Date.now()).toISOString().slice(0, 19);
+    this.#by.value ||= lastName();
+    this.#said("", "");
+    if (!this.element.open) this.element.showModal();
+  }
+
+  async #submit(event) {
+    event.preventDefault();
+    const kind = this.element.querySelector("[name=maintenance-kind]:checked").value;
+    const [by, comment] = [this.#by.value.trim(), this.#comment.value.trim()];
+    keepName(by);
+    this.#save.disabled = true;
+    try {
+      const time = new Date(`${this.#time.value}Z`).toISOString();
+      await api.tellMaintenance(this.#id, { time, kind, by, comment });
+      this.#comment.value = "";
+      this.element.close();
+      changed();
+    } catch (error) {
+      this.#said("bad", `Not saved: ${error.message}.`);
+    } finally {
+      this.#save.disabled = false;
+    }
+  }
+
+  /** Takes back an event after asking. */
+  async takeBack(event) {
+    if (!confirm(`Take back “${maintenanceWord(event.kind)}” of ${utc(event.time)}? The history is then estimated as if it had not been.`)) return;
+    const answer = await api.answer(api.takeBackMaintenance(this.#id, event.id));
+    if (answer instanceof Error) {
+      this.open(event.time);
+      this.#said("bad", `Not taken back: ${answer.message}.`);
+    }
+    changed();
+  }
+
+  #said(kind, words) {
+    this.#result.dataset.kind = kind;
+    setText(this.#result, words);
+  }
+
+  /** Closes the dialog. */
+  dispose() {
+    this.element.close();
+  }
+}

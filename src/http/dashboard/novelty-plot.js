@@ -1,0 +1,27 @@
+// What of a record no wear explains: the features that are farthest from what the best state expects.
+
+import { featureName, number } from "./format.js";
+import { palette } from "./plots.js";
+
+const DB = 20 / Math.LN10;
+
+/** The drawing of the features that deviate most, in dB; `rate` is the sampling rate in hertz. */
+export function noveltyDrawing({ most, p_value: probability, score }, rate, revision) {
+  const colour = palette();
+  const names = most.map(({ feature }) => featureName(feature, rate));
+  const decibels = most.map(({ ln_ratio: ratio }) => ratio * DB);
+  const words = most.map(({ deviations }, n) => `${decibels[n] > 0 ? "+" : "−"}${number(Math.abs(decibels[n]), 3)} dB, ${number(Math.abs(deviations), 2)} σ`);
+  const reach = 1.5 * Math.max(1, ...decibels.map(Math.abs));
+  return {
+    traces: [{ type: "bar", orientation: "h", x: decibels, y: names, text: words, textposition: "outside", cliponaxis: false, textfont: { color: colour.ink }, marker: { color: colour.series[1] }, width: 0.5, hoverinfo: "skip" }],
+    legend: [],
+    table: () => [["feature", most.map(({ feature }) => feature)], ["db", decibels], ["standard_deviations", most.map(({ deviations }) => deviations)]],
+    sub: `A record of the best state is as odd or odder with probability ${number(probability, 2)} (novelty ${number(score, 3)}). What no wear does, another fault does: a bearing, a loose mount, another load.`,
+    summary: names.map((name, n) => `${name}: ${words[n]}`).join("; "),
+    layout: {
+      uirevision: revision,
+      xaxis: { title: { text: "Measured against expected amplitude (dB)" }, range: [Math.min(0, ...decibels) < 0 ? -reach : 0, Math.max(0, ...decibels) > 0 ? reach : 0], zeroline: true, zerolinecolor: colour.edge },
+      yaxis: { autorange: "reversed", type: "category", ticks: "" },
+    },
+  };
+}

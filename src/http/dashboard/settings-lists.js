@@ -1,0 +1,135 @@
+// Parts of an asset's settings that are lists: its alarm rules and its operating bins, a row of fields for each entry.
+
+import { reading, quantityWords } from "./alarm-words.js";
+import { h, setChildren } from "./dom.js";
+
+const number = (text) => (text.trim() === "" ? undefined : Number(text));
+const given = (object) => Object.fromEntries(Object.entries(object).filter(([, value]) => value !== undefined));
+const DEFAULT_SETTINGS = { raise: 3, raise_of: 5, clear: 5, clear_of: 5 };
+
+/** A list that is edited row by row; `columns` are `{ label, value(entry), input?, place?, breaks? }`, `read(values)` makes an entry again. */
+class Rows {
+  #columns;
+  #read;
+  #name;
+  #list = h("div", { class: "setting-rows" });
+  element;
+
+  constructor(name, columns, read, empty) {
+    [this.#name, this.#columns, this.#read] = [name, columns, read];
+    const add = h("button", { type: "button", onclick: () => this.#add(empty, true) }, `Add ${name}`);
+    this.element = h("div", { class: "setting-list" }, this.#list, add);
+  }
+
+  /** Shows entries in place of what is there. */
+  fill(entries) {
+    setChildren(this.#list);
+    for (const entry of entries) this.#add(entry, false);
+  }
+
+  #add(entry, focus) {
+    const inputs = this.#columns.map(({ label, value, input }) => {
+      const field = input?.() ?? h("input", { type: "number", step: "any" });
+      field.value = value(entry) ?? "";
+      field.setAttribute("aria-label", label);
+      return field;
+    });
+    const row = h("div", { class: "setting-row" });
+    const remove = h("button", { type: "button", class: "quiet", "aria-label": `Remove this ${this.#name}`, onclick: () => this.#remove(row) }, "✕");
+    row.append(...inputs.flatMap((field, n) => [this.#columns[n].breaks ? h("span", { class: "row-break" }) : "", h("label", { class: `field ${this.#columns[n].place ?? ""}` }, h("span", { "aria-hidden": "true" }, this.#columns[n].label), field)]), remove);
+    row.inputs = inputs;
+    this.#list.append(row);
+    if (focus) inputs[0].focus();
+  }
+
+  #remove(row) {
+    row.remove();
+    this.element.dispatchEvent(new Event("input", { bubbles: true }));
+  }
+
+  /** The entries as they are typed. */
+  entries() {
+    return [...this.#list.children].map(({ inputs }) => this.#read(inputs.map((field) => field.value)));
+  }
+}
+
+const text = (attributes) => () => h("input", { type: "text", autocomplete: "off", ...attributes });
+const whole = () => h("input", { type: "number", step: "1", min: "1" });
+const KINDS = [["wear_um", "Wear depth (µm)"], ["wear_above_limit", "Probability of having passed the limit"], ["novelty", "Novelty (−log₁₀ p)"], ["indicator", "Indicator"]];
+const kinds = () => h("select", {}, KINDS.map(([value, words]) => h("option", { value }, words)));
+const setting = (key) => (rule) => ({ ...DEFAULT_SETTINGS, ...rule.settings })[key];
+
+const RULE = [
+  { label: "Watches", value: ({ quantity }) => (quantity?.indicator ? "indicator" : quantity), input: kinds },
+  { label: "Indicator", value: ({ quantity }) => quantity?.indicator, input: text({ placeholder: "rms" }), place: "of-indicator" },
+  { label: "Warning above", value: ({ warning }) => warning },
+  { label: "Danger above", value: ({ danger }) => danger },
+  { label: "Hysteresis", value: ({ hysteresis }) => hysteresis },
+  { label: "Raised by", value: setting("raise"), input: whole, place: "count", breaks: true },
+  { label: "of the last", value: setting("raise_of"), input: whole, place: "count" },
+  { label: "Cleared by", value: setting("clear"), input: whole, place: "count" },
+  { label: "of the last", value: setting("clear_of"), input: whole, place: "count" },
+];
+
+function ruleOf([kind, indicator, warning, danger, hysteresis, raise, raiseOf, clear, clearOf]) {
+  const settings = { raise: number(raise), raise_of: number(raiseOf), clear: number(clear), clear_of: number(clearOf) };
+  return given({ quantity: kind === "indicator" ? { indicator: indicator.trim() } : kind, warning: number(warning), danger: number(danger), hysteresis: number(hysteresis), settings: { ...DEFAULT_SETTINGS, ...given(settings) } });
+}
+
+const BIN = [
+  { label: "Name", value: ({ name }) => name, input: text({ placeholder: "full load" }) },
+  { label: "Shaft speed from (Hz)", value: ({ shaft_speed_hz: range }) => range?.[0] },
+  { label: "up to", value: ({ shaft_speed_hz: range }) => range?.[1] },
+  { label: "Torque from (N·m)", value: ({ torque_nm: range }) => range?.[0] },
+  { label: "up to", value: ({ torque_nm: range }) => range?.[1] },
+];
+
+function binOf([name, speedLow, speedHigh, torqueLow, torqueHigh]) {
+  const range = (low, high) => (low.trim() === "" && high.trim() === "" ? undefined : [number(low) ?? null, number(high) ?? null]);
+  return given({ name: name.trim(), shaft_speed_hz: range(speedLow, speedHigh), torque_nm: range(torqueLow, torqueHigh) });
+}
+
+const levels = (rule) => ["warning", "danger"].filter((name) => rule[name] != null).map((name) => `${name} above ${reading(rule[name], rule)}`).join(", ");
+
+/** The fieldsets for alarm rules and operating bins. */
+export class SettingLists {
+  #own = h("input", { type: "checkbox", id: "setting-own-rules", onchange: () => this.#ownChanged() });
+  #words = h("p", { class: "muted" });
+  #rules = new Rows("rule", RULE, ruleOf, { quantity: "indicator" });
+  #bins = new Rows("operating bin", BIN, binOf, {});
+  #inForce = [];
+  elements = [
+    h("fieldset", { class: "card" }, h("legend", {}, "Alarms"), h("label", { class: "check", for: "setting-own-rules" }, this.#own, "Rules of its own"), this.#words, this.#rules.element),
+    h("fieldset", { class: "card" }, h("legend", {}, "Operating bins"), h("p", { class: "muted" }, "Boxes of shaft speed and torque: a trend within one says more than one over all. From the first number up to, not including, the second; either quantity may be left out."), this.#bins.element),
+  ];
+
+  /** Shows an asset's lists. */
+  fill(asset) {
+    this.#inForce = asset.summary?.alarm_rules ?? this.#inForce;
+    this.#own.checked = asset.alarms != null;
+    this.#rules.fill(asset.alarms ?? []);
+    this.#bins.fill(asset.operating_bins ?? []);
+    this.#show();
+  }
+
+  #ownChanged() {
+    // what is in force is where one begins
+    if (this.#own.checked && this.#rules.entries().length === 0) this.#rules.fill(this.#inForce);
+    this.#show();
+  }
+
+  #show() {
+    this.#rules.element.hidden = !this.#own.checked;
+    const rules = this.#inForce.map((rule) => `${quantityWords(rule.quantity)}: ${levels(rule)}`).join("; ");
+    this.#words.textContent = this.#own.checked ? "Levels and hysteresis in the unit of what is watched." : `Without, the rules follow from the limits on wear depth${rules ? `. ${rules}.` : ": none, as there are no limits."}`;
+  }
+
+  /** Puts the lists into a description. */
+  put(spec) {
+    if (this.#own.checked) spec.alarms = this.#rules.entries();
+    else delete spec.alarms;
+    const bins = this.#bins.entries();
+    if (bins.length) spec.operating_bins = bins;
+    else delete spec.operating_bins;
+  }
+}

@@ -1,0 +1,120 @@
+// Alarms: they show up by themselves, are acknowledged, shelved and commented; maintenance is entered and taken back.
+
+import assert from "node:assert/strict";
+import { close, createAsset, drawn, json, noSidewaysScrolling, open, parameters, PHONE, removeAsset, sendNoise } from "./page.mjs";
+
+const RULE = { quantity: { indicator: "rms" }, warning: 5, danger: 50, settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 } };
+
+/** An asset whose alarm on RMS the given amplitudes of noise have raised. */
+async function alarmed(amplitudes) {
+  const id = await createAsset("alarmed", { alarms: [RULE] });
+  for (const [minute, amplitude] of amplitudes.entries()) await sendNoise(id, minute, amplitude);
+  return id;
+}
+
+const alarmOf = async (id) => (await json(`alarms?asset=${id}`)).items[0];
+const row = (page, id) => page.locator(".alarms tbody tr", { hasText: id });
+
+export const CHECKS = {
+  "an alarm shows up by itself, with the count of those nobody has acknowledged": async (name) => {
+    const opened = await open("#/alarms");
+    const { page } = opened;
+    await page.locator(".table-card").waitFor();
+    const id = await alarmed([1, 20]);
+    await row(page, id).waitFor({ timeout: 25_000 });
+    assert.equal(await row(page, id).locator(".badge").innerText(), "Warning");
+    const { items } = await json("alarms?state=unacknowledged,returned_unacknowledged&limit=1000");
+    await page.locator("#alarm-number", { hasText: String(items.length) }).waitFor();
+    await page.getByRole("link", { name: `Alarms ${items.length} unacknowledged` }).waitFor();
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
+  "an alarm is acknowledged with a comment, shelved, and taken up again": async (name) => {
+    const id = await alarmed([1, 20, 100]);
+    const opened = await open(`#/alarms?asset=${id}`);
+    const { page } = opened;
+    await row(page, id).getByRole("link", { name: "RMS" }).click();
+    const detail = page.getByRole("region", { name: "Chosen alarm" });
+    await detail.getByText("danger raised at").waitFor();
+    await detail.getByRole("button", { name: "Acknowledge" }).click();
+    await detail.getByText("Your name is empty").waitFor();
+    await detail.getByLabel("Your name").fill("Ada");
+    await detail.getByLabel("Comment", { exact: true }).fill("looked at the flanks");
+    await detail.getByRole("button", { name: "Acknowledge" }).click();
+    await detail.getByText("Acknowledged.").waitFor();
+    await detail.locator(".alarm-history q", { hasText: "looked at the flanks" }).waitFor();
+    await row(page, id).waitFor({ state: "detached" });
+    const { id: alarm, state } = await alarmOf(id);
+    assert.equal(state, "acknowledged");
+
+    await page.getByRole("button", { name: "All", exact: true }).click();
+    await row(page, id).waitFor();
+    const restored = await open(new URL(page.url()).hash);
+    await restored.page.getByRole("region", { name: "Chosen alarm" }).getByText("looked at the flanks").waitFor();
+    assert.equal(parameters(restored.page).get("alarm"), alarm);
+    await close(restored, `${name} restored`);
+
+    await detail.getByRole("button", { name: "Shelve for" }).click();
+    await detail.getByText("Shelved until").first().waitFor();
+    assert.ok(Date.parse((await alarmOf(id)).shelved_until) > Date.now());
+    await detail.getByRole("button", { name: "Unshelve" }).click();
+    await detail.getByText("Unshelved.").waitFor();
+    await detail.getByLabel("Comment", { exact: true }).fill("oil changed");
+    await detail.getByRole("button", { name: "Comment" }).click();
+    await detail.locator(".alarm-history q", { hasText: "oil changed" }).waitFor();
+    const { history } = await json(`alarms/${alarm}`);
+    assert.deepEqual(history.slice(-4).map(({ by }) => by), ["Ada", "Ada", "Ada", "Ada"]);
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
+  "an asset's page marks its alarms, and leads to them": async (name) => {
+    const id = await alarmed([1, 20, 20, 1]);
+    const opened = await open(`#/assets/${id}?trend=rms`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    for (const words of ["warning alarm raised", "alarm over"]) await page.locator('[data-plot="trends"] .legend', { hasText: words }).waitFor();
+    assert.equal(await page.locator('[data-plot="trends"] .shapelayer path').count(), 3, "two marks and the selected record");
+    await page.getByRole("region", { name: "Alarms and maintenance" }).getByRole("link", { name: "RMS" }).click();
+    await page.getByRole("region", { name: "Chosen alarm" }).getByText("back to normal").waitFor();
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
+  "maintenance is entered and taken back": async (name) => {
+    const id = await createAsset("maintained", {});
+    for (let minute = 0; minute < 4; minute++) await sendNoise(id, minute, 1);
+    const opened = await open(`#/assets/${id}?trend=rms`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    await page.getByRole("button", { name: "Enter maintenance" }).click();
+    await page.getByLabel("Sensor replaced").check();
+    await page.getByLabel("When, UTC").fill("2026-03-01T08:02:00");
+    await page.getByLabel("By whom").fill("Grace");
+    await page.locator("#maintenance-comment").fill("100 mV/g");
+    await page.getByRole("button", { name: "Save", exact: true }).click();
+    const events = page.getByRole("region", { name: "Alarms and maintenance" });
+    await events.getByText("2026-03-01 08:02:00 UTC, entered by Grace, “100 mV/g”").waitFor();
+    await page.locator('[data-plot="trends"] .annotation-text', { hasText: "Sensor replaced" }).waitFor();
+    const { items } = await json(`assets/${id}/maintenance`);
+    assert.deepEqual([items[0].kind, items[0].by], ["sensor_replaced", "Grace"]);
+    page.on("dialog", (dialog) => dialog.accept());
+    await events.getByRole("button", { name: "Take back: Sensor replaced" }).click();
+    await events.getByText("no maintenance was entered").waitFor();
+    assert.equal((await json(`assets/${id}/maintenance`)).items.length, 0);
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
+  "alarms on a phone": async (name) => {
+    const id = await alarmed([1, 20]);
+    const { id: alarm } = await alarmOf(id);
+    const opened = await open(`#/alarms?alarm=${alarm}`, PHONE);
+    await opened.page.getByRole("region", { name: "Chosen alarm" }).getByText("warning raised at").waitFor();
+    await row(opened.page, id).waitFor();
+    await noSidewaysScrolling(opened.page);
+    await close(opened, name);
+    await removeAsset(id);
+  },
+};
