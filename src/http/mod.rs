@@ -36,6 +36,7 @@ mod table;
 mod tokens;
 mod traffic;
 mod tus;
+mod unread;
 mod uploads;
 mod waterfall;
 mod waveforms;
