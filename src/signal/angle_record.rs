@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
 
 use super::indicators::Absence;
@@ -153,7 +154,7 @@ impl AngleRecord {
     /// `count` bins of the unwindowed transform from `first` on, summed term by term: exp(−2πikn/N) at sample j of turn t is
     /// exp(−2πikt/turns)·exp(−2πikj/N).
     fn bins(&self, first: usize, count: usize) -> Vec<Complex<f64>> {
-        let arch = pulp::Arch::new();
+        let arch = Arch::new();
         let total = self.samples.len() as f64;
         let per_turn = self.samples_per_turn;
         let angle = |k: usize, j: usize, period: usize| -TAU * ((k * j) % period) as f64 / period as f64;
@@ -169,9 +170,9 @@ impl AngleRecord {
                 }
                 waves.iter_mut().zip(&step).for_each(|(wave, step)| *wave *= step);
                 let turns = self.samples.chunks_exact(per_turn).enumerate();
-                let (real, imaginary) = (&real[..], &imaginary[..]);
+                let (cos, sin) = (&real[..], &imaginary[..]);
                 turns
-                    .map(|(t, turn)| arch.dispatch(|| turn_bin(turn, real, imaginary)) * Complex::from_polar(1.0, angle(k, t, self.turns)))
+                    .map(|(t, turn)| arch.dispatch(TurnBin { turn, cos, sin }) * Complex::from_polar(1.0, angle(k, t, self.turns)))
                     .sum()
             })
             .collect()
@@ -195,18 +196,32 @@ impl AngleRecord {
     }
 }
 
-/// Σ x·(cos + i·sin) over one turn. To be inlined where the processor's widest registers are used.
-#[inline(always)]
-fn turn_bin(turn: &[f64], cos: &[f64], sin: &[f64]) -> Complex<f64> {
-    const LANES: usize = 4;
-    let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
-    for (x, (cos, sin)) in turn.chunks(LANES).zip(cos.chunks(LANES).zip(sin.chunks(LANES))) {
-        for (lane, ((x, cos), sin)) in x.iter().zip(cos).zip(sin).enumerate() {
-            re[lane] += x * cos;
-            im[lane] += x * sin;
+/// Σ x·(cos + i·sin) over one turn, in the processor's widest registers.
+struct TurnBin<'a> {
+    turn: &'a [f64],
+    cos: &'a [f64],
+    sin: &'a [f64],
+}
+
+impl WithSimd for TurnBin<'_> {
+    type Output = Complex<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Complex<f64> {
+        let (turn, turn_rest) = S::as_simd_f64s(self.turn);
+        let (cos, cos_rest) = S::as_simd_f64s(self.cos);
+        let (sin, sin_rest) = S::as_simd_f64s(self.sin);
+        let (mut re, mut im) = (simd.splat_f64s(0.0), simd.splat_f64s(0.0));
+        for ((&x, &cos), &sin) in turn.iter().zip(cos).zip(sin) {
+            re = simd.mul_add_e_f64s(x, cos, re);
+            im = simd.mul_add_e_f64s(x, sin, im);
         }
+        let mut sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
+        for ((&x, &cos), &sin) in turn_rest.iter().zip(cos_rest).zip(sin_rest) {
+            sum += Complex::new(x * cos, x * sin);
+        }
+        sum
     }
-    Complex::new(re.iter().sum::<f64>(), im.iter().sum::<f64>())
 }
 
 /// The first whole number from `low` to `high` from which on `holds` (which stays true once it is); `high` where it never does.

@@ -78,10 +78,12 @@ impl WithSimd for Interpolation<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         for (&position, value) in self.positions.iter().zip(self.values) {
-            let before = position as usize;
-            let place = (position - before as f64) * PHASES as f64;
-            let phase = (place as usize).min(PHASES - 1);
-            let t = simd.splat_f64s(2.0 * (place - phase as f64) - 1.0);
+            // Positions are far below 2³²; wider conversions cost more.
+            let before = position as u32;
+            let place = (position - f64::from(before)) * PHASES as f64;
+            let phase = (place as u32).min(PHASES as u32 - 1);
+            let (before, phase, place) = (before as usize, phase as usize, place - f64::from(phase));
+            let t = simd.splat_f64s(2.0 * place - 1.0);
             // The lanes of all registers divide 32: nothing is left over.
             let (around, _) = S::as_simd_f64s(&self.samples[before + 1 - REACH..][..TAPS]);
             let [c0, c1, c2, c3, c4] = &self.weights[phase];
