@@ -366,7 +366,7 @@ impl Ingest {
         let seconds_before = summary.record_seconds;
         let mut first_start = None;
         let mut saved = began;
-        let mut before: Option<KeptBatch<'_>> = None;
+        let mut before: Option<Box<KeptBatch<'_>>> = None;
         let (asset, pace) = (replay.asset.clone(), replay.pace);
         let end = loop {
             // While one batch waits for the disk, the next one is read and analysed.
@@ -383,13 +383,13 @@ impl Ingest {
                 if batch.is_empty() {
                     return Ok(Next::End);
                 }
-                self.keep_batch(&asset, batch).await.map(Next::Batch)
+                self.keep_batch(&asset, batch).await.map(|batch| Next::Batch(Box::new(batch)))
             };
             let store = async {
                 if before.is_none() {
                     return Ok(());
                 }
-                self.store_batch(before.take(), &mut summary).await?;
+                self.store_batch(before.take().map(|batch| *batch), &mut summary).await?;
                 show(&mut replay, &summary, seconds_before, began.elapsed());
                 self.announce_replay(number, &replay);
                 if saved.elapsed() > SAVED_EVERY {
@@ -445,7 +445,7 @@ impl Ingest {
 /// What comes next in a replay.
 enum Next<'a> {
     /// Records.
-    Batch(KeptBatch<'a>),
+    Batch(Box<KeptBatch<'a>>),
     /// Nothing: the recording is over.
     End,
     /// Nothing: the replay is to stop.
