@@ -4,7 +4,6 @@ use std::future::poll_fn;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
 
 use axum::body::{Body, HttpBody};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -16,10 +15,6 @@ use tokio::io::AsyncWriteExt;
 use super::coding::Coding;
 use super::limits::HttpLimits;
 use super::problem::Problem;
-
-/// Most bytes of a refused body that are still taken in, and for how long.
-const POURED_AWAY: usize = 1 << 20;
-const POURING: Duration = Duration::from_secs(1);
 
 /// The media type of a body without its parameters, in lower case; none where the client does not say.
 pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
@@ -52,19 +47,6 @@ impl Pieces<'_> {
             Self::Part(part) => part.chunk().await.map_err(broken_form),
         }
     }
-
-    /// Takes in a little more of a body that is refused: a client that is still sending would find the connection closed before it reads why.
-    async fn pour_away(&mut self) {
-        let away = async {
-            let mut rest = POURED_AWAY;
-            while rest > 0
-                && let Ok(Some(piece)) = self.next().await
-            {
-                rest = rest.saturating_sub(piece.len());
-            }
-        };
-        let _ = tokio::time::timeout(POURING, away).await;
-    }
 }
 
 /// The problem of a form that cannot be read.
@@ -92,13 +74,7 @@ pub(super) async fn read(
     limits: &HttpLimits,
     mut take: impl FnMut(usize) -> Result<(), Problem>,
 ) -> Result<Bytes, Problem> {
-    let announced = match announced(headers, most as u64) {
-        Ok(length) => length,
-        Err(problem) => {
-            pieces.pour_away().await;
-            return Err(problem);
-        }
-    };
+    let announced = announced(headers, most as u64)?;
     let mut coding = Coding::of(headers)?;
     let all = async {
         let mut all = Vec::with_capacity(usize::try_from(announced.unwrap_or(0)).unwrap_or(0).min(1 << 20));
@@ -120,11 +96,7 @@ pub(super) async fn read(
         kept(&all, before)?;
         Ok(Bytes::from(all))
     };
-    let read = within(limits, all).await;
-    if read.is_err() {
-        pieces.pour_away().await;
-    }
-    read
+    within(limits, all).await
 }
 
 /// The body of a description (JSON or TOML), at most as long as such a body may be.
@@ -152,10 +124,7 @@ impl SpooledBody {
     pub(super) async fn receive(headers: &HeaderMap, mut pieces: Pieces<'_>, folder: &Path, limits: &HttpLimits) -> Result<Self, Problem> {
         static COUNTER: AtomicU64 = AtomicU64::new(0);
         let most = limits.recording_bytes;
-        if let Err(problem) = announced(headers, most) {
-            pieces.pour_away().await;
-            return Err(problem);
-        }
+        announced(headers, most)?;
         let mut coding = Coding::of(headers)?;
         let mut spooled = Self::at(folder.join(COUNTER.fetch_add(1, Ordering::Relaxed).to_string()));
         let failed = |source| {
@@ -197,11 +166,7 @@ impl SpooledBody {
             file.flush().await.map_err(failed)?;
             Ok(hash.finalize().to_vec())
         };
-        let written = within(limits, write).await;
-        if written.is_err() {
-            pieces.pour_away().await;
-        }
-        spooled.sha256 = written?;
+        spooled.sha256 = within(limits, write).await?;
         Ok(spooled)
     }
 

@@ -42,6 +42,7 @@ mod table;
 mod tokens;
 mod traffic;
 mod tus;
+mod unread;
 mod uploads;
 mod waterfall;
 mod waveforms;

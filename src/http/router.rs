@@ -21,7 +21,7 @@ use super::tus::{self, ResumableUploads};
 use super::waterfall::LineCache;
 use super::{
     alarms, angle, assets, cepstra, dashboard, export, freshness, health, indicators, libraries, library_states, maintenance, matching,
-    metrics, openapi, recomputations, replays, reports, segments, traffic, uploads, waterfall, waveforms, wear,
+    metrics, openapi, recomputations, replays, reports, segments, traffic, unread, uploads, waterfall, waveforms, wear,
 };
 use crate::ingest::Ingest;
 
@@ -114,6 +114,7 @@ pub(super) fn router(app: App) -> Router {
             "camera=(), microphone=(), geolocation=()",
         ))
         .layer(from_fn(traffic::trace))
+        .layer(from_fn(unread::layer))
         .with_state(app)
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use jiff::Timestamp;
 use rayon::prelude::*;
+use tokio::sync::RwLockReadGuard;
 
 use super::group_commit::Stored;
 use super::keys::analysis_keys;
@@ -92,6 +93,15 @@ pub(super) struct Named {
     pub(super) record: Record,
     pub(super) raw: RawReference,
     pub(super) reference_wear_um: Option<f64>,
+}
+
+/// Records that are analysed and whose raw bytes are on the disk: what is left is their rows.
+pub(super) struct Kept<'a> {
+    spec: AssetSpec,
+    named: Arc<Vec<Named>>,
+    analysed: Vec<NewSegment>,
+    received_at: Timestamp,
+    _keeping: RwLockReadGuard<'a, ()>,
 }
 
 impl Named {
@@ -203,40 +213,59 @@ impl Ingest {
         }
         // Before anything is kept: a record that has to come again leaves nothing behind.
         self.inner.libraries.tracker(&spec).await?;
-        let _keeping = self.inner.keeping.read().await;
         let name = named.first().map(|named| named.raw.sha256.clone()).unwrap_or_default();
-        let stored = self.analyse_and_store(spec, named, vec![(name, bytes)], received_at).await?;
+        let kept = self.analyse_and_keep(spec, named, vec![(name, bytes)], received_at).await?;
+        let stored = self.store_kept(kept).await?;
         let repeated = stored.iter().filter(|stored| stored.repeated).count();
         self.count(stored.len() - repeated, repeated, 0);
         Ok(stored.into_iter().map(|Stored { segment, .. }| segment).collect())
     }
 
-    /// Keeps raw bytes while their records are analysed, then stores the segments. Answers in the order given.
-    pub(super) async fn analyse_and_store(
+    /// Keeps raw bytes while their records are analysed. No object is removed as one without a record before what is returned is stored or
+    /// dropped.
+    pub(super) async fn analyse_and_keep(
         &self,
-        mut spec: AssetSpec,
+        spec: AssetSpec,
         named: Vec<Named>,
         raws: Vec<(String, Bytes)>,
         received_at: Timestamp,
-    ) -> Result<Vec<Stored>, IngestError> {
-        let _keeping = self.inner.keeping.read().await;
+    ) -> Result<Kept<'_>, IngestError> {
+        let keeping = self.inner.keeping.read().await;
         let store = self.inner.store.clone();
         let keep = tokio::task::spawn_blocking(move || {
             let objects = raws.iter().map(|(name, bytes)| (name.as_str(), &bytes[..]));
             store.objects().put_all(objects)
         });
         let named = Arc::new(named);
-        let mut analysed = self.analyse(&spec, &named, received_at).await;
+        let analysed = self.analyse(&spec, &named, received_at).await;
         keep.await.map_err(|_| IngestError::WorkerLost("keep records"))??;
+        Ok(Kept {
+            spec,
+            named,
+            analysed: analysed?,
+            received_at,
+            _keeping: keeping,
+        })
+    }
+
+    /// Stores the segments of what is kept. Answers in the order given.
+    pub(super) async fn store_kept(&self, kept: Kept<'_>) -> Result<Vec<Stored>, IngestError> {
+        let Kept {
+            mut spec,
+            named,
+            mut analysed,
+            received_at,
+            _keeping,
+        } = kept;
         let mut tries = 0;
         loop {
-            match self.store_segments(&spec.id, analysed?).await {
+            match self.store_segments(&spec.id, analysed).await {
                 Err(IngestError::DescriptionChanged(_)) if tries < ANALYSED_AGAIN => tries += 1,
                 done => return done,
             }
             spec = self.inner.store.asset(&spec.id).await?.spec;
             self.inner.libraries.tracker(&spec).await?;
-            analysed = self.analyse(&spec, &named, received_at).await;
+            analysed = self.analyse(&spec, &named, received_at).await?;
         }
     }
 

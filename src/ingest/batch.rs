@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use tokio::sync::mpsc;
 
-use super::accept::{Named, RecordFormat};
+use super::accept::{Kept, Named, RecordFormat};
 use super::{Ingest, IngestError};
 use crate::asset::{AssetId, AssetSpec, RawReference, SegmentId};
 use crate::recording::{McapReader, RecordDefaults, Recorded, RecordingError};
@@ -164,26 +164,39 @@ impl Ingest {
             Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, file), defaults))
         });
         let mut summary = BatchSummary::default();
+        let mut before: Option<KeptBatch<'_>> = None;
         loop {
-            let mut batch = records.next_batch().await;
-            if batch.is_empty() {
-                break;
-            }
-            if matches!(batch[..], [(0, Err(_))])
-                && let Some((number, Err(error))) = batch.pop()
-            {
-                // Nothing but one error: not a recording at all, unless something follows after all.
-                batch = records.next_batch().await;
-                self.count(0, 0, 1);
-                if batch.is_empty() {
-                    return Err(error.into());
+            // While one batch waits for the disk, the next one is analysed.
+            let next = async {
+                let mut batch = records.next_batch().await;
+                let mut first = BatchSummary::default();
+                if matches!(batch[..], [(0, Err(_))])
+                    && let Some((number, Err(error))) = batch.pop()
+                {
+                    // Nothing but one error: not a recording at all, unless something follows after all.
+                    batch = records.next_batch().await;
+                    if batch.is_empty() {
+                        self.count(0, 0, 1);
+                        return Err(error.into());
+                    }
+                    first.records = 1;
+                    first.refuse(number, None, &error);
                 }
-                summary.records += 1;
-                summary.refuse(number, None, &error);
+                if batch.is_empty() {
+                    return Ok(None);
+                }
+                let mut kept = self.keep_batch(asset, batch).await?;
+                first.join(kept.summary);
+                kept.summary = first;
+                Ok::<_, IngestError>(Some(kept))
+            };
+            let (next, stored) = tokio::join!(next, self.store_batch(before.take(), &mut summary));
+            stored?;
+            before = next?;
+            if before.is_none() {
+                return Ok(summary);
             }
-            self.accept_batch(asset, batch, &mut summary).await?;
         }
-        Ok(summary)
     }
 
     /// The right to read one more whole recording.
@@ -196,13 +209,12 @@ impl Ingest {
             })
     }
 
-    /// Takes a batch of records of one recording in one transaction and adds what became of them to `summary`.
-    pub(super) async fn accept_batch(
+    /// Analyses a batch of records of one recording and keeps their raw bytes; those that are stored already are only counted.
+    pub(super) async fn keep_batch(
         &self,
         asset: &AssetId,
         batch: Vec<(u64, Result<Recorded, RecordingError>)>,
-        summary: &mut BatchSummary,
-    ) -> Result<(), IngestError> {
+    ) -> Result<KeptBatch<'_>, IngestError> {
         let spec = self.inner.store.asset(asset).await?.spec;
         let received_at = self.inner.clock.now();
         let named = {
@@ -215,7 +227,7 @@ impl Ingest {
             };
             self.inner.workers.run("name records", name).await?
         };
-        let refused_before = summary.refused_count;
+        let mut summary = BatchSummary::default();
         let mut fresh: Vec<(Named, Vec<u8>)> = Vec::with_capacity(named.len());
         for (number, named) in named {
             summary.records += 1;
@@ -231,7 +243,7 @@ impl Ingest {
         let ids: Vec<SegmentId> = fresh.iter().map(|(named, _)| named.id.clone()).collect();
         let known = self.inner.store.segments_by_id(&ids).await?;
         fresh.retain(|(named, _)| !known.iter().any(|segment| segment.id == named.id));
-        let mut stored = 0;
+        let mut kept = None;
         if !fresh.is_empty() {
             self.inner.libraries.tracker(&spec).await?;
             let (named, raws) = fresh
@@ -241,17 +253,58 @@ impl Ingest {
                     (named, (name, Bytes::from(raw)))
                 })
                 .unzip();
-            let answer = self.analyse_and_store(spec, named, raws, received_at).await?;
+            kept = Some(self.analyse_and_keep(spec, named, raws, received_at).await?);
+        }
+        Ok(KeptBatch { kept, taken, summary })
+    }
+
+    /// Stores a batch, where there is one, in one transaction and adds what became of its records to `summary`.
+    pub(super) async fn store_batch(&self, batch: Option<KeptBatch<'_>>, summary: &mut BatchSummary) -> Result<(), IngestError> {
+        let Some(KeptBatch {
+            kept,
+            taken,
+            summary: mut of_batch,
+        }) = batch
+        else {
+            return Ok(());
+        };
+        let mut stored = 0;
+        if let Some(kept) = kept {
+            let answer = self.store_kept(kept).await?;
             stored = answer.iter().filter(|stored| !stored.repeated).count();
         }
-        summary.stored += stored as u64;
-        summary.repeated += (taken - stored) as u64;
-        self.count(stored, taken - stored, (summary.refused_count - refused_before) as usize);
+        of_batch.stored = stored as u64;
+        of_batch.repeated = (taken - stored) as u64;
+        self.count(stored, taken - stored, of_batch.refused_count as usize);
+        summary.join(of_batch);
         Ok(())
     }
 }
 
+/// A batch that is analysed and whose raw bytes are on the disk.
+pub(super) struct KeptBatch<'a> {
+    /// Those that were not stored before.
+    kept: Option<Kept<'a>>,
+    /// Records that can be used, those stored before among them.
+    taken: usize,
+    summary: BatchSummary,
+}
+
 impl BatchSummary {
+    /// Adds what became of later records.
+    fn join(&mut self, later: Self) {
+        self.records += later.records;
+        self.stored += later.stored;
+        self.repeated += later.repeated;
+        self.refused_count += later.refused_count;
+        let room = MOST_REFUSED_LISTED.saturating_sub(self.refused.len());
+        self.refused.extend(later.refused.into_iter().take(room));
+        self.channels.extend(later.channels);
+        self.first_start_time = self.first_start_time.into_iter().chain(later.first_start_time).min();
+        self.last_start_time = self.last_start_time.max(later.last_start_time);
+        self.record_seconds += later.record_seconds;
+    }
+
     fn add(&mut self, named: &Named) {
         let record = &named.record;
         if !self.channels.contains(record.channel()) {

@@ -11,7 +11,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
-use super::batch::{BatchSummary, RecordStream};
+use super::batch::{BatchSummary, KeptBatch, RecordStream};
 use super::{Announcement, Ingest, IngestError, replay_folder};
 use crate::asset::{AssetId, AssetSpec};
 use crate::recording::{RecordDefaults, RecordingFile};
@@ -366,30 +366,49 @@ impl Ingest {
         let seconds_before = summary.record_seconds;
         let mut first_start = None;
         let mut saved = began;
+        let mut before: Option<Box<KeptBatch<'_>>> = None;
+        let (asset, pace) = (replay.asset.clone(), replay.pace);
         let end = loop {
-            let batch = tokio::select! {
-                _ = stopped.wait_for(|stopped| *stopped) => break Ok(ReplayState::Stopped),
-                batch = async {
-                    match replay.pace {
-                        Pace::Max => records.next_batch().await,
-                        Pace::Times(times) => paced(&mut records, times, began, &mut first_start).await,
-                    }
-                } => batch,
-            };
-            if batch.is_empty() {
-                break match summary.refused.first() {
-                    Some(refused) if summary.refused_count == summary.records => Err(refused.reason.clone()),
-                    _ => Ok(ReplayState::Finished),
+            // While one batch waits for the disk, the next one is read and analysed.
+            let next = async {
+                let batch = tokio::select! {
+                    _ = stopped.wait_for(|stopped| *stopped) => return Ok(Next::Stopped),
+                    batch = async {
+                        match pace {
+                            Pace::Max => records.next_batch().await,
+                            Pace::Times(times) => paced(&mut records, times, began, &mut first_start).await,
+                        }
+                    } => batch,
                 };
-            }
-            if let Err(error) = self.accept_batch(&replay.asset, batch, &mut summary).await {
-                break Err(error.to_string());
-            }
-            show(&mut replay, &summary, seconds_before, began.elapsed());
-            self.announce_replay(number, &replay);
-            if saved.elapsed() > SAVED_EVERY {
-                saved = tokio::time::Instant::now();
-                self.save_replay(number, &replay).await;
+                if batch.is_empty() {
+                    return Ok(Next::End);
+                }
+                self.keep_batch(&asset, batch).await.map(|batch| Next::Batch(Box::new(batch)))
+            };
+            let store = async {
+                if before.is_none() {
+                    return Ok(());
+                }
+                self.store_batch(before.take().map(|batch| *batch), &mut summary).await?;
+                show(&mut replay, &summary, seconds_before, began.elapsed());
+                self.announce_replay(number, &replay);
+                if saved.elapsed() > SAVED_EVERY {
+                    saved = tokio::time::Instant::now();
+                    self.save_replay(number, &replay).await;
+                }
+                Ok::<_, IngestError>(())
+            };
+            let (next, stored) = tokio::join!(next, store);
+            match stored.and(next) {
+                Ok(Next::Batch(batch)) => before = Some(batch),
+                Ok(Next::Stopped) => break Ok(ReplayState::Stopped),
+                Ok(Next::End) => {
+                    break match summary.refused.first() {
+                        Some(refused) if summary.refused_count == summary.records => Err(refused.reason.clone()),
+                        _ => Ok(ReplayState::Finished),
+                    };
+                }
+                Err(error) => break Err(error.to_string()),
             }
         };
         if matches!(end, Ok(ReplayState::Stopped)) && self.inner.replays.is_ending.load(Ordering::SeqCst) {
@@ -421,6 +440,16 @@ impl Ingest {
         }
         self.announce(Announcement::ReplayChanged(shown));
     }
+}
+
+/// What comes next in a replay.
+enum Next<'a> {
+    /// Records.
+    Batch(Box<KeptBatch<'a>>),
+    /// Nothing: the recording is over.
+    End,
+    /// Nothing: the replay is to stop.
+    Stopped,
 }
 
 /// Puts into a replay what became of its records so far.

@@ -1,12 +1,12 @@
 //! One record's analysis: a single transform of the whole record serves everything.
 
-use super::angle_record::Kernel;
 use super::band::Band;
 use super::checks::insert_checks;
 use super::envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch, band_bins};
 use super::faults::fault;
 use super::features::Features;
 use super::indicators::{Absence, Indicators};
+use super::interpolation::Kernel;
 use super::kurtogram::KurtogramWork;
 use super::line::read_line;
 use super::mesh_lines::{MeshLine, MeshPositions};

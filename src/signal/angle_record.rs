@@ -1,28 +1,17 @@
 //! A record over the angle of a shaft instead of time.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
+use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
-use wide::f64x4;
 
 use super::indicators::Absence;
+use super::interpolation::{Kernel, REACH};
 use super::line::{LineReading, fits, read_line, read_line_in, search_reach};
 use super::record::Record;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::spectrum::hann_amplitude;
 use super::transform::Transforms;
-
-/// Samples to each side of a point that it is interpolated from.
-const REACH: usize = 16;
-
-/// Samples that a point is interpolated from.
-const TAPS: usize = 2 * REACH;
-
-/// Parts of a sampling interval in which the interpolation's weights are polynomials of their own.
-const PHASES: usize = 128;
-
-/// Coefficients of these polynomials: of degree 4, which leaves 2·10⁻¹⁴ of the largest weight.
-const COEFFICIENTS: usize = 5;
 
 /// Bins to each side of a line up to which it costs less to sum these bins than to transform everything.
 const MOST_SUMMED_REACH: usize = 8;
@@ -109,12 +98,14 @@ impl AngleRecord {
         let centred: Vec<f64> = samples.iter().map(|&x| f64::from(x) - mean).collect();
         let mut interval = 0;
         let step = 1.0 / samples_per_turn as f64;
-        let mut resampled = Vec::with_capacity(turns * samples_per_turn);
-        for turn in 0..turns {
-            for j in 0..samples_per_turn {
+        let mut resampled = vec![0.0; turns * samples_per_turn];
+        let mut positions = vec![0.0; samples_per_turn];
+        for (turn, resampled) in resampled.chunks_exact_mut(samples_per_turn).enumerate() {
+            for (j, position) in positions.iter_mut().enumerate() {
                 let revolution = first + (turn as f64 + j as f64 * step);
-                resampled.push(kernel.interpolate(&centred, angle.time_s(revolution, &mut interval) * rate_hz));
+                *position = angle.time_s(revolution, &mut interval) * rate_hz;
             }
+            kernel.interpolate(&centred, &positions, resampled);
         }
         Ok(Self {
             unit: record.unit().to_owned(),
@@ -163,7 +154,7 @@ impl AngleRecord {
     /// `count` bins of the unwindowed transform from `first` on, summed term by term: exp(−2πikn/N) at sample j of turn t is
     /// exp(−2πikt/turns)·exp(−2πikj/N).
     fn bins(&self, first: usize, count: usize) -> Vec<Complex<f64>> {
-        const LANES: usize = 4;
+        let arch = Arch::new();
         let total = self.samples.len() as f64;
         let per_turn = self.samples_per_turn;
         let angle = |k: usize, j: usize, period: usize| -TAU * ((k * j) % period) as f64 / period as f64;
@@ -179,18 +170,9 @@ impl AngleRecord {
                 }
                 waves.iter_mut().zip(&step).for_each(|(wave, step)| *wave *= step);
                 let turns = self.samples.chunks_exact(per_turn).enumerate();
+                let (cos, sin) = (&real[..], &imaginary[..]);
                 turns
-                    .map(|(t, turn)| {
-                        let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
-                        let waves = real.chunks(LANES).zip(imaginary.chunks(LANES));
-                        for (x, (cos, sin)) in turn.chunks(LANES).zip(waves) {
-                            for (lane, ((x, cos), sin)) in x.iter().zip(cos).zip(sin).enumerate() {
-                                re[lane] += x * cos;
-                                im[lane] += x * sin;
-                            }
-                        }
-                        Complex::new(re.iter().sum::<f64>(), im.iter().sum::<f64>()) * Complex::from_polar(1.0, angle(k, t, self.turns))
-                    })
+                    .map(|(t, turn)| arch.dispatch(TurnBin { turn, cos, sin }) * Complex::from_polar(1.0, angle(k, t, self.turns)))
                     .sum()
             })
             .collect()
@@ -211,6 +193,34 @@ impl AngleRecord {
             amplitude,
             angle: self.angle,
         }
+    }
+}
+
+/// Σ x·(cos + i·sin) over one turn, in the processor's widest registers.
+struct TurnBin<'a> {
+    turn: &'a [f64],
+    cos: &'a [f64],
+    sin: &'a [f64],
+}
+
+impl WithSimd for TurnBin<'_> {
+    type Output = Complex<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Complex<f64> {
+        let (turn, turn_rest) = S::as_simd_f64s(self.turn);
+        let (cos, cos_rest) = S::as_simd_f64s(self.cos);
+        let (sin, sin_rest) = S::as_simd_f64s(self.sin);
+        let (mut re, mut im) = (simd.splat_f64s(0.0), simd.splat_f64s(0.0));
+        for ((&x, &cos), &sin) in turn.iter().zip(cos).zip(sin) {
+            re = simd.mul_add_e_f64s(x, cos, re);
+            im = simd.mul_add_e_f64s(x, sin, im);
+        }
+        let mut sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
+        for ((&x, &cos), &sin) in turn_rest.iter().zip(cos_rest).zip(sin_rest) {
+            sum += Complex::new(x * cos, x * sin);
+        }
+        sum
     }
 }
 
@@ -245,91 +255,9 @@ fn smooth_at_least(least: usize) -> usize {
     }
 }
 
-/// The weights of the 32 samples around a point, as polynomials of its place between two samples.
-pub(super) struct Kernel {
-    /// For each part of the interval and each four samples the coefficients of falling powers.
-    weights: Vec<[[f64x4; COEFFICIENTS]; TAPS / 4]>,
-}
-
-impl Kernel {
-    /// Polynomials through the weights at the Chebyshev points of each part.
-    pub(super) fn new() -> Self {
-        let weights = (0..PHASES).map(|phase| {
-            let at = |node: usize| (PI * (node as f64 + 0.5) / COEFFICIENTS as f64).cos();
-            let nodes: [[f64; TAPS]; COEFFICIENTS] =
-                std::array::from_fn(|node| weights((phase as f64 + 0.5 + 0.5 * at(node)) / PHASES as f64));
-            let mut powers = [[0.0; TAPS]; COEFFICIENTS];
-            for tap in 0..TAPS {
-                let chebyshev: [f64; COEFFICIENTS] = std::array::from_fn(|degree| {
-                    let sum: f64 = (0..COEFFICIENTS)
-                        .map(|node| nodes[node][tap] * (PI * degree as f64 * (node as f64 + 0.5) / COEFFICIENTS as f64).cos())
-                        .sum();
-                    sum * if degree == 0 { 1.0 } else { 2.0 } / COEFFICIENTS as f64
-                });
-                let [c0, c1, c2, c3, c4] = chebyshev;
-                // T2 = 2t² − 1, T3 = 4t³ − 3t, T4 = 8t⁴ − 8t² + 1.
-                let monomials = [c0 - c2 + c4, c1 - 3.0 * c3, 2.0 * c2 - 8.0 * c4, 4.0 * c3, 8.0 * c4];
-                for (power, value) in powers.iter_mut().zip(monomials) {
-                    power[tap] = value;
-                }
-            }
-            std::array::from_fn(|four| {
-                std::array::from_fn(|k| {
-                    let power = &powers[COEFFICIENTS - 1 - k];
-                    f64x4::new(std::array::from_fn(|lane| power[4 * four + lane]))
-                })
-            })
-        });
-        Self {
-            weights: weights.collect(),
-        }
-    }
-
-    /// The signal at `position`, at least 16 samples from either end.
-    fn interpolate(&self, samples: &[f64], position: f64) -> f64 {
-        let before = position as usize;
-        let place = (position - before as f64) * PHASES as f64;
-        let phase = (place as usize).min(PHASES - 1);
-        let t = f64x4::splat(2.0 * (place - phase as f64) - 1.0);
-        let (around, _) = samples[before + 1 - REACH..][..TAPS].as_chunks();
-        let mut sum = f64x4::ZERO;
-        for (&x, &[c4, c3, c2, c1, c0]) in around.iter().zip(&self.weights[phase]) {
-            sum += ((((c4 * t + c3) * t + c2) * t + c1) * t + c0) * f64x4::new(x);
-        }
-        sum.reduce_add()
-    }
-}
-
-/// sinc·Blackman at the 32 samples around a point this part of an interval after the sixteenth, over their sum.
-fn weights(fraction: f64) -> [f64; TAPS] {
-    let weights: [f64; TAPS] = std::array::from_fn(|k| {
-        let u = k as f64 + 1.0 - REACH as f64 - fraction;
-        let sinc = if u == 0.0 { 1.0 } else { (PI * u).sin() / (PI * u) };
-        let angle = PI * u / REACH as f64;
-        sinc * (0.42 + 0.5 * angle.cos() + 0.08 * (2.0 * angle).cos())
-    });
-    let sum: f64 = weights.iter().sum();
-    weights.map(|weight| weight / sum)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn polynomials_are_the_weights() {
-        let kernel = Kernel::new();
-        for step in 0..=1000 {
-            let fraction = f64::from(step) / 1000.001;
-            let want = weights(fraction);
-            for (tap, want) in want.iter().enumerate() {
-                let mut samples = [0.0; TAPS];
-                samples[tap] = 1.0;
-                let got = kernel.interpolate(&samples, REACH as f64 - 1.0 + fraction);
-                assert!((got - want).abs() < 1e-13, "{fraction} {tap}: {got} {want}");
-            }
-        }
-    }
 
     /// The line read from a few bins is the one in the whole spectrum.
     #[test]

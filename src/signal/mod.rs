@@ -21,6 +21,7 @@ mod gear_indicators;
 mod gear_reference;
 mod gear_signals;
 mod indicators;
+mod interpolation;
 mod kurtogram;
 mod line;
 mod mesh_comb;

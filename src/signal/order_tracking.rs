@@ -1,12 +1,13 @@
 //! Analysis over the angle of the driving shaft, for records at any speed.
 
 use super::analyzer::Analyzer;
-use super::angle_record::{AngleRecord, Kernel, LEAST_TURNS, OrderSpectrum};
+use super::angle_record::{AngleRecord, LEAST_TURNS, OrderSpectrum};
 use super::faults::fault;
 use super::features::Features;
 use super::gear_indicators::{AngleUsed, GearAnalysis};
 use super::gear_signals::GearSignals;
 use super::indicators::Absence;
+use super::interpolation::Kernel;
 use super::mesh_phase::MeshBand;
 use super::moments::Moments;
 use super::record::Record;

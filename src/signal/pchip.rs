@@ -19,7 +19,17 @@ pub(super) enum PchipError {
 pub(super) struct Pchip {
     x: Vec<f64>,
     y: Vec<f64>,
-    slope: Vec<f64>,
+    pieces: Vec<Piece>,
+}
+
+/// The cubic between two points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Piece {
+    begin: f64,
+    width: f64,
+    value: f64,
+    rise: f64,
+    slopes: [f64; 2],
 }
 
 impl Pchip {
@@ -52,7 +62,15 @@ impl Pchip {
                 };
             }
         }
-        Ok(Self { x, y, slope })
+        let pieces = (0..n - 1).map(|i| Piece {
+            begin: x[i],
+            width: h[i],
+            value: y[i],
+            rise: y[i + 1] - y[i],
+            slopes: [slope[i], slope[i + 1]],
+        });
+        let pieces = pieces.collect();
+        Ok(Self { x, y, pieces })
     }
 
     /// The x of all points.
@@ -77,17 +95,23 @@ impl Pchip {
     }
 
     /// The value at `x`, searching on from `interval`, which moves along with rising `x`. Beyond the ends the outer cubics go on.
+    #[inline]
     pub(super) fn at(&self, x: f64, interval: &mut usize) -> f64 {
-        let last = self.x.len() - 2;
-        while *interval < last && x >= self.x[*interval + 1] {
+        while let Some(next) = self.pieces.get(*interval + 1)
+            && x >= next.begin
+        {
             *interval += 1;
         }
-        let i = *interval;
-        let h = self.x[i + 1] - self.x[i];
-        let t = (x - self.x[i]) / h;
+        let Piece {
+            begin,
+            width,
+            value,
+            rise,
+            slopes,
+        } = self.pieces[*interval];
+        let t = (x - begin) / width;
         let (u, t2) = (1.0 - t, t * t);
-        let rise = self.y[i + 1] - self.y[i];
-        self.y[i] + rise * t2 * (3.0 - 2.0 * t) + h * t * u * (self.slope[i] * u - self.slope[i + 1] * t)
+        value + rise * t2 * (3.0 - 2.0 * t) + width * t * u * (slopes[0] * u - slopes[1] * t)
     }
 }
 

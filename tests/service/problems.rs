@@ -1,6 +1,6 @@
 //! Everything that can be wrong with a request.
 
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
@@ -173,4 +173,58 @@ fn a_full_queue_says_when_to_come_again() {
         assert!(began.elapsed() < Duration::from_secs(20));
         std::thread::sleep(Duration::from_millis(5));
     }
+}
+
+/// A request and its answer over a connection that stays open: the answer's head and body.
+fn exchange(stream: &mut BufReader<TcpStream>, request: &[u8]) -> (String, Vec<u8>) {
+    stream.get_mut().write_all(request).unwrap();
+    let mut head = String::new();
+    while !head.ends_with("\r\n\r\n") {
+        assert!(stream.read_line(&mut head).unwrap() > 0, "the connection ended after {head:?}");
+    }
+    let length = head.lines().find_map(|line| line.strip_prefix("content-length: ")).unwrap();
+    let mut body = vec![0; length.parse().unwrap()];
+    stream.read_exact(&mut body).unwrap();
+    (head, body)
+}
+
+#[test]
+fn a_refusal_before_the_body_was_read_keeps_the_connection() {
+    let service = Service::start_with(|config| config.http.record_bytes = 1000);
+    service.plain_asset("pump");
+    let address = service.url("").trim_start_matches("http://").to_string();
+    let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
+    stream.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    let body = vec![b'x'; 3_000_000];
+    for (path, media_type, status) in [
+        ("/v1/assets/pump/segments", "image/png", "415"),
+        ("/v1/assets/none/segments", "audio/wav", "404"),
+        ("/v1/nothing", "audio/wav", "404"),
+        ("/v1/assets/pump", "audio/wav", "405"),
+        ("/v1/assets/pump/segments", "audio/wav", "413"),
+    ] {
+        let head = format!(
+            "POST {path} HTTP/1.1\r\nhost: x\r\ncontent-type: {media_type}\r\ncontent-length: {}\r\n\r\n",
+            body.len()
+        );
+        let (head, _) = exchange(&mut stream, &[head.as_bytes(), &body].concat());
+        assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{path} {media_type}: {head}");
+        let (head, _) = exchange(&mut stream, b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n");
+        assert!(head.starts_with("HTTP/1.1 200 "), "after {path} {media_type}: {head}");
+    }
+}
+
+#[test]
+fn a_refusal_of_a_body_that_was_not_asked_for_says_that_the_connection_ends() {
+    let service = Service::start();
+    let address = service.url("").trim_start_matches("http://").to_string();
+    let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
+    stream.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    let request = b"POST /v1/nothing HTTP/1.1\r\nhost: x\r\ncontent-type: audio/wav\r\ncontent-length: 9\r\nexpect: 100-continue\r\n\r\n";
+    let (head, _) = exchange(&mut stream, request);
+    assert!(
+        head.starts_with("HTTP/1.1 404 ") && head.contains("connection: close\r\n"),
+        "{head}"
+    );
+    assert_eq!(stream.read(&mut [0]).unwrap(), 0);
 }
