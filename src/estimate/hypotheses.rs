@@ -262,13 +262,13 @@ impl Hypotheses {
                 };
                 let (depth, part) = place_on(depths_um, um);
                 let expected = &self.expected[supposed.member];
-                for line in 0..lines {
+                for (line, feature) in healthy.iter().enumerate() {
                     let value = |depth: usize| {
                         let i = depth.min(self.depths - 1) * self.width + line;
                         f64::from(expected.change[i] + shifts[supposed.member][i])
                     };
                     let expected = (1.0 - part) * value(depth) + part * value(depth + 1);
-                    residuals.push(f64::from(healthy[line].values[index]) - self.path.gain(&at, hypothesis, line) - expected);
+                    residuals.push(f64::from(feature.values[index]) - self.path.gain(&at, hypothesis, line) - expected);
                 }
             }
             for (hypothesis, residuals) in self.all.iter_mut().zip(residuals.chunks_exact(lines)).filter(|_| index > 0) {
@@ -325,13 +325,13 @@ impl Hypotheses {
             let (mut inverse, mut logs) = (vec![0.0_f32; sum.len()], Vec::with_capacity(self.depths));
             for depth in 0..self.depths {
                 let mut product = 1.0;
-                for line in 0..self.lines.len() {
+                for (line, value) in values.iter().enumerate() {
                     let i = depth * self.width + line;
                     sum[i] += shift[i];
                     let moved = OPERATING_DISCREPANCY * f64::from(shift[i]);
                     let v = f64::from(variance[i]) + moved * moved + compared.scatter[line] + compared.gain.variance[line];
                     variance[i] = v as f32;
-                    if values[line].is_finite() {
+                    if value.is_finite() {
                         inverse[i] = (1.0 / v) as f32;
                         product *= v;
                     }
@@ -351,11 +351,11 @@ impl Hypotheses {
                 measured[line] = if less_gain.is_finite() { less_gain } else { 0.0 };
             }
             let member = hypothesis.member;
-            for depth in 0..self.depths {
+            for (depth, spread) in spread[member].iter().enumerate() {
                 let row = depth * self.width..(depth + 1) * self.width;
                 let distance = misfit(&measured, &compared.expected[member][row.clone()], &weight[member][row]);
                 let tail = 0.5 * (DEGREES_OF_FREEDOM + lines as f64) * (distance / DEGREES_OF_FREEDOM).ln_1p();
-                compared.log_likelihood.push(spread[member][depth] - tail);
+                compared.log_likelihood.push(spread - tail);
             }
         }
         compared
