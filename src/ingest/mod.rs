@@ -62,7 +62,7 @@ pub struct IngestLimits {
     pub recordings_at_once: usize,
     /// How long a record waits for its asset's library.
     pub library_wait: Duration,
-    /// Which variants of each asset's pair are simulated besides, in the background.
+    /// What is simulated of each asset's pair besides its library, in the background.
     pub variants: EnsembleSettings,
     /// How many raw bytes are kept.
     pub quotas: RawQuotas,
