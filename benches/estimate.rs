@@ -18,7 +18,8 @@ const REPEATS: usize = 7;
 
 fn main() {
     let pair: PairSpec = toml::from_str(include_str!("../fixtures/pairs/shen2022.toml")).expect("the pair file is valid");
-    let ensemble = Ensemble::build(&pair, &GridSettings::default(), &EnsembleSettings::default(), &|_, _| {}).expect("the pair can be simulated");
+    let ensemble =
+        Ensemble::build(&pair, &GridSettings::default(), &EnsembleSettings::default(), &|_, _| {}).expect("the pair can be simulated");
     let bank = Bank::build(BankPlan {
         pair,
         worn: 60,

@@ -37,7 +37,7 @@ fn fed(service: &Service, with_library: bool) -> String {
         records: 12,
         seconds: 1.0,
         sample_rate_hz: RATE_HZ,
-        max_wear_um: 200.0,
+        max_wear_um: 25.0,
         wear_exponent: 1.5,
         start_time: minute(0),
         interval_s: 60.0,
