@@ -43,9 +43,9 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         "--runs",
         "2",
         "--records",
-        "200",
+        "300",
         "--states",
-        "200",
+        "300",
     ];
     let said = flankwatch(&[&depth[..], &["--one-rule", "--data-dir", &data]].concat()).expect_success();
     let table = said.out();
