@@ -1,0 +1,237 @@
+//! The fold over a made-up library's records.
+
+use std::collections::BTreeMap;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+use super::super::novelty::MachineSign;
+use super::*;
+use crate::library::testing::made_up_library;
+
+const NEED: u32 = 20;
+
+fn settings() -> EstimatorSettings {
+    EstimatorSettings {
+        baseline_records: NEED,
+        limit_um: Some(200.0),
+        shape_deviation: KNOWN_SHAPE,
+    }
+}
+
+/// Features that the made-up library gives at a wear depth, seen through a path with its own gain per line, with noise.
+fn seen(library: &Library, wear_um: f64, noise: f64, rng: &mut ChaCha8Rng) -> Features {
+    let states = library.states();
+    let step = library.max_wear_um() / (states.len() - 1) as f64;
+    let lower = ((wear_um / step) as usize).min(states.len() - 2);
+    let part = wear_um / step - lower as f64;
+    let scatter = Normal::new(0.0, noise).unwrap();
+    let values: BTreeMap<String, f64> = states[lower]
+        .features
+        .values
+        .iter()
+        .enumerate()
+        .map(|(i, (name, low))| {
+            let high = states[lower + 1].features.values[name];
+            let path_gain = (i as f64 * 1.7).sin();
+            (name.clone(), low + part * (high - low) + path_gain + scatter.sample(rng))
+        })
+        .collect();
+    let background = values.keys().map(|name| (name.clone(), -6.0)).collect();
+    Features {
+        values,
+        background,
+        ..Features::default()
+    }
+}
+
+fn tracker(library: &Arc<Library>) -> Tracker {
+    Tracker::new(settings(), Some(Arc::new(Ensemble::of(library.clone()))))
+}
+
+/// A run from 0 to 240 µm: the estimates after the baseline, with the truth.
+fn run(library: &Arc<Library>, records: usize, seed: u64) -> Vec<(WearEstimate, f64)> {
+    let tracker = tracker(library);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut state = tracker.start();
+    for _ in 0..NEED {
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(library, 0.0, 0.05, &mut rng));
+    }
+    (0..records)
+        .map(|i| {
+            let truth = 240.0 * i as f64 / (records - 1) as f64;
+            (
+                tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(library, truth, 0.05, &mut rng)),
+                truth,
+            )
+        })
+        .collect()
+}
+
+#[test]
+fn the_baseline_is_counted_and_no_number_is_claimed_meanwhile() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let mut state = tracker.start();
+    for have in 1..=NEED {
+        let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+        assert_eq!((wear.status, wear.median_um), (WearStatus::CollectingBaseline, None));
+        assert_eq!(wear.reason, format!("collecting baseline, {have} of {NEED}"));
+    }
+    let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+    assert_eq!(wear.status, WearStatus::Estimated);
+    assert!(wear.p05_um.unwrap() <= 2.0 && wear.p95_um.unwrap() < 40.0, "{}", wear.reason);
+}
+
+#[test]
+fn a_run_through_an_unknown_path_is_followed_and_its_interval_holds_the_truth() {
+    let library = Arc::new(made_up_library());
+    let mut error_um = 0.0;
+    let mut covered = 0;
+    let mut count = 0;
+    for seed in 0..5 {
+        for (wear, truth) in run(&library, 200, seed) {
+            error_um += (wear.median_um.unwrap() - truth).abs();
+            covered += usize::from((wear.p05_um.unwrap()..=wear.p95_um.unwrap()).contains(&truth));
+            count += 1;
+        }
+    }
+    let (error_um, coverage) = (error_um / f64::from(count), covered as f64 / f64::from(count));
+    assert!(error_um < 10.0, "mean error {error_um} µm");
+    assert!(coverage >= 0.85, "the 90 % interval holds the truth in {coverage} of the records");
+}
+
+#[test]
+fn a_copy_in_json_goes_on_with_the_same_bits() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = tracker.start();
+    for i in 0..60 {
+        let features = seen(&library, f64::from(i), 0.05, &mut rng);
+        let mut copy: TrackerState = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
+        let expected = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &features);
+        assert_eq!(tracker.update(&mut copy, Timestamp::UNIX_EPOCH, &features), expected);
+        assert_eq!(copy, state);
+    }
+}
+
+#[test]
+fn a_record_without_its_mesh_line_is_not_counted_into_the_baseline() {
+    let tracker = Tracker::new(settings(), None);
+    let mut state = tracker.start();
+    let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &Features::default());
+    assert_eq!((wear.status, wear.baseline.have), (WearStatus::NoFeatures, 0));
+}
+
+#[test]
+fn without_a_library_the_answer_says_so() {
+    let library = made_up_library();
+    let tracker = Tracker::new(settings(), None);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut state = tracker.start();
+    for _ in 0..NEED {
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+    }
+    assert_eq!(
+        tracker
+            .update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng))
+            .status,
+        WearStatus::NoLibrary
+    );
+}
+
+#[test]
+fn lines_in_the_noise_give_no_number() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut state = tracker.start();
+    let drowned = |rng: &mut ChaCha8Rng| {
+        let mut features = seen(&library, 0.0, 0.05, rng);
+        features.background = features.values.clone();
+        features
+    };
+    for _ in 0..NEED {
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(&mut rng));
+    }
+    let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &drowned(&mut rng));
+    assert_eq!((wear.status, wear.median_um), (WearStatus::NotIdentifiable, None));
+}
+
+#[test]
+fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut state = tracker.start();
+    let at = |state: &mut TrackerState, um: f64, rng: &mut ChaCha8Rng| {
+        tracker.update(state, Timestamp::UNIX_EPOCH, &seen(&library, um, 0.03, rng))
+    };
+    for _ in 0..NEED {
+        at(&mut state, 0.0, &mut rng);
+    }
+    let before = (0..120)
+        .map(|i| at(&mut state, f64::from(i), &mut rng))
+        .last()
+        .unwrap()
+        .median_um
+        .unwrap();
+    let event = |kind| MaintenanceEvent {
+        time: Timestamp::UNIX_EPOCH,
+        kind,
+        by: "Ada".to_owned(),
+        comment: String::new(),
+    };
+    for (kind, truth) in [(MaintenanceKind::SensorReplaced, 119.0), (MaintenanceKind::GearReplaced, 0.0)] {
+        let mut state = state.clone();
+        tracker.event(&mut state, &event(kind));
+        for have in 1..=NEED {
+            let wear = at(&mut state, truth, &mut rng);
+            assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, have));
+        }
+        let after = at(&mut state, truth, &mut rng);
+        let (low, high) = (after.p05_um.unwrap(), after.p95_um.unwrap());
+        assert!(low <= truth && truth <= high, "{kind:?} before {before}: {}", after.reason);
+    }
+}
+
+#[test]
+fn what_wear_does_not_explain_moves_nothing() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(13);
+    let mut state = tracker.start();
+    let record = |shift: f64, rng: &mut ChaCha8Rng| {
+        let mut features = seen(&library, 0.0, 0.03, rng);
+        let scatter = Normal::new(0.0, 0.03).unwrap();
+        for band in 1..=4 {
+            features.checks.insert(format!("ln_floor_{band}"), -3.0 + scatter.sample(rng));
+            features
+                .checks
+                .insert(format!("ln_rest_{band}"), -2.0 + shift + scatter.sample(rng));
+        }
+        features
+    };
+    let belief = |state: &TrackerState| match &state.0 {
+        Stage::Tracking(tracking) => (tracking.belief.clone(), tracking.history.clone()),
+        Stage::Collecting { .. } => panic!("the baseline is there"),
+    };
+    let mut take = |state: &mut TrackerState, shift: f64| tracker.update(state, Timestamp::UNIX_EPOCH, &record(shift, &mut rng));
+    for _ in 0..NEED {
+        take(&mut state, 0.0);
+    }
+    let calm = take(&mut state, 0.0);
+    assert!(!calm.novelty.unwrap().outside);
+    let before = belief(&state);
+    let other = take(&mut state, 0.8);
+    assert_eq!((other.status, other.median_um), (WearStatus::OutsideLibrary, None));
+    let novelty = other.novelty.unwrap();
+    assert!(
+        novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BesideMesh),
+        "{novelty:?}"
+    );
+    assert_eq!(belief(&state), before);
+}
