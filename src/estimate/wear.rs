@@ -43,7 +43,7 @@ pub struct BestState {
     pub index: usize,
     /// Its greatest wear depth in µm.
     pub wear_um: f64,
-    /// Which member of the ensemble explains it: 0 is the pair as described, others are variants of it.
+    /// Which contact rule explains it: 0 is the described one, 1 the other.
     #[serde(default)]
     pub member: usize,
 }

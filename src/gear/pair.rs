@@ -236,9 +236,10 @@ pub struct WearPoint {
 /// For the shape `archard` K and H set how many turns a depth takes; the shape itself depends on the proportion of the two hardnesses alone.
 /// H = 7 GPa is 60 HRC (700 HV): what data sheets of the case-hardening steel 16MnCr5 give for its carburised surface (Akrostal, 16HG/1.7131/16MnCr5: at least 60 HRC;
 /// Lucefin, 16MnCr5, 2014: 64 HRC down to 57 HRC by the tempering). That Archard's law describes the mild wear of gears is A. Flodin's finding on an FZG rig (Wear of
-/// spur and helical gears, KTH Stockholm, 2000). K is a choice: no measured value of it for gears could be read at
-/// its source; an encyclopaedia (article "Wear coefficient") has 1e-2 for severe dry wear down to 1e-6 and less for mild lubricated wear. K = 3.5e-6 makes k = K/H 5e-16 m²/N,
-/// with which the typical pair loses 25 µm in 2.3e5 turns, as if scarcely lubricated. Turns go with 1/K: where they matter, measure it.
+/// spur and helical gears, KTH Stockholm, 2000). K = 1.7e-7 is that of lubricated steel on steel in a table of such constants (the crate sciforge-lib 0.0.4,
+/// `constants/physics/solid_mechanics/wear.rs`, which has 7e-4 for the same dry); an encyclopaedia (article "Wear coefficient") has 1e-2 for severe dry wear down to 1e-6
+/// and less for mild lubricated wear. A value measured on gears could not be read at its source. With the default the typical pair loses 25 µm in 4.7 million turns; turns go with
+/// 1/K, and K spans three decades: where they matter, measure it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WearSpec {
@@ -325,7 +326,7 @@ impl Default for WearSpec {
             floor: 0.05,
             tip_ratio: 0.7,
             exponent: 4.0,
-            coefficient: 3.5e-6,
+            coefficient: 1.7e-7,
             hardness_pa: [7e9, 7e9],
             table: Vec::new(),
         }
