@@ -190,7 +190,7 @@ mod tests {
     /// moves over them by L₁ and L₂ z₁/z₂: a turn takes k F/b (1 + z₁/z₂) |x| (1/L₁ + 1/L₂) off both, by which the driven gear lags.
     #[test]
     fn turns_wear_as_archards_law_says() {
-        let turns = 2000.0;
+        let turns = 40_000.0;
         let arguments = |turns: &str| {
             [
                 "--turns".to_owned(),
@@ -209,7 +209,7 @@ mod tests {
                 .map(|line| line.split(',').map(|field| field.parse().unwrap()).collect())
                 .collect()
         };
-        let row = rows("2000")
+        let row = rows("40000")
             .into_iter()
             .min_by(|a, b| (a[0] + 0.03).abs().total_cmp(&(b[0] + 0.03).abs()))
             .unwrap();
@@ -223,7 +223,8 @@ mod tests {
         let lengths = [first, (bases[0] + bases[1]) * angle.tan() - first];
         let from_pitch = first - bases[0] * angle.tan();
         let force_n_per_mm = 1300e3 / (50.0 * bases[0]);
-        let k_mm2_per_n = 3.5e-6 / 7e9 * 1e6;
+        // The default K and H.
+        let k_mm2_per_n = 1.7e-7 / 7e9 * 1e6;
         let slid = (1.0 + 24.0 / 26.0) * from_pitch.abs();
         let lost = turns * k_mm2_per_n * force_n_per_mm * slid * (1.0 / lengths[0] + 1.0 / lengths[1]);
         let lag_mm = row[3] * bases[1];
