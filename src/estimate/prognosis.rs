@@ -14,7 +14,11 @@ const MOST_POINTS: usize = 64;
 const DRIFT: f64 = 0.2;
 
 /// Errors of neighbouring depths are alike: this many points of the history count as one.
-const ALIKE: f64 = 6.0;
+const ALIKE: f64 = 20.0;
+
+/// How much wider the time's interval is than the depth's where the shape of the wear is not known: wear of another shape also changes how the tracked depth
+/// grows, above all towards the library's end.
+const SHAPE_DRIFT: f64 = 1.2;
 
 /// Least scatter of the logarithm of depths around a power of time.
 const LEAST_SCATTER: f64 = 0.05;
@@ -125,7 +129,7 @@ impl WearHistory {
             .map(|(_, misfit)| (-0.5 * (misfit - least) / scatter / ALIKE).exp())
             .sum();
         let history = DRIFT * (limit_um / now_um).log2() + 0.5 * half_width_um / now_um * (1.0 - now_um / limit_um);
-        let drift = history.hypot(shape_deviation);
+        let drift = history.hypot(SHAPE_DRIFT * shape_deviation);
         for (power, misfit) in misfits {
             let weight = (-0.5 * (misfit - least) / scatter / ALIKE).exp() / total;
             rate += weight * power * now_um / now_s;
