@@ -44,7 +44,7 @@ pub enum SensorFault {
     Clipped,
     /// Stretches of the record are missing.
     Gaps,
-    /// Lines and noise floors have all moved alike: sensitivity or gain has changed.
+    /// Noise floors and what lies between the lines have all moved alike: sensitivity or gain has changed.
     GainChanged,
     /// High frequencies are lost, low ones are not: the sensor is loose.
     LooseMount,
@@ -57,7 +57,7 @@ impl SensorFault {
             Self::Dead => "the sensor gives no signal",
             Self::Clipped => "the signal is clipped",
             Self::Gaps => "samples are missing",
-            Self::GainChanged => "lines and noise floors moved alike: the sensor's gain has changed",
+            Self::GainChanged => "all noise floors moved alike: the sensor's gain has changed",
             Self::LooseMount => "high frequencies are lost: the sensor's mount is loose",
         }
     }
@@ -141,7 +141,7 @@ pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], fr
         Some(Absence::Constant) => Some(SensorFault::Dead),
         Some(Absence::Clipped) => Some(SensorFault::Clipped),
         Some(Absence::Gaps) => Some(SensorFault::Gaps),
-        _ if p_record < LEAST_P_VALUE => sensor_fault(lines, checks),
+        _ if p_record < LEAST_P_VALUE => sensor_fault(checks),
         _ => None,
     };
     // A fault of the sensor says nothing of the machine.
@@ -189,7 +189,7 @@ fn grown_most(checks: &[Deviation]) -> Option<MachineSign> {
     (most.residual > 0.0).then(|| MachineSign::of(&most.name)).flatten()
 }
 
-fn sensor_fault(lines: &[Deviation], checks: &[Deviation]) -> Option<SensorFault> {
+fn sensor_fault(checks: &[Deviation]) -> Option<SensorFault> {
     let of = |name: &str| checks.iter().find(|d| d.name == name).map(|d| d.residual);
     let floors: Vec<&Deviation> = checks
         .iter()
@@ -207,12 +207,11 @@ fn sensor_fault(lines: &[Deviation], checks: &[Deviation]) -> Option<SensorFault
     {
         return Some(SensorFault::LooseMount);
     }
-    // One factor for all: weighted mean, and what it leaves.
-    let all = || floors.iter().copied().chain(lines);
-    let weight: f64 = all().map(|d| d.deviation.powi(-2)).sum();
-    let gain = all().map(|d| d.residual * d.deviation.powi(-2)).sum::<f64>() / weight;
-    let before: f64 = all().map(|d| (d.residual / d.deviation).powi(2)).sum();
-    let after: f64 = all().map(|d| ((d.residual - gain) / d.deviation).powi(2)).sum();
+    // One factor for all: weighted mean, and what it leaves. The lines are not asked: the best state takes a part of a gain for wear.
+    let weight: f64 = floors.iter().map(|d| d.deviation.powi(-2)).sum();
+    let gain = floors.iter().map(|d| d.residual * d.deviation.powi(-2)).sum::<f64>() / weight;
+    let before: f64 = floors.iter().map(|d| (d.residual / d.deviation).powi(2)).sum();
+    let after: f64 = floors.iter().map(|d| ((d.residual - gain) / d.deviation).powi(2)).sum();
     (gain.abs() > LEAST_GAIN && after < GAIN_LEAVES * before).then_some(SensorFault::GainChanged)
 }
 
