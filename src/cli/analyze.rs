@@ -4,18 +4,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
-use super::library::progress_bar;
+use super::library::kept_ensemble;
 use super::{CliError, output};
 use crate::asset::AssetSpec;
 use crate::estimate::{EstimatorSettings, Tracker, WearEstimate, shape_deviation};
-use crate::gear::PairSpec;
-use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryShelf};
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
 use crate::report::{Report, ReportedRecord, angle_words};
 use crate::signal::{
@@ -356,7 +353,10 @@ impl Analysis<'_> {
             });
         // A library is worth its simulation only if some channel gets past its baseline.
         let needed = longest.values().any(|&count| count > settings.baseline_records);
-        let ensemble = if needed { self.ensemble(asset)? } else { None };
+        let pair = asset.gear.pair.as_ref().filter(|_| needed);
+        let ensemble = pair
+            .map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.one_rule))
+            .transpose()?;
         let tracker = Tracker::new(settings, ensemble);
         let mut order: Vec<usize> = (0..self.records.len()).collect();
         order.sort_by_key(|&i| self.records[i].start_time);
@@ -372,26 +372,6 @@ impl Analysis<'_> {
             record.wear = wear.median_um.is_some().then_some(wear);
         }
         Ok(())
-    }
-
-    fn ensemble(&self, asset: &AssetSpec) -> Result<Option<Arc<Ensemble>>, CliError> {
-        let Some(pair) = &asset.gear.pair else { return Ok(None) };
-        let grid = GridSettings::default();
-        let bar = progress_bar(grid.states as u64, "wear states");
-        let shelf = LibraryShelf::new(self.args.data_dir.join("libraries"));
-        let progress = |done: usize, _| bar.set_position(done as u64);
-        let library = shelf.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
-        bar.finish_and_clear();
-        let settings = EnsembleSettings {
-            other_rule: !self.args.one_rule,
-            ..EnsembleSettings::default()
-        };
-        let bar = progress_bar(settings.libraries() as u64, "libraries around it");
-        let shelf = shelf.variants();
-        let get = |pair: &PairSpec, grid: &GridSettings| shelf.get_or_build(pair, grid, &BuildControl::silent());
-        let ensemble = Ensemble::around(library, &settings, &get, &|done, _| bar.set_position(done as u64))?;
-        bar.finish_and_clear();
-        Ok(Some(Arc::new(ensemble)))
     }
 }
 

@@ -1,18 +1,15 @@
 //! `flankwatch evaluate`: what the wear estimate is worth, on simulated runs to failure whose true wear is known.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use plotly::common::{Line, Mode, Title};
 use plotly::layout::Axis;
 use plotly::{Layout, Plot, Scatter};
 
-use super::library::progress_bar;
+use super::library::{kept_ensemble, progress_bar};
 use super::{CliError, output, pair_file};
 use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, Score, evaluate};
-use crate::gear::PairSpec;
-use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, LibraryShelf};
 
 /// Which cases are run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -100,7 +97,7 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             names.join(", ")
         )));
     }
-    let ensemble = ensemble(&pair, args)?;
+    let ensemble = kept_ensemble(&args.data_dir, &pair, args.one_rule)?;
     let bar = progress_bar(cases.len() as u64, "cases");
     let mut scores = Vec::with_capacity(cases.len());
     output::print(&header())?;
@@ -116,21 +113,6 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
         output::write_file(path, page(&scores, &settings).as_bytes())?;
     }
     Ok(())
-}
-
-fn ensemble(pair: &PairSpec, args: &EvaluateArgs) -> Result<Arc<Ensemble>, CliError> {
-    let shelf = LibraryShelf::new(args.data_dir.join("libraries"));
-    let settings = EnsembleSettings {
-        other_rule: !args.one_rule,
-        ..EnsembleSettings::default()
-    };
-    let bar = progress_bar(settings.libraries() as u64, "libraries");
-    let library = shelf.get_or_build(pair, &GridSettings::default(), &BuildControl::silent())?;
-    let shelf = shelf.variants();
-    let get = |pair: &PairSpec, grid: &GridSettings| shelf.get_or_build(pair, grid, &BuildControl::silent());
-    let ensemble = Ensemble::around(library, &settings, &get, &|done, _| bar.set_position(done as u64))?;
-    bar.finish_and_clear();
-    Ok(Arc::new(ensemble))
 }
 
 fn header() -> String {

@@ -1,14 +1,17 @@
 //! `flankwatch library`: build, list and show libraries of simulated wear states.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::interrupt::interrupted;
 use super::{CliError, output, pair_file};
-use crate::gear::ContactRule;
-use crate::library::{self, BuildControl, GridSettings, Library, LibraryError, LibraryShelf, build_into, decode};
+use crate::gear::{ContactRule, PairSpec};
+use crate::library::{
+    self, BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, build_into, decode,
+};
 
 /// Arguments of `flankwatch library`.
 #[derive(Args)]
@@ -223,6 +226,24 @@ fn table(library: &Library) -> String {
         );
     }
     text
+}
+
+/// A pair's library and its neighbours from the data folder's `libraries`, simulated where they are not kept yet.
+pub(super) fn kept_ensemble(data_dir: &Path, pair: &PairSpec, one_rule: bool) -> Result<Arc<Ensemble>, CliError> {
+    let shelf = LibraryShelf::new(data_dir.join("libraries"));
+    let grid = GridSettings::default();
+    let bar = progress_bar(grid.states as u64, "wear states");
+    let progress = |done: usize, _| bar.set_position(done as u64);
+    let library = shelf.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
+    bar.finish_and_clear();
+    let settings = EnsembleSettings {
+        other_rule: !one_rule,
+        ..EnsembleSettings::default()
+    };
+    let bar = progress_bar(settings.libraries() as u64, "libraries around it");
+    let ensemble = shelf.ensemble(library, &settings, &|done, _| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    Ok(Arc::new(ensemble))
 }
 
 /// A progress bar on standard error, drawn only on a terminal.

@@ -6,12 +6,12 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
 use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::body;
 use super::category::{AlarmCounts, Category};
 use super::problem::{Details, Problem};
-use super::query::{self, AssetInPath, Page, Parameters};
+use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use super::router::App;
 use crate::asset::{AssetId, AssetSpec, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate};
@@ -64,17 +64,6 @@ struct Summary {
     recent_wear_um: Vec<f64>,
 }
 
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
-pub(super) struct ListParameters {
-    /// Entries of the page: 1 to 1000, 100 where not given.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-}
-
 /// Assets
 ///
 /// Every asset with a summary: records, latest wear, state of its library.
@@ -82,10 +71,10 @@ pub(super) struct ListParameters {
     get,
     path = "/v1/assets",
     tag = "assets",
-    params(ListParameters),
+    params(PageParameters),
     responses((status = 200, body = Page<AssetView>)),
 )]
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<AssetView>>, Problem> {
+pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<AssetView>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let assets = app.ingest.store().assets(asked.cursor.as_deref(), limit + 1).await?;
     let (assets, next_cursor) = Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();

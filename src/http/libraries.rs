@@ -4,36 +4,25 @@ use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::{Path, State};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::problem::Problem;
-use super::query::{self, NameInPath, Page, Parameters};
+use super::query::{self, NameInPath, Page, PageParameters, Parameters};
 use super::router::App;
 use crate::gear::{ContactRule, PairSpec};
 use crate::ingest::IngestError;
 use crate::library::{FORMAT_VERSION, Library, Manifest};
 use crate::signal::{Features, Indicators};
 
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
-pub(super) struct ListParameters {
-    /// Entries of the page: 1 to 1000, 100 where not given.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-}
-
 /// Libraries of simulated wear states
 #[utoipa::path(
     get,
     path = "/v1/libraries",
     tag = "libraries",
-    params(ListParameters),
+    params(PageParameters),
     responses((status = 200, body = Page<LibraryRow>)),
 )]
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<LibraryRow>>, Problem> {
+pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<LibraryRow>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let shelf = app.ingest.libraries().shelf();
     let mut all = blocking(move || shelf.list()).await?;

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::alarms::check_signature;
 use super::body;
 use super::problem::Problem;
-use super::query::{self, AssetInPath, Page, Parameters};
+use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use super::router::App;
 use crate::asset::AssetId;
 use crate::estimate::{MaintenanceEvent, MaintenanceKind};
@@ -86,17 +86,6 @@ pub(super) async fn add(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)))
 }
 
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
-pub(super) struct ListParameters {
-    /// Entries of the page: 1 to 1000, 100 where not given.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-}
-
 /// Maintenance of an asset
 ///
 /// What was done, the latest first.
@@ -104,13 +93,13 @@ pub(super) struct ListParameters {
     get,
     path = "/v1/assets/{asset}/maintenance",
     tag = "assets",
-    params(("asset" = AssetId, Path, description = "The asset"), ListParameters),
+    params(("asset" = AssetId, Path, description = "The asset"), PageParameters),
     responses((status = 200, body = Page<EventView>)),
 )]
 pub(super) async fn list(
     State(app): State<App>,
     AssetInPath(asset): AssetInPath,
-    Parameters(asked): Parameters<ListParameters>,
+    Parameters(asked): Parameters<PageParameters>,
 ) -> Result<Json<Page<EventView>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let after = query::place_cursor(asked.cursor.as_deref())?;

@@ -7,11 +7,10 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
-use serde::Deserialize;
 
 use super::body;
 use super::problem::{Details, Problem};
-use super::query::{self, NameInPath, Page, Parameters};
+use super::query::{self, NameInPath, Page, PageParameters, Parameters};
 use super::router::App;
 use crate::ingest::{Replay, ReplayRequest};
 
@@ -32,17 +31,6 @@ pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
 }
 
-#[derive(Debug, Deserialize, utoipa::IntoParams)]
-#[into_params(parameter_in = Query)]
-#[serde(deny_unknown_fields)]
-pub(super) struct ListParameters {
-    /// Entries of the page: 1 to 1000, 100 where not given.
-    #[param(minimum = 1, maximum = 1000)]
-    limit: Option<u32>,
-    /// `next_cursor` of the page before.
-    cursor: Option<String>,
-}
-
 /// Replays
 ///
 /// Since the service started, the latest first.
@@ -50,10 +38,10 @@ pub(super) struct ListParameters {
     get,
     path = "/v1/replays",
     tag = "replays",
-    params(ListParameters),
+    params(PageParameters),
     responses((status = 200, body = Page<Replay>)),
 )]
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<Replay>>, Problem> {
+pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<Replay>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let all = app.ingest.replays();
     let start = match &asked.cursor {

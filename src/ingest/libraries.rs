@@ -10,7 +10,6 @@ use super::IngestError;
 use super::keys::{analysis_keys, fold_key};
 use crate::asset::AssetSpec;
 use crate::estimate::{AlarmRule, EstimatorSettings, Tracker, shape_deviation};
-use crate::gear::PairSpec;
 use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, library_id};
 
 /// The error of an asset whose library is not there yet.
@@ -71,7 +70,7 @@ pub struct Libraries {
     asked: Mutex<HashMap<String, watch::Receiver<Readiness>>>,
     /// By fold key, also those of histories that are being computed again.
     trackers: Mutex<HashMap<String, KeyedTracker>>,
-    variants: EnsembleSettings,
+    neighbours: EnsembleSettings,
     /// By the id of the library that they are around.
     ensembles: Arc<Mutex<HashMap<String, Arc<Ensemble>>>>,
     /// One build at a time: each one uses every core by itself.
@@ -79,14 +78,14 @@ pub struct Libraries {
 }
 
 impl Libraries {
-    pub(super) fn new(shelf: Arc<LibraryShelf>, grid: GridSettings, variants: EnsembleSettings, wait: Duration) -> Self {
+    pub(super) fn new(shelf: Arc<LibraryShelf>, grid: GridSettings, neighbours: EnsembleSettings, wait: Duration) -> Self {
         Self {
             shelf,
             grid,
             wait,
             asked: Mutex::default(),
             trackers: Mutex::default(),
-            variants,
+            neighbours,
             ensembles: Arc::default(),
             building: Arc::default(),
         }
@@ -122,7 +121,7 @@ impl Libraries {
         let (sender, receiver) = watch::channel(Readiness::Building { done: 0, total: 0 });
         asked.insert(id.clone(), receiver.clone());
         let (shelf, grid, building) = (Arc::clone(&self.shelf), self.grid.clone(), Arc::clone(&self.building));
-        let (variants, ensembles) = (self.variants, Arc::clone(&self.ensembles));
+        let (neighbours, ensembles) = (self.neighbours, Arc::clone(&self.ensembles));
         let built_id = id.clone();
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the end of the process.
         let build = move || {
@@ -142,19 +141,17 @@ impl Libraries {
             };
             tracing::info!(library = %built_id, "library ready");
             sender.send_replace(Readiness::Ready(Arc::clone(&library)));
-            if variants.libraries() == 1 {
+            if neighbours.libraries() == 1 {
                 return;
             }
-            // Records need not wait for the variants: when they are there, histories are folded again with them.
-            let shelf = shelf.variants();
-            let get = |pair: &PairSpec, grid: &GridSettings| shelf.get_or_build(pair, grid, &BuildControl::silent());
-            match Ensemble::around(library, &variants, &get, &|_, _| {}) {
+            // Records need not wait for the neighbours: when they are there, histories are folded again with them.
+            match shelf.ensemble(library, &neighbours, &|_, _| {}) {
                 Ok(ensemble) => {
-                    tracing::info!(library = %built_id, members = ensemble.members().len(), "variants ready");
+                    tracing::info!(library = %built_id, members = ensemble.members().len(), "neighbours ready");
                     let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
                     ensembles.insert(built_id, Arc::new(ensemble));
                 }
-                Err(error) => tracing::error!(library = %built_id, %error, "variants failed"),
+                Err(error) => tracing::error!(library = %built_id, %error, "neighbours failed"),
             }
         };
         if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(build) {
@@ -212,7 +209,7 @@ impl Libraries {
         keyed.clone()
     }
 
-    /// The library with its variants; alone while they are being simulated.
+    /// The library with its neighbours; alone while they are being simulated.
     fn ensemble(&self, library: Arc<Library>) -> Arc<Ensemble> {
         let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);
         let ensemble = ensembles.get(library.id()).cloned();

@@ -63,7 +63,7 @@ pub struct IngestLimits {
     /// How long a record waits for its asset's library.
     pub library_wait: Duration,
     /// What is simulated of each asset's pair besides its library, in the background.
-    pub variants: EnsembleSettings,
+    pub neighbours: EnsembleSettings,
     /// How many raw bytes are kept.
     pub quotas: RawQuotas,
 }
@@ -76,7 +76,7 @@ impl Default for IngestLimits {
             bytes_at_once: 512 << 20,
             recordings_at_once: 4,
             library_wait: Duration::from_secs(120),
-            variants: EnsembleSettings::default(),
+            neighbours: EnsembleSettings::default(),
             quotas: RawQuotas::default(),
         }
     }
@@ -193,7 +193,7 @@ impl Ingest {
         Ok(Self {
             inner: Arc::new(Inner {
                 workers: Workers::new(limits)?,
-                libraries: Libraries::new(shelf, grid, limits.variants, limits.library_wait),
+                libraries: Libraries::new(shelf, grid, limits.neighbours, limits.library_wait),
                 channels: channels::Channels::default(),
                 commits: group_commit::CommitQueue::default(),
                 recomputations: recompute::Recomputations::default(),

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::checkpoint::{Checkpoint, checkpoint_beside};
-use super::{BuildControl, GridSettings, Library, LibraryError, Manifest, build, decode, encode, library_id};
+use super::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, Manifest, build, decode, encode, library_id};
 use crate::gear::PairSpec;
 
 /// Ending of library files.
@@ -22,11 +22,6 @@ impl LibraryShelf {
     /// A shelf in a folder, which is made when the first library is kept.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
         Self { folder: folder.into() }
-    }
-
-    /// A shelf beside this one for the variants of its libraries: they are nobody's own and not listed.
-    pub fn variants(&self) -> Self {
-        Self::new(self.folder.join("variants"))
     }
 
     /// The library of these inputs: loaded where it is kept and whole, else built and kept.
@@ -45,6 +40,22 @@ impl LibraryShelf {
             Err(error) => return Err(error),
         }
         build_into(&self.path(&id), pair, grid, control).map(Arc::new)
+    }
+
+    /// A library with its neighbours, which are kept in a folder of their own: they are nobody's own and not listed. `progress` is called with the
+    /// libraries done and their number.
+    ///
+    /// # Errors
+    /// Those of [`LibraryShelf::get_or_build`] for the described pair.
+    pub fn ensemble(
+        &self,
+        library: Arc<Library>,
+        settings: &EnsembleSettings,
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<Ensemble, LibraryError> {
+        let neighbours = Self::new(self.folder.join("neighbours"));
+        let get = |pair: &PairSpec, grid: &GridSettings| neighbours.get_or_build(pair, grid, &BuildControl::silent());
+        Ensemble::around(library, settings, &get, progress)
     }
 
     /// The library with this name, where it is kept.

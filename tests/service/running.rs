@@ -132,7 +132,7 @@ impl Service {
         let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), self.folder());
         config.http.grace = Duration::from_secs(30);
         // What a test sees does not depend on when a build in the background ends.
-        config.ingest.variants = EnsembleSettings::described_alone();
+        config.ingest.neighbours = EnsembleSettings::described_alone();
         (self.change)(&mut config);
         let clock = Arc::clone(&self.clock);
         self.running = Some(self.runtime.block_on(start(config, clock)).unwrap());
