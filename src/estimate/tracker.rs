@@ -19,7 +19,7 @@ use crate::library::{Ensemble, Library};
 use crate::signal::{Features, PREPROCESSING};
 
 /// Identifier of the estimator.
-pub const METHOD: &str = "path-filter-1";
+pub const METHOD: &str = "path-filter-2";
 
 /// Fewest lines that a comparison is made on.
 const LEAST_LINES: usize = 3;
@@ -343,7 +343,9 @@ impl Tracker {
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
             let what = match &self.ensemble {
+                Some(_) if novelty.lasting.is_some() => "no wear of the library has explained several records well",
                 Some(_) => "no wear of the library explains this record",
+                None if novelty.lasting.is_some() => "several records have been unlike the healthy ones",
                 None => "this record is unlike the healthy ones",
             };
             answer.reason = format!("{what}: off are {}", most_deviating(&novelty));

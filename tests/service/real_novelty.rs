@@ -20,9 +20,16 @@ use crate::left_out;
 const BEARING_BASELINE: usize = 100;
 const LATE: usize = 280;
 
+/// So many records after the baseline may not be flagged. Energy in octaves (computed with NumPy, means of 25 records) has drifted by 2.3 and 2.8 of the
+/// baseline's standard deviations at their end and goes on: what is told afterwards is no false alarm.
+const EARLY: usize = 250;
+
 /// A piece of a gearbox recording has this many samples, 0.4 s; so many of the healthy recording's are the baseline.
 const PIECE: usize = 5120;
 const GEARBOX_BASELINE: usize = 12;
+
+/// At least so much wear with 95 % probability is a claim of wear, in µm; healthy pieces are told up to 1.
+const CLAIM_UM: f64 = 3.0;
 
 fn ensemble(pair: &PairSpec, max_wear_um: f64, sample_rate_hz: f64) -> Arc<Ensemble> {
     let grid = GridSettings {
@@ -102,7 +109,7 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
         let answers = told(BEARING_BASELINE, ensemble, features);
         assert!(answers.iter().all(|answer| answer.median_um.is_none()), "{name}: wear was claimed");
         let scores: Vec<f64> = answers.iter().map(score).collect();
-        let early = &scores[BEARING_BASELINE..4 * BEARING_BASELINE];
+        let early = &scores[BEARING_BASELINE..][..EARLY];
         let flagged_early = early.iter().filter(|score| **score > 4.0).count() as f64 / early.len() as f64;
         let late = &scores[scores.len() - LATE..];
         let rule = AlarmRule {
@@ -171,10 +178,14 @@ struct Answered {
     flagged: usize,
     /// Of these, the ones that were called a fault of the sensor.
     sensor: usize,
-    /// A wear depth was claimed.
+    /// A wear depth was told, be it none.
+    told: usize,
+    /// Wear was claimed: 95 % probability of more than healthy pieces are told.
     claimed: usize,
     /// The most that was claimed at 95 % probability, in µm.
     least_um: f64,
+    /// The first flagged piece.
+    first: Option<usize>,
 }
 
 impl Answered {
@@ -185,8 +196,12 @@ impl Answered {
             pieces: answers.len(),
             flagged: count(&|answer| answer.status == WearStatus::OutsideLibrary) + sensor,
             sensor,
-            claimed: count(&|answer| answer.median_um.is_some()),
+            told: count(&|answer| answer.median_um.is_some()),
+            claimed: count(&|answer| answer.p05_um.is_some_and(|um| um > CLAIM_UM)),
             least_um: answers.iter().filter_map(|answer| answer.p05_um).fold(0.0, f64::max),
+            first: answers
+                .iter()
+                .position(|answer| matches!(answer.status, WearStatus::OutsideLibrary | WearStatus::SensorFault)),
         }
     }
 
@@ -194,13 +209,15 @@ impl Answered {
         self.pieces += other.pieces;
         self.flagged += other.flagged;
         self.sensor += other.sensor;
+        self.told += other.told;
         self.claimed += other.claimed;
         self.least_um = self.least_um.max(other.least_um);
     }
 }
 
-/// At each load and on each sensor. The pair's module, width and torque are guessed: the data do not say them. Sensor a1 alone sees much of the
-/// broken tooth (its first mesh line doubles while its root mean square falls by a third); on the others the same numbers are those of the healthy gearbox.
+/// At each load and on each sensor. The pair's module, width and torque are guessed: the data do not say them. Sensor a1 sees much of the broken tooth
+/// (its first mesh line doubles while its root mean square falls by a third), a2 a change of its mesh lines that no wear explains well; a3 and a4 hardly
+/// anything, and are answered as the healthy gearbox is.
 #[test]
 fn a_broken_tooth_is_novelty_and_not_wear() {
     let Some(folder) = left_out::recordings("gearbox-spectraquest") else {
@@ -213,17 +230,18 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
     .unwrap();
     let ensemble = ensemble(&pair, 110.0, 12_800.0);
     let mesh = mesh(&pair);
-    let (mut held_out, mut near, mut far) = (Answered::default(), Answered::default(), Answered::default());
+    let (mut held_out, mut sensors) = (Answered::default(), <[Answered; 4]>::default());
     for load in ["0", "50", "90"] {
         let healthy = pieces(&folder, &format!("h30hz{load}"), &mesh);
         let faulty = pieces(&folder, &format!("b30hz{load}"), &mesh);
-        for (channel, (healthy, faulty)) in (1..).zip(healthy.into_iter().zip(faulty)) {
+        for (channel, (healthy, faulty)) in healthy.into_iter().zip(faulty).enumerate() {
             let whole = healthy.len();
             let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), healthy.into_iter().chain(faulty));
             let calm = Answered::of(&answers[GEARBOX_BASELINE..whole]);
             let broken = Answered::of(&answers[whole..]);
             eprintln!(
-                "load {load}, a{channel}: {} of {} held-out pieces flagged; {} of {} broken ones, {} as the sensor's fault; {} with wear, at least {:.0} µm; {}",
+                "load {load}, a{}: {} of {} held-out pieces flagged; {} of {} broken ones, {} as the sensor's fault; {} with wear, at least {:.0} µm; {}",
+                channel + 1,
                 calm.flagged,
                 calm.pieces,
                 broken.flagged,
@@ -234,31 +252,29 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
                 answers[whole + broken.pieces / 2].reason
             );
             held_out.add(&calm);
-            if channel == 1 { near.add(&broken) } else { far.add(&broken) }
+            sensors[channel].add(&broken);
+            if channel < 2 {
+                assert!(
+                    broken.first.is_some_and(|first| first < 10),
+                    "load {load}, a{}: {:?}",
+                    channel + 1,
+                    broken.first
+                );
+            }
         }
     }
-    for (name, got) in [
-        ("held-out healthy pieces", &held_out),
-        ("broken tooth on a1", &near),
-        ("broken tooth on a2 to a4", &far),
-    ] {
+    let names = ["a1", "a2", "a3", "a4"];
+    for (name, got) in names.into_iter().zip(&sensors).chain([("held-out healthy pieces", &held_out)]) {
         eprintln!(
-            "{name}: {} of {} flagged, wear claimed for {}",
-            got.flagged, got.pieces, got.claimed
+            "{name}: {} of {} flagged, a depth told for {}, wear claimed for {}",
+            got.flagged, got.pieces, got.told, got.claimed
         );
     }
-    assert!(
-        near.flagged as f64 >= 0.95 * near.pieces as f64,
-        "{} of {}",
-        near.flagged,
-        near.pieces
-    );
-    assert!(
-        near.claimed * 20 <= near.pieces,
-        "wear claimed for {} of {}",
-        near.claimed,
-        near.pieces
-    );
+    let [near, second, others @ ..] = &sensors;
+    assert!(near.flagged as f64 >= 0.95 * near.pieces as f64 && near.told * 20 <= near.pieces);
+    assert!(second.flagged as f64 >= 0.7 * second.pieces as f64 && second.claimed * 10 <= second.pieces);
+    assert!(others.iter().all(|other| other.claimed * 20 <= other.pieces));
+    assert_eq!(held_out.claimed, 0);
     assert!(
         held_out.flagged * 50 <= held_out.pieces,
         "{} of {}",
