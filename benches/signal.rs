@@ -1,5 +1,5 @@
 //! What a record of 10 s at 20 kHz costs, against one real Fourier transform of the same length: `cargo bench --bench signal`. And how often
-//! memory is taken for it.
+//! memory is taken for it. `-- condition` times only what has that word in its name.
 //!
 //! `benches/scipy_signal.py` does in SciPy what the second line does.
 
@@ -17,6 +17,9 @@ const SAMPLES: usize = 200_000;
 const RATE_HZ: f64 = 20_000.0;
 const SHAFT_HZ: f64 = 16.64;
 const ROUNDS: usize = 60;
+
+/// What the others are compared with.
+const TRANSFORM: &str = "one real transform";
 
 /// What is timed, and its name.
 type Task<'a> = (&'a str, Box<dyn FnMut() + 'a>);
@@ -57,7 +60,7 @@ fn main() {
     };
     let mut tasks: Vec<Task> = Vec::new();
     tasks.push((
-        "one real transform",
+        TRANSFORM,
         Box::new(|| {
             input.copy_from_slice(&samples);
             plan.process_with_scratch(&mut input, &mut output, &mut scratch)
@@ -95,6 +98,9 @@ fn main() {
             black_box(impulsive.kurtogram(&record).is_ok());
         }),
     ));
+    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let is_wanted = |name: &str| asked.is_empty() || asked.iter().any(|word| name.contains(word.as_str()));
+    tasks.retain(|(name, _)| *name == TRANSFORM || is_wanted(name));
     // The least of many rounds, taken in turn, so that other work on the machine touches all alike.
     let mut least = vec![Duration::MAX; tasks.len()];
     for _ in 0..ROUNDS {

@@ -6,6 +6,7 @@ use prost::Message;
 use super::RecordingError;
 use super::json::JsonBlock;
 use super::message::{self, WaveformBlock};
+use super::packed_samples;
 use super::pulses::Pulses;
 use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError};
 
@@ -100,7 +101,13 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                     "at most 83951616 bytes: cut it into shorter records",
                 ));
             }
-            let block = WaveformBlock::decode(bytes)?;
+            let block = match packed_samples::split(bytes) {
+                Some((samples, others)) => WaveformBlock {
+                    samples,
+                    ..WaveformBlock::decode(&others[..])?
+                },
+                None => WaveformBlock::decode(bytes)?,
+            };
             Ok(DecodedBlock {
                 start_time: timestamp_of(block.start_time_ns)?,
                 sample_rate_hz: block.sample_rate_hz,

@@ -15,6 +15,7 @@ mod mcap_reader;
 mod mcap_record;
 mod mcap_writer;
 pub mod message;
+mod packed_samples;
 mod pulses;
 mod raw;
 mod wav;

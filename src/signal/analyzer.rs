@@ -6,13 +6,13 @@ use super::envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch, band_
 use super::faults::fault;
 use super::features::Features;
 use super::indicators::{Absence, Indicators};
-use super::interpolation::Kernel;
 use super::kurtogram::KurtogramWork;
 use super::line::read_line;
 use super::mesh_lines::{MeshLine, MeshPositions};
 use super::moments::Moments;
 use super::record::{OperatingPoint, Record};
 use super::record_spectrum::RecordSpectrum;
+use super::resampling::Resampler;
 use super::spectrum::Spectrum;
 use super::speed::{LocatedMesh, MeshContext, ShaftSpeed, SpeedSource, given_speed, locate};
 use super::steadying::{Mesh, steady};
@@ -55,8 +55,7 @@ pub struct Analysis {
 pub struct Analyzer {
     pub(super) settings: AnalysisSettings,
     pub(super) work: RecordSpectrum,
-    /// Interpolation's weights, made when first needed.
-    pub(super) kernel: Option<Kernel>,
+    pub(super) resampler: Resampler,
     pub(super) kurtogram: KurtogramWork,
     /// Mesh lines of the last [`read`](Self::read).
     pub(super) lines: Vec<MeshLine>,
@@ -68,7 +67,7 @@ impl Analyzer {
         Self {
             settings,
             work: RecordSpectrum::default(),
-            kernel: None,
+            resampler: Resampler::default(),
             kurtogram: KurtogramWork::default(),
             lines: Vec::new(),
         }
@@ -85,8 +84,9 @@ impl Analyzer {
         let located = self.locate(record, mesh);
         let mut analysis = self.analyze_located(record, mesh, bands, &located);
         if located.1.mesh.is_ok() {
-            let turned = self.turned_located(record, mesh, &located);
+            let turned = self.turned_located(record, mesh, &located, analysis.features.fault);
             self.insert_tooth_checks(mesh, &turned, &mut analysis.features);
+            self.take_back(turned);
         }
         self.give_back(record);
         analysis
@@ -248,6 +248,7 @@ impl Analyzer {
     pub(super) fn give_back(&mut self, record: &Record) {
         if record.samples().len() > KEPT_SAMPLES {
             self.work = RecordSpectrum::default();
+            self.resampler.give_back();
             self.kurtogram = KurtogramWork::default();
         }
     }

@@ -5,22 +5,19 @@ use std::f64::consts::TAU;
 use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
 
-use super::indicators::Absence;
-use super::interpolation::{Kernel, REACH};
 use super::line::{LineReading, fits, read_line, read_line_in, search_reach};
-use super::record::Record;
-use super::shaft_angle::{AngleSource, ShaftAngle};
+use super::shaft_angle::AngleSource;
 use super::spectrum::hann_amplitude;
 use super::transform::Transforms;
 
 /// Bins to each side of a line up to which it costs less to sum these bins than to transform everything.
 const MOST_SUMMED_REACH: usize = 8;
 
-/// The fewest whole turns that are averaged.
-pub(super) const LEAST_TURNS: usize = 4;
+/// Bins that are summed at once: more sums than this do not fit the registers.
+const BINS_AT_ONCE: usize = 3;
 
-/// A record whose speed varies so much that it would grow by more than this when resampled is refused.
-const MOST_GROWTH: f64 = 4.0;
+/// Samples of a turn after which the next turn is taken, so that the bins' waves stay in the first cache.
+const COLUMNS: usize = 256;
 
 /// Whole turns of a shaft, the samples evenly spaced in its angle.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,77 +50,21 @@ pub struct OrderSpectrum {
 }
 
 impl AngleRecord {
-    /// Resamples the whole turns of a record whose `angle` is known and that have 16 samples before and after them.
-    ///
-    /// As many samples a turn are taken as the record has in its slowest turn or more, so that nothing folds back. A sample between the
-    /// record's own is Σ xᵢ·sinc(t − i)·w(t − i) / Σ sinc·w over the 32 samples around it, w the Blackman window: flat within 10⁻⁴ to
-    /// 0.4 of the sampling rate. `orders` is the highest order that must be kept.
-    ///
-    /// # Errors
-    /// [`Absence::TooFewTurns`] below 4, [`Absence::AboveNyquist`] where `orders` lies above half the sampling rate at the slowest speed,
-    /// [`Absence::SpeedVaries`] where the speed varies so much that the record would grow fourfold.
-    pub(super) fn resample(record: &Record, angle: &ShaftAngle, orders: f64, kernel: &Kernel) -> Result<Self, Absence> {
-        let samples = record.samples();
-        let rate_hz = record.sample_rate_hz();
-        if samples.len() <= 2 * REACH {
-            return Err(Absence::TooShort);
-        }
-        let least = rate_hz / angle.lowest_speed_hz();
-        let holds_orders = least > 2.0 * orders;
-        if !holds_orders {
-            return Err(Absence::AboveNyquist);
-        }
-        let known = angle.revolutions();
-        let most = MOST_GROWTH * samples.len() as f64;
-        if least >= samples.len() as f64 {
-            return Err(Absence::TooFewTurns);
-        }
-        let samples_per_turn = smooth_at_least(least.ceil() as usize);
-        // Pulses may have come for long before and after the record: its ends say which turns it holds.
-        let position = |revolution: f64| angle.time_s(revolution, &mut 0) * rate_hz;
-        let (begin, end) = (REACH as f64, (samples.len() - 1 - REACH) as f64);
-        let (low, high) = (known[0].ceil(), known[1].floor());
-        let first = first_such(low, high, |revolution| position(revolution) >= begin);
-        let past = first_such(first, high + 1.0, |revolution| revolution > high || position(revolution) > end);
-        let turns = past - 1.0 - first;
-        let enough = turns >= LEAST_TURNS as f64 && position(first) >= begin;
-        if !enough {
-            return Err(Absence::TooFewTurns);
-        }
-        if turns * samples_per_turn as f64 > most {
-            return Err(Absence::SpeedVaries);
-        }
-        let turns = turns as usize;
-        let mean = samples.iter().map(|&x| f64::from(x)).sum::<f64>() / samples.len() as f64;
-        let centred: Vec<f64> = samples.iter().map(|&x| f64::from(x) - mean).collect();
-        let mut interval = 0;
-        let step = 1.0 / samples_per_turn as f64;
-        let mut resampled = vec![0.0; turns * samples_per_turn];
-        let mut positions = vec![0.0; samples_per_turn];
-        for (turn, resampled) in resampled.chunks_exact_mut(samples_per_turn).enumerate() {
-            for (j, position) in positions.iter_mut().enumerate() {
-                let revolution = first + (turn as f64 + j as f64 * step);
-                *position = angle.time_s(revolution, &mut interval) * rate_hz;
-            }
-            kernel.interpolate(&centred, &positions, resampled);
-        }
-        Ok(Self {
-            unit: record.unit().to_owned(),
-            samples_per_turn,
-            turns,
-            samples: resampled,
-            angle: angle.source(),
-        })
-    }
-
     /// The mean over all turns at each angle.
     pub fn synchronous_average(&self) -> Vec<f64> {
-        let mut average = vec![0.0; self.samples_per_turn];
-        for turn in self.samples.chunks_exact(self.samples_per_turn) {
-            average.iter_mut().zip(turn).for_each(|(sum, sample)| *sum += sample);
-        }
-        average.iter_mut().for_each(|sum| *sum /= self.turns as f64);
+        let [mut average, odd] = self.sums(self.turns);
+        let scale = 1.0 / self.turns as f64;
+        average.iter_mut().zip(&odd).for_each(|(sum, odd)| *sum = (*sum + odd) * scale);
         average
+    }
+
+    /// The sums over the even and over the odd ones of the first `turns`, counted from 0, at each angle.
+    pub(super) fn sums(&self, turns: usize) -> [Vec<f64>; 2] {
+        let mut sums = [vec![0.0; self.samples_per_turn], vec![0.0; self.samples_per_turn]];
+        for (number, turn) in self.samples.chunks_exact(self.samples_per_turn).take(turns).enumerate() {
+            sums[number % 2].iter_mut().zip(turn).for_each(|(sum, sample)| *sum += sample);
+        }
+        sums
     }
 
     /// The line at order `teeth` of the Hann amplitude spectrum over orders, as [`read_line`] finds it there; its position in bins.
@@ -155,27 +96,37 @@ impl AngleRecord {
     /// exp(−2πikt/turns)·exp(−2πikj/N).
     fn bins(&self, first: usize, count: usize) -> Vec<Complex<f64>> {
         let arch = Arch::new();
-        let total = self.samples.len() as f64;
-        let per_turn = self.samples_per_turn;
-        let angle = |k: usize, j: usize, period: usize| -TAU * ((k * j) % period) as f64 / period as f64;
-        let step: Vec<Complex<f64>> = (0..per_turn).map(|j| Complex::from_polar(1.0, -TAU * j as f64 / total)).collect();
-        let mut waves: Vec<Complex<f64>> = (0..per_turn)
-            .map(|j| Complex::from_polar(1.0, angle(first, j, self.samples.len())))
-            .collect();
-        let (mut real, mut imaginary) = (vec![0.0; per_turn], vec![0.0; per_turn]);
-        (first..first + count)
-            .map(|k| {
-                for (wave, (re, im)) in waves.iter().zip(real.iter_mut().zip(&mut imaginary)) {
+        let (total, per_turn) = (self.samples.len(), self.samples_per_turn);
+        let wave = |k: usize, j: usize, period: usize| Complex::from_polar(1.0, -TAU * ((k * j) % period) as f64 / period as f64);
+        let step: Vec<Complex<f64>> = (0..per_turn).map(|j| wave(1, j, total)).collect();
+        let mut current: Vec<Complex<f64>> = (0..per_turn).map(|j| wave(first, j, total)).collect();
+        let mut waves: [[Vec<f64>; 2]; BINS_AT_ONCE] = std::array::from_fn(|_| [vec![0.0; per_turn], vec![0.0; per_turn]]);
+        let mut bins = Vec::with_capacity(count + BINS_AT_ONCE);
+        while bins.len() < count {
+            for [cos, sin] in &mut waves {
+                for ((wave, step), (re, im)) in current.iter_mut().zip(&step).zip(cos.iter_mut().zip(sin)) {
                     (*re, *im) = (wave.re, wave.im);
+                    *wave *= step;
                 }
-                waves.iter_mut().zip(&step).for_each(|(wave, step)| *wave *= step);
-                let turns = self.samples.chunks_exact(per_turn).enumerate();
-                let (cos, sin) = (&real[..], &imaginary[..]);
-                turns
-                    .map(|(t, turn)| arch.dispatch(TurnBin { turn, cos, sin }) * Complex::from_polar(1.0, angle(k, t, self.turns)))
-                    .sum()
-            })
-            .collect()
+            }
+            let mut sums = vec![[Complex::<f64>::default(); BINS_AT_ONCE]; self.turns];
+            for begin in (0..per_turn).step_by(COLUMNS) {
+                let columns = begin..per_turn.min(begin + COLUMNS);
+                let waves = waves.each_ref().map(|wave| wave.each_ref().map(|part| &part[columns.clone()]));
+                for (turn, sums) in self.samples.chunks_exact(per_turn).zip(&mut sums) {
+                    let turn = &turn[columns.clone()];
+                    let parts = arch.dispatch(TurnBins { turn, waves });
+                    sums.iter_mut().zip(parts).for_each(|(sum, part)| *sum += part);
+                }
+            }
+            let k = first + bins.len();
+            for bin in 0..BINS_AT_ONCE {
+                let of_turns = sums.iter().enumerate().map(|(t, sums)| sums[bin] * wave(k + bin, t, self.turns));
+                bins.push(of_turns.sum::<Complex<f64>>());
+            }
+        }
+        bins.truncate(count);
+        bins
     }
 
     /// The Hann amplitude spectrum over orders.
@@ -196,62 +147,34 @@ impl AngleRecord {
     }
 }
 
-/// Σ x·(cos + i·sin) over one turn, in the processor's widest registers.
-struct TurnBin<'a> {
+/// Σ x·(cos + i·sin) over a part of one turn, in the processor's widest registers.
+struct TurnBins<'a> {
     turn: &'a [f64],
-    cos: &'a [f64],
-    sin: &'a [f64],
+    /// Cosine and sine of each bin.
+    waves: [[&'a [f64]; 2]; BINS_AT_ONCE],
 }
 
-impl WithSimd for TurnBin<'_> {
-    type Output = Complex<f64>;
+impl WithSimd for TurnBins<'_> {
+    type Output = [Complex<f64>; BINS_AT_ONCE];
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Complex<f64> {
-        let (turn, turn_rest) = S::as_simd_f64s(self.turn);
-        let (cos, cos_rest) = S::as_simd_f64s(self.cos);
-        let (sin, sin_rest) = S::as_simd_f64s(self.sin);
-        let (mut re, mut im) = (simd.splat_f64s(0.0), simd.splat_f64s(0.0));
-        for ((&x, &cos), &sin) in turn.iter().zip(cos).zip(sin) {
-            re = simd.mul_add_e_f64s(x, cos, re);
-            im = simd.mul_add_e_f64s(x, sin, im);
-        }
-        let mut sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
-        for ((&x, &cos), &sin) in turn_rest.iter().zip(cos_rest).zip(sin_rest) {
-            sum += Complex::new(x * cos, x * sin);
-        }
-        sum
-    }
-}
-
-/// The first whole number from `low` to `high` from which on `holds` (which stays true once it is); `high` where it never does.
-fn first_such(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
-    let (mut low, mut high) = (low, high.max(low));
-    while low < high {
-        let middle = (0.5 * (low + high)).floor();
-        if holds(middle) {
-            high = middle;
-        } else {
-            low = middle + 1.0;
-        }
-    }
-    low
-}
-
-/// The smallest even number from `least` on without a prime factor above 7.
-fn smooth_at_least(least: usize) -> usize {
-    let mut number = least.next_multiple_of(2);
-    loop {
-        let mut rest = number;
-        for prime in [2, 3, 5, 7] {
-            while rest.is_multiple_of(prime) {
-                rest /= prime;
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let (turn, rest) = S::as_simd_f64s(self.turn);
+        let waves = self.waves.map(|wave| wave.map(|part| S::as_simd_f64s(part)));
+        let [[(c0, _), (s0, _)], [(c1, _), (s1, _)], [(c2, _), (s2, _)]] = waves;
+        let mut sums = [simd.splat_f64s(0.0); 2 * BINS_AT_ONCE];
+        let rows = turn.iter().zip(c0).zip(s0).zip(c1).zip(s1).zip(c2).zip(s2);
+        for ((((((&x, &c0), &s0), &c1), &s1), &c2), &s2) in rows {
+            for (sum, wave) in sums.iter_mut().zip([c0, s0, c1, s1, c2, s2]) {
+                *sum = simd.mul_add_e_f64s(x, wave, *sum);
             }
         }
-        if rest == 1 {
-            return number;
-        }
-        number += 2;
+        std::array::from_fn(|bin| {
+            let [(_, cos), (_, sin)] = waves[bin];
+            let [re, im] = [sums[2 * bin], sums[2 * bin + 1]].map(|sum| simd.reduce_sum_f64s(sum));
+            let left = rest.iter().zip(cos).zip(sin);
+            left.fold(Complex::new(re, im), |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
+        })
     }
 }
 

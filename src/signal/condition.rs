@@ -56,7 +56,7 @@ impl Analyzer {
         let mut analysis = self.analyze_located(record, mesh, settings.bands, &located);
         let wanted = settings.gear_indicators || located.1.mesh.is_ok();
         let turned = if wanted {
-            self.turned_located(record, mesh, &located)
+            self.turned_located(record, mesh, &located, analysis.features.fault)
         } else {
             Err(Absence::NoSpeed)
         };
@@ -68,7 +68,7 @@ impl Analyzer {
         };
         let mut clipped = record.quality().clipped;
         if settings.gear_indicators {
-            let gear = self.gear_indicators_turned(mesh, turned);
+            let gear = self.gear_indicators_turned(mesh, &turned);
             clipped |= gear.indicators.absent.values().any(|reason| *reason == Absence::Clipped);
             analysis.indicators.extend(gear.indicators);
             basis.preprocessing = format!("{PREPROCESSING}+{GEAR_PREPROCESSING}");
@@ -80,6 +80,7 @@ impl Analyzer {
                 analysis.indicators.insert(name, Err(Absence::Clipped));
             }
         }
+        self.take_back(turned);
         self.give_back(record);
         Condition { analysis, basis }
     }

@@ -18,15 +18,19 @@ const COEFFICIENTS: usize = 5;
 
 /// The weights of the 32 samples around a point, as polynomials of its place between two samples.
 pub(super) struct Kernel {
-    /// For each part of the interval and each power, rising, the coefficients of all samples.
-    weights: Vec<[[f64; TAPS]; COEFFICIENTS]>,
+    phases: Vec<Phase>,
     arch: Arch,
 }
+
+/// In one part of the interval, for each power, rising, the coefficients of all samples. Aligned, because a register that is loaded from two
+/// lines of the cache takes twice as long, and that is what this costs.
+#[repr(align(64))]
+struct Phase([[f64; TAPS]; COEFFICIENTS]);
 
 impl Kernel {
     /// Polynomials through the weights at the Chebyshev points of each part.
     pub(super) fn new() -> Self {
-        let weights = (0..PHASES).map(|phase| {
+        let phases = (0..PHASES).map(|phase| {
             let at = |node: usize| (PI * (node as f64 + 0.5) / COEFFICIENTS as f64).cos();
             let nodes: [[f64; TAPS]; COEFFICIENTS] =
                 std::array::from_fn(|node| weights((phase as f64 + 0.5 + 0.5 * at(node)) / PHASES as f64));
@@ -45,18 +49,23 @@ impl Kernel {
                     power[tap] = value;
                 }
             }
-            powers
+            Phase(powers)
         });
         Self {
-            weights: weights.collect(),
+            phases: phases.collect(),
             arch: Arch::new(),
         }
+    }
+
+    /// What this processor's widest registers are.
+    pub(super) fn arch(&self) -> Arch {
+        self.arch
     }
 
     /// The signal at `positions`, each at least 16 samples from either end, in the processor's widest registers.
     pub(super) fn interpolate(&self, samples: &[f64], positions: &[f64], values: &mut [f64]) {
         self.arch.dispatch(Interpolation {
-            weights: &self.weights,
+            phases: &self.phases,
             samples,
             positions,
             values,
@@ -66,7 +75,7 @@ impl Kernel {
 
 /// Points to be interpolated, and where they go.
 struct Interpolation<'a> {
-    weights: &'a [[[f64; TAPS]; COEFFICIENTS]],
+    phases: &'a [Phase],
     samples: &'a [f64],
     positions: &'a [f64],
     values: &'a mut [f64],
@@ -86,7 +95,7 @@ impl WithSimd for Interpolation<'_> {
             let t = simd.splat_f64s(2.0 * place - 1.0);
             // The lanes of all registers divide 32: nothing is left over.
             let (around, _) = S::as_simd_f64s(&self.samples[before + 1 - REACH..][..TAPS]);
-            let [c0, c1, c2, c3, c4] = &self.weights[phase];
+            let [c0, c1, c2, c3, c4] = &self.phases[phase].0;
             let ((c0, _), (c1, _), (c2, _)) = (S::as_simd_f64s(c0), S::as_simd_f64s(c1), S::as_simd_f64s(c2));
             let ((c3, _), (c4, _)) = (S::as_simd_f64s(c3), S::as_simd_f64s(c4));
             let mut sum = simd.splat_f64s(0.0);

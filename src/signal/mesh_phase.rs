@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use realfft::num_complex::Complex;
 
+use super::phases::phases;
 use super::shaft_angle::{AngleSource, ShaftAngle};
 use super::transform::Transforms;
 
@@ -120,14 +121,19 @@ impl MeshBand<'_> {
             }
         };
         let reach_bins = (LINE_REACH_SHAFTS * shaft_bins).ceil() as usize;
-        let mut line = Vec::new();
-        for _ in 0..STEPS {
-            line = low_pass(&turned_back(&signal, &phase), reach_bins, transforms);
+        let mut turned = turned_back(&signal, &phase);
+        let mut line = low_pass(&turned, reach_bins, transforms);
+        for step in 0..STEPS {
+            if step > 0 {
+                turn_back_by(&mut turned, &line);
+                line = low_pass(&turned, reach_bins, transforms);
+            }
             let mut left = line[0].arg();
             phase[0] += left;
-            for j in 1..samples {
-                left += (line[j] * line[j - 1].conj()).arg();
-                phase[j] += left;
+            let steps: Vec<Complex<f64>> = line.windows(2).map(|pair| pair[1] * pair[0].conj()).collect();
+            for (phase, step) in phase[1..].iter_mut().zip(phases(&steps)) {
+                left += step;
+                *phase += left;
             }
         }
         let left_out = (UNSETTLED_TURNS * turn as f64) as usize;
@@ -214,13 +220,14 @@ fn first_phase(signal: &[Complex<f64>], turn: usize) -> Vec<f64> {
         sums.push(sum);
     }
     let half = turn.div_ceil(2);
+    let around = |j: usize| sums[(j + 1 + half).min(sums.len() - 1)] - sums[j.saturating_sub(half)];
+    let steps: Vec<Complex<f64>> = (0..signal.len() - 1).map(around).collect();
     let mut phase = vec![0.0];
     let mut total = 0.0;
-    for j in 0..signal.len() - 1 {
-        let around = sums[(j + 1 + half).min(sums.len() - 1)] - sums[j.saturating_sub(half)];
-        total += around.arg();
-        phase.push(total);
-    }
+    phase.extend(phases(&steps).iter().map(|step| {
+        total += step;
+        total
+    }));
     phase
 }
 
@@ -230,6 +237,17 @@ fn turned_back(signal: &[Complex<f64>], phase: &[f64]) -> Vec<Complex<f64>> {
         .zip(phase)
         .map(|(z, phase)| z * Complex::from_polar(1.0, -phase))
         .collect()
+}
+
+/// Turns each sample back by the phase of `line` there, which is what was last added to the followed phase.
+fn turn_back_by(signal: &mut [Complex<f64>], line: &[Complex<f64>]) {
+    for (z, line) in signal.iter_mut().zip(line) {
+        let modulus = line.norm_sqr().sqrt();
+        // Zero has no phase.
+        if modulus > 0.0 {
+            *z *= line.conj() / modulus;
+        }
+    }
 }
 
 /// What lies within `reach` bins of zero.

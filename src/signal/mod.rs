@@ -30,11 +30,13 @@ mod mesh_phase;
 mod moments;
 mod order_tracking;
 mod pchip;
+mod phases;
 mod reading;
 mod record;
 mod record_spectrum;
 #[cfg(test)]
 mod reference;
+mod resampling;
 mod shaft_angle;
 mod spectrum;
 mod speed;

@@ -1,6 +1,6 @@
 //! Moments of a record's samples in the time domain.
 
-use wide::{f32x4, f64x4};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::indicators::{Absence, Indicators};
 
@@ -29,44 +29,56 @@ pub(super) struct Moments {
     pub(super) constant: bool,
 }
 
-/// Sums over four interleaved parts of the samples: they let the processor add several at once and keep rounding errors small.
+/// Samples that are taken at once: interleaved parts let the processor add as many as its registers hold, and keep rounding errors small.
+const LANES: usize = 8;
+
+/// Sums over eight interleaved parts of the samples.
 struct Sums {
     /// Of the first four powers.
-    powers: [f64x4; 4],
-    low: f32x4,
-    high: f32x4,
-}
-
-impl Default for Sums {
-    fn default() -> Self {
-        Self {
-            powers: [f64x4::ZERO; 4],
-            low: f32x4::splat(f32::INFINITY),
-            high: f32x4::splat(f32::NEG_INFINITY),
-        }
-    }
+    powers: [[f64; LANES]; 4],
+    low: [f32; LANES],
+    high: [f32; LANES],
 }
 
 impl Sums {
-    /// Adds four samples; returns them less `shift`.
-    fn add(&mut self, block: [f32; 4], shift: f64) -> [f64; 4] {
-        self.low = self.low.min(f32x4::new(block));
-        self.high = self.high.max(f32x4::new(block));
-        let x = f64x4::new(block.map(f64::from)) - f64x4::splat(shift);
-        self.add_powers(x);
-        x.to_array()
-    }
-
-    /// Adds one sample that has been shifted.
-    fn add_one(&mut self, x: f64) {
-        self.add_powers(f64x4::new([x, 0.0, 0.0, 0.0]));
-    }
-
-    fn add_powers(&mut self, x: f64x4) {
-        let square = x * x;
-        for (sum, power) in self.powers.iter_mut().zip([x, square, square * x, square * square]) {
-            *sum += power;
+    #[inline(always)]
+    fn add(&mut self, block: &[f32; LANES], shift: f64, room: &mut [f64; LANES]) {
+        for lane in 0..LANES {
+            let sample = block[lane];
+            self.low[lane] = if sample < self.low[lane] { sample } else { self.low[lane] };
+            self.high[lane] = if sample > self.high[lane] { sample } else { self.high[lane] };
+            let x = f64::from(sample) - shift;
+            room[lane] = x;
+            let square = x * x;
+            self.powers[0][lane] += x;
+            self.powers[1][lane] += square;
+            self.powers[2][lane] += square * x;
+            self.powers[3][lane] += square * square;
         }
+    }
+}
+
+/// Whole blocks of samples to be summed up and, less `shift`, put into `shifted`: plain loops that are compiled for each kind of processor.
+struct Summing<'a> {
+    samples: &'a [[f32; LANES]],
+    shift: f64,
+    shifted: &'a mut [[f64; LANES]],
+}
+
+impl WithSimd for Summing<'_> {
+    type Output = Sums;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Sums {
+        let mut sums = Sums {
+            powers: [[0.0; LANES]; 4],
+            low: [f32::INFINITY; LANES],
+            high: [f32::NEG_INFINITY; LANES],
+        };
+        for (block, room) in self.samples.iter().zip(self.shifted) {
+            sums.add(block, self.shift, room);
+        }
+        sums
     }
 }
 
@@ -79,21 +91,23 @@ impl Moments {
         let count = samples.len() as f64;
         let picked = samples.iter().step_by(STRIDE);
         let shift = picked.clone().map(|&x| f64::from(x)).sum::<f64>() / picked.len() as f64;
-        let mut sums = Sums::default();
         shifted.resize(samples.len(), 0.0);
         let ((blocks, rest), (room, room_left)) = (samples.as_chunks(), shifted.as_chunks_mut());
-        for (block, room) in blocks.iter().zip(room) {
-            *room = sums.add(*block, shift);
+        let mut sums = Arch::new().dispatch(Summing {
+            samples: blocks,
+            shift,
+            shifted: room,
+        });
+        for (lane, (&sample, room)) in rest.iter().zip(room_left).enumerate() {
+            (sums.low[lane], sums.high[lane]) = (sums.low[lane].min(sample), sums.high[lane].max(sample));
+            *room = f64::from(sample) - shift;
+            for (sum, power) in sums.powers.iter_mut().zip(1..) {
+                sum[lane] += room.powi(power);
+            }
         }
-        let (mut low, mut high) = (sums.low.to_array(), sums.high.to_array());
-        for (&x, room) in rest.iter().zip(room_left) {
-            (low[0], high[0]) = (low[0].min(x), high[0].max(x));
-            *room = f64::from(x) - shift;
-            sums.add_one(*room);
-        }
-        let low = low.into_iter().fold(f32::INFINITY, f32::min);
-        let high = high.into_iter().fold(f32::NEG_INFINITY, f32::max);
-        let [first, second, third, fourth] = sums.powers.map(|sum| sum.reduce_add() / count);
+        let low = sums.low.into_iter().fold(f32::INFINITY, f32::min);
+        let high = sums.high.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        let [first, second, third, fourth] = sums.powers.map(|sum| sum.iter().sum::<f64>() / count);
         let square = first * first;
         let constant = low == high;
         Self {

@@ -1,16 +1,16 @@
 //! Analysis over the angle of the driving shaft, for records at any speed.
 
 use super::analyzer::Analyzer;
-use super::angle_record::{AngleRecord, LEAST_TURNS, OrderSpectrum};
+use super::angle_record::{AngleRecord, OrderSpectrum};
 use super::faults::fault;
 use super::features::Features;
 use super::gear_indicators::{AngleUsed, GearAnalysis};
 use super::gear_signals::GearSignals;
 use super::indicators::Absence;
-use super::interpolation::Kernel;
 use super::mesh_phase::MeshBand;
 use super::moments::Moments;
 use super::record::Record;
+use super::resampling::LEAST_TURNS;
 use super::shaft_angle::ShaftAngle;
 use super::speed::{LocatedMesh, MeshContext, given_speed};
 use super::tooth_contrast;
@@ -55,7 +55,10 @@ impl Analyzer {
         if let Ok(mesh_hz) = located_hz
             && usable
         {
-            angle = band(mesh_hz).track_known(&mut work.transforms);
+            angle = match work.followed.take() {
+                Some(angle) => angle,
+                None => band(mesh_hz).track_known(&mut work.transforms),
+            };
         }
         if angle.is_none() && usable {
             angle = band(f64::from(mesh.teeth) * speed_hz).track_wide(mesh.tolerance.max(0.0), &mut work.transforms);
@@ -84,8 +87,7 @@ impl Analyzer {
     }
 
     fn resampled(&mut self, record: &Record, mesh: &MeshContext, angle: &ShaftAngle) -> Result<AngleRecord, Absence> {
-        let kernel = self.kernel.get_or_insert_with(Kernel::new);
-        AngleRecord::resample(record, angle, f64::from(mesh.teeth) + 1.0, kernel)
+        self.resampler.resample(record, angle, f64::from(mesh.teeth) + 1.0)
     }
 
     /// A record over the angle of its tachometer, or why its pulses cannot be used; none where it has no tachometer.
@@ -129,18 +131,38 @@ impl Analyzer {
         });
         self.give_back(record);
         let (turned, refused) = turned?;
-        self.indicate_turned(mesh, &turned, refused)
+        let analysis = self.indicate_turned(mesh, &turned, refused);
+        self.resampler.take_back(turned);
+        analysis
     }
 
-    /// The record that was transformed last over the best angle there is, and why its tachometer was not used where it was not.
-    pub(super) fn turned_located(&mut self, record: &Record, mesh: &MeshContext, (moments, located): &(Moments, LocatedMesh)) -> Turned {
-        usable(record, moments).and_then(|()| self.turned(record, mesh, moments, located))
+    /// The record that was transformed last over the best angle there is, and why its tachometer was not used where it was not; or its
+    /// `fault`, where its shape is not the machine's.
+    pub(super) fn turned_located(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        (moments, located): &(Moments, LocatedMesh),
+        fault: Option<Absence>,
+    ) -> Turned {
+        match fault {
+            Some(fault) => Err(fault),
+            None => self.turned(record, mesh, moments, located),
+        }
+    }
+
+    /// Takes back what a record over an angle was kept in.
+    pub(super) fn take_back(&mut self, turned: Turned) {
+        if let Ok((turned, _)) = turned {
+            self.resampler.take_back(turned);
+        }
     }
 
     /// The indicators over the angle of a record.
-    pub(super) fn gear_indicators_turned(&mut self, mesh: &MeshContext, turned: Turned) -> GearAnalysis {
+    pub(super) fn gear_indicators_turned(&mut self, mesh: &MeshContext, turned: &Turned) -> GearAnalysis {
+        let turned = turned.as_ref().map_err(|absence| *absence);
         turned
-            .and_then(|(turned, refused)| self.indicate_turned(mesh, &turned, refused))
+            .and_then(|(turned, refused)| self.indicate_turned(mesh, turned, refused.clone()))
             .unwrap_or_else(GearAnalysis::absent)
     }
 

@@ -5,6 +5,7 @@ use realfft::num_complex::Complex;
 use super::envelope::Envelope;
 use super::moments::Moments;
 use super::record::Record;
+use super::shaft_angle::ShaftAngle;
 use super::spectrum::hann_amplitude;
 use super::transform::{Transforms, spectrum_length};
 
@@ -18,12 +19,15 @@ pub(super) struct RecordSpectrum {
     pub(super) envelope: Envelope,
     pub(super) sorting: Vec<f64>,
     pub(super) length: usize,
+    /// The shaft's angle by a line near the located mesh, once it was asked for: none inside where no line could be followed.
+    pub(super) followed: Option<Option<ShaftAngle>>,
 }
 
 impl RecordSpectrum {
     /// Transforms a record, its mean removed: `bins` without a window, `amplitude` with the Hann window.
     pub(super) fn transform(&mut self, record: &Record) -> Moments {
         let moments = Moments::of(record.samples(), &mut self.samples);
+        self.followed = None;
         self.length = spectrum_length(self.samples.len());
         self.transforms.forward(&mut self.samples[..self.length], &mut self.bins);
         // Of an offset the unwindowed transform has nothing in any other bin.

@@ -152,6 +152,12 @@ impl ShaftAngle {
         revolutions[i - 1] + speed * (time_s - times[i - 1])
     }
 
+    /// The times of the rising revolutions `from + steps[j]` in samples of this rate; `interval` is moved along.
+    #[inline(always)]
+    pub(super) fn samples_along(&self, from: f64, steps: &[f64], rate_hz: f64, interval: &mut usize, samples: &mut [f64]) {
+        self.time_s.along(from, steps, rate_hz, interval, samples);
+    }
+
     /// The time of a revolution; `interval` is moved along by calls with rising revolutions.
     pub(super) fn time_s(&self, revolution: f64, interval: &mut usize) -> f64 {
         self.time_s.at(revolution, interval)

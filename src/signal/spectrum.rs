@@ -1,8 +1,8 @@
 //! The one-sided amplitude spectrum under a Hann window.
 
+use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
 use serde::Serialize;
-use wide::f64x4;
 
 /// Equivalent noise bandwidth of the Hann window in bins.
 pub(super) const HANN_BANDWIDTH_BINS: f64 = 1.5;
@@ -74,27 +74,38 @@ pub(super) fn hann_amplitude(bins: &[Complex<f64>], length: usize, amplitude: &m
     if last == 0 {
         return;
     }
-    let inner = &mut amplitude[1..last];
-    let scale = f64x4::splat(0.25 * one_sided);
-    let two = f64x4::splat(2.0);
-    // Four bins at a time; 4·(½X(k) − ¼(X(k−1) + X(k+1))).
-    let (fours, rest) = inner.as_chunks_mut();
-    for (four, k) in fours.iter_mut().zip((1..).step_by(4)) {
-        let around: &[Complex<f64>; 6] = bins[k - 1..].first_chunk().expect("the last bin lies beyond these");
-        let part = |pick: fn(&Complex<f64>) -> f64, at: usize| f64x4::new(std::array::from_fn(|lane| pick(&around[at + lane])));
-        let windowed = |pick| part(pick, 1) * two - (part(pick, 0) + part(pick, 2));
-        let (re, im) = (windowed(|z| z.re), windowed(|z| z.im));
-        *four = ((re * re + im * im).sqrt() * scale).to_array();
-    }
-    let first_left = last - rest.len();
-    for (k, amplitude) in (first_left..).zip(rest) {
-        *amplitude = one_sided * windowed(k, bins[k - 1], bins[k + 1]);
-    }
+    Arch::new().dispatch(InnerBins {
+        bins,
+        scale: 0.25 * one_sided,
+        amplitude: &mut amplitude[1..last],
+    });
     amplitude[last] = if length.is_multiple_of(2) {
         0.5 * one_sided * windowed(last, bins[last - 1], bins[last - 1].conj())
     } else {
         one_sided * windowed(last, bins[last - 1], bins[last].conj())
     };
+}
+
+/// The bins that have neighbours on both sides: a plain loop that is compiled for each kind of processor.
+struct InnerBins<'a> {
+    bins: &'a [Complex<f64>],
+    scale: f64,
+    /// Of the bins from 1 on.
+    amplitude: &'a mut [f64],
+}
+
+impl WithSimd for InnerBins<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for (amplitude, around) in self.amplitude.iter_mut().zip(self.bins.windows(3)) {
+            // 4·(½X(k) − ¼(X(k−1) + X(k+1))).
+            let re = 2.0 * around[1].re - (around[0].re + around[2].re);
+            let im = 2.0 * around[1].im - (around[0].im + around[2].im);
+            *amplitude = (re * re + im * im).sqrt() * self.scale;
+        }
+    }
 }
 
 #[cfg(test)]

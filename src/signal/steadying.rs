@@ -83,7 +83,11 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
         mesh_hz: mesh.bins / duration_s,
     };
     let alone = (width == LineWidth::Clear)
-        .then(|| track_alone(&band, &mut work.transforms))
+        .then(|| {
+            let first = band.track_known(&mut work.transforms);
+            work.followed = Some(first.clone());
+            track_alone(&band, first?, &mut work.transforms)
+        })
         .flatten();
     let angle = match alone {
         Some(angle) if serves(&angle, harmonics * mesh.teeth as usize) => angle,
@@ -156,8 +160,7 @@ fn serves(angle: &ShaftAngle, order: usize) -> bool {
 }
 
 /// By one harmonic's own phase. The comb is found where the speed lingers, which may be the end of its swing: once more from the mean.
-fn track_alone(band: &MeshBand<'_>, transforms: &mut Transforms) -> Option<ShaftAngle> {
-    let first = band.track_known(transforms)?;
+fn track_alone(band: &MeshBand<'_>, first: ShaftAngle, transforms: &mut Transforms) -> Option<ShaftAngle> {
     let mesh_hz = first.mean_speed_hz() * f64::from(band.teeth);
     let band = MeshBand { mesh_hz, ..*band };
     Some(band.track_known(transforms).unwrap_or(first))

@@ -33,14 +33,11 @@ pub(super) fn insert_tooth_checks(
     }
     let highest = (harmonics * teeth + teeth / 2).min((per_turn - 1) / 2);
     // As many even turns as odd ones: half their difference has the noise of the average and nothing of what repeats.
-    let (mut average, mut alternating) = (vec![0.0; per_turn], vec![0.0; per_turn]);
     let turns = turned.turns / 2 * 2;
-    for (number, turn) in turned.samples.chunks_exact(per_turn).take(turns).enumerate() {
-        let sign = if number % 2 == 0 { 1.0 } else { -1.0 };
-        for ((average, alternating), x) in average.iter_mut().zip(&mut alternating).zip(turn) {
-            *average += x / turns as f64;
-            *alternating += sign * x / turns as f64;
-        }
+    let [mut average, mut alternating] = turned.sums(turns);
+    let scale = 1.0 / turns as f64;
+    for (even, odd) in average.iter_mut().zip(&mut alternating) {
+        (*even, *odd) = ((*even + *odd) * scale, (*even - *odd) * scale);
     }
     let floor = (ROUNDING * mean_square(&average).sqrt()).powi(2);
     let mut between_harmonics = |signal: &mut [f64]| {

@@ -1,0 +1,89 @@
+//! A waveform message's samples, copied as a whole.
+
+use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
+
+/// Number of the field `samples` in `WaveformBlock`.
+const SAMPLES: u32 = 5;
+
+/// Bytes besides the samples up to which a message is split: they are copied.
+const MOST_OTHER_BYTES: usize = 1 << 16;
+
+/// Samples of a `WaveformBlock` message that are packed, and the bytes of its other fields in their order.
+///
+/// The generated decoder takes packed samples one after the other, which costs several times as much as to copy them. `None` where samples are not
+/// packed, or something is wrong or large: then that decoder says what it is.
+pub(super) fn split(bytes: &[u8]) -> Option<(Vec<f32>, Vec<u8>)> {
+    let (mut samples, mut others) = (Vec::new(), Vec::new());
+    let mut left = bytes;
+    while !left.is_empty() {
+        let field = left;
+        let (tag, wire_type) = decode_key(&mut left).ok()?;
+        if tag != SAMPLES {
+            skip_field(wire_type, tag, &mut left, DecodeContext::default()).ok()?;
+            let field = &field[..field.len() - left.len()];
+            if others.len() + field.len() > MOST_OTHER_BYTES {
+                return None;
+            }
+            others.extend_from_slice(field);
+            continue;
+        }
+        if wire_type != WireType::LengthDelimited {
+            return None;
+        }
+        let length = usize::try_from(decode_varint(&mut left).ok()?).ok()?;
+        let (packed, after) = left.split_at_checked(length)?;
+        let (packed, rest) = packed.as_chunks();
+        if !rest.is_empty() {
+            return None;
+        }
+        samples.extend(packed.iter().map(|sample| f32::from_le_bytes(*sample)));
+        left = after;
+    }
+    Some((samples, others))
+}
+
+#[cfg(test)]
+mod tests {
+    use prost::Message;
+
+    use super::super::message::WaveformBlock;
+    use super::*;
+
+    /// What is split and put together is what the generated decoder makes of the whole.
+    #[test]
+    fn a_message_in_any_order_reads_as_the_generated_decoder_reads_it() {
+        let block = |unit: &str, samples: &[f32]| WaveformBlock {
+            unit: unit.to_owned(),
+            sample_rate_hz: 20_000.0,
+            samples: samples.to_vec(),
+            ..Default::default()
+        };
+        let first = block("g", &[1.0, -2.5, f32::MIN_POSITIVE]).encode_to_vec();
+        let second = block("m/s2", &[0.25]).encode_to_vec();
+        for bytes in [
+            Vec::new(),
+            first.clone(),
+            [first.clone(), vec![0xfd, 0x7f, 1, 2, 3, 4], second].concat(),
+        ] {
+            let want = WaveformBlock::decode(&bytes[..]).unwrap();
+            let (samples, others) = split(&bytes).unwrap();
+            let rest = WaveformBlock::decode(&others[..]).unwrap();
+            assert_eq!(WaveformBlock { samples, ..rest }, want);
+        }
+    }
+
+    #[test]
+    fn what_is_not_packed_or_damaged_is_left_to_the_generated_decoder() {
+        let unpacked = [&[0x2d_u8][..], &1.5_f32.to_le_bytes()].concat();
+        let whole = [&[0x2a_u8, 8][..], &[0; 8]].concat();
+        assert_eq!(split(&whole), Some((vec![0.0; 2], Vec::new())));
+        for bytes in [&unpacked[..], &whole[..9], &[0x2a, 3, 0, 0, 0], &[0x2a, 0xff], &[0x0f]] {
+            assert_eq!(split(bytes), None);
+        }
+        let long = WaveformBlock {
+            unit: "g".repeat(MOST_OTHER_BYTES + 1),
+            ..Default::default()
+        };
+        assert_eq!(split(&long.encode_to_vec()), None);
+    }
+}
