@@ -1,5 +1,7 @@
 //! Whether the service lives and whether it can work.
 
+use std::collections::BTreeMap;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -25,6 +27,9 @@ pub(super) struct Ready {
     database: String,
     /// Records being processed or waiting.
     queue: Queue,
+    /// Of a node of a cluster: `ok`, or why another part that it needs cannot be used.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    parts: BTreeMap<&'static str, String>,
 }
 
 /// The queue of records.
@@ -55,7 +60,11 @@ pub(super) async fn alive() -> Json<Alive> {
 pub(super) async fn ready(State(app): State<App>) -> (StatusCode, Json<Ready>) {
     let database = app.ingest.store().check().await;
     let (used, limit) = app.ingest.workers().queue();
-    let is_ready = database.is_ok() && used < limit;
+    let health = match app.ingest.crew() {
+        Some(crew) => crew.health().await,
+        None => Vec::new(),
+    };
+    let is_ready = database.is_ok() && used < limit && health.iter().all(|part| part.fault.is_none());
     let status = if is_ready {
         StatusCode::OK
     } else {
@@ -65,6 +74,10 @@ pub(super) async fn ready(State(app): State<App>) -> (StatusCode, Json<Ready>) {
         status: if is_ready { "ok" } else { "unavailable" },
         database: database.map_or_else(|error| error.to_string(), |()| "ok".to_string()),
         queue: Queue { used, limit },
+        parts: health
+            .into_iter()
+            .map(|part| (part.part, part.fault.unwrap_or_else(|| "ok".to_owned())))
+            .collect(),
     };
     (status, Json(parts))
 }

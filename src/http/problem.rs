@@ -183,7 +183,7 @@ impl From<IngestError> for Problem {
             IngestError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
-            IngestError::File { .. } | IngestError::WorkerLost(_) => Self::internal(&error),
+            IngestError::File { .. } | IngestError::WorkerLost(_) | IngestError::HandedOverOtherwise { .. } => Self::internal(&error),
         }
     }
 }

@@ -12,11 +12,13 @@ mod alarms;
 mod batch;
 mod channels;
 mod clock;
+mod crew;
 mod error;
 mod fold;
 mod group_commit;
 mod keys;
 mod libraries;
+mod live_event;
 mod maintenance;
 mod occurrences;
 mod recall;
@@ -37,12 +39,14 @@ use crate::asset::{AssetId, AssetSpec, Segment};
 use crate::library::{EnsembleSettings, GridSettings, LibraryShelf};
 use crate::store::{AlarmNotice, Asset, Store, StoredEvent};
 
-pub use accept::{Given, RecordFormat};
+pub use accept::{Accepted, Given, RecordFormat};
 pub use alarms::PersonsAction;
 pub use batch::{BatchSummary, Refused};
 pub use clock::{Clock, SystemClock};
+pub use crew::{Crew, Later, Lease, Part, PartHealth, QueuedRecord, TakenOver};
 pub use error::IngestError;
 pub use libraries::{Libraries, Readiness};
+pub use live_event::{LiveEvent, NumberedEvent};
 pub use recall::{AskedBand, SegmentEnvelope};
 pub use recompute::{Recomputation, RecomputationState};
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
@@ -130,6 +134,7 @@ pub enum Announcement {
 #[derive(Debug, Default)]
 pub struct Tally {
     stored: AtomicU64,
+    queued: AtomicU64,
     repeated: AtomicU64,
     refused: AtomicU64,
 }
@@ -138,6 +143,11 @@ impl Tally {
     /// Records stored.
     pub fn stored(&self) -> u64 {
         self.stored.load(Ordering::Relaxed)
+    }
+
+    /// Records handed over to be analysed elsewhere.
+    pub fn queued(&self) -> u64 {
+        self.queued.load(Ordering::Relaxed)
     }
 
     /// Records that were stored before.
@@ -159,6 +169,7 @@ pub struct Ingest {
 
 struct Inner {
     store: Store,
+    part: Part,
     workers: Workers,
     libraries: Libraries,
     channels: channels::Channels,
@@ -188,6 +199,18 @@ impl Ingest {
         grid: GridSettings,
         clock: Arc<dyn Clock>,
     ) -> Result<Self, IngestError> {
+        Self::with_part(store, folders, limits, grid, clock, Part::Whole)
+    }
+
+    /// The same for a process that does a part of the path, beside others on the same store.
+    pub fn with_part(
+        store: Store,
+        folders: IngestFolders,
+        limits: &IngestLimits,
+        grid: GridSettings,
+        clock: Arc<dyn Clock>,
+        part: Part,
+    ) -> Result<Self, IngestError> {
         replay_folder::prepare(&folders)?;
         let shelf = Arc::new(LibraryShelf::new(folders.libraries.clone()));
         Ok(Self {
@@ -205,6 +228,7 @@ impl Ingest {
                 recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
                 keeping: RwLock::new(()),
                 store,
+                part,
                 clock,
                 folders,
             }),
@@ -245,6 +269,9 @@ impl Ingest {
     pub async fn create_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
         let asset = self.inner.store.insert_asset(spec, self.inner.clock.now()).await?;
         self.inner.libraries.prepare(spec);
+        if let Part::Entrance(crew) = &self.inner.part {
+            crew.tell_of(&spec.id);
+        }
         self.announce(Announcement::AssetChanged(spec.id.clone()));
         Ok(asset)
     }
@@ -265,24 +292,23 @@ impl Ingest {
         self.inner.channels.forget(id);
         self.forget_recomputations(id);
         self.announce(Announcement::AssetRemoved(id.clone()));
+        if let Some(crew) = self.crew() {
+            crew.tell_of(id);
+            // Another process may be keeping the same bytes just now; what nothing refers to goes later.
+            return Ok(());
+        }
         self.remove_objects(orphans).await
     }
 
     /// Goes on where the process before ended, in the background: starts the library of every asset, computes again what was computed
     /// under other settings, and removes raw objects that no record refers to.
+    ///
+    /// Beside others it does nothing: what there is to do the workers find out by themselves.
     pub async fn resume(&self) -> Result<(), IngestError> {
-        let mut after: Option<String> = None;
-        let mut all = Vec::new();
-        loop {
-            let assets = self.inner.store.assets(after.as_deref(), 500).await?;
-            let Some(last) = assets.last() else { break };
-            after = Some(last.spec.id.to_string());
-            for asset in assets {
-                self.inner.libraries.prepare(&asset.spec);
-                all.push(asset.spec.id);
-            }
+        if self.crew().is_some() {
+            return Ok(());
         }
-        self.recompute_in_background(all);
+        self.look_at_all().await?;
         self.resume_replays().await?;
         let ingest = self.clone();
         tokio::spawn(async move {

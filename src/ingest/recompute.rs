@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::accept::analyse;
 use super::fold::{AlarmRun, FoldInput, FoldPoint, read_point};
@@ -15,7 +15,7 @@ use super::keys::analysis_keys;
 use super::libraries::KeyedTracker;
 use super::occurrences::Occurrences;
 use super::recall::recall_here;
-use super::{Announcement, Ingest, IngestError};
+use super::{Announcement, Ingest, IngestError, Part};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 use crate::recording::RecordDefaults;
 use crate::store::{Analysed, AnalysisGeneration, ChannelKeys, ChannelSummary, NewSegment, SegmentKey, Store, StoreError, WearGeneration};
@@ -30,7 +30,7 @@ const ANALYSED_AT_ONCE: u32 = 32;
 const REMOVED_AT_ONCE: u32 = 500;
 
 /// What a recomputation is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RecomputationState {
     /// Indicators and features are computed again from the raw recordings.
@@ -44,7 +44,7 @@ pub enum RecomputationState {
 }
 
 /// One channel's history being computed again, and how far it is.
-#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Recomputation {
     /// The asset.
     pub asset: AssetId,
@@ -121,8 +121,13 @@ impl Ingest {
         wanted.cloned().collect()
     }
 
-    /// Brings the histories of assets up to what is asked for now, one after the other, in the background.
+    /// Brings the histories of assets up to what is asked for now, one after the other, in the background; those of an entrance are done by
+    /// workers.
     pub(super) fn recompute_in_background(&self, assets: Vec<AssetId>) {
+        if let Part::Entrance(crew) = &self.inner.part {
+            assets.iter().for_each(|asset| crew.tell_of(asset));
+            return;
+        }
         let mut held = self.inner.recomputations.lock();
         for asset in assets {
             if !held.waiting.contains(&asset) {
@@ -152,6 +157,9 @@ impl Ingest {
     }
 
     async fn recompute_asset(&self, asset: &AssetId) -> Result<(), IngestError> {
+        let Some(_lease) = self.lease(&format!("history.{asset}")).await else {
+            return Ok(());
+        };
         for channel in self.inner.store.channels(asset).await? {
             let done = self.bring_up_to_date(asset, &channel.channel).await;
             if let Err(error) = done {
@@ -365,8 +373,14 @@ impl Ingest {
         }
     }
 
+    /// Shows a recomputation that another process does.
+    pub fn note_recomputation(&self, done_elsewhere: Recomputation) {
+        let key = (done_elsewhere.asset.clone(), done_elsewhere.channel.clone());
+        self.inner.recomputations.lock().shown.insert(key, Arc::new(done_elsewhere));
+    }
+
     /// Forgets the recomputations of an asset that is gone.
-    pub(super) fn forget_recomputations(&self, asset: &AssetId) {
+    pub fn forget_recomputations(&self, asset: &AssetId) {
         let mut held = self.inner.recomputations.lock();
         let gone: BTreeSet<_> = held.shown.keys().filter(|(of, _)| of == asset).cloned().collect();
         held.shown.retain(|key, _| !gone.contains(key));

@@ -22,7 +22,7 @@ pub struct RawQuotas {
 impl Ingest {
     /// Gives up the oldest raw recordings where there are more than the quotas allow, in the background.
     pub(super) fn retain_in_background(&self) {
-        if self.inner.quotas == RawQuotas::default() {
+        if self.inner.quotas == RawQuotas::default() || self.is_entrance() {
             return;
         }
         let ingest = self.clone();
@@ -36,6 +36,9 @@ impl Ingest {
     }
 
     async fn retain(&self) -> Result<(), IngestError> {
+        let Some(_lease) = self.lease("retention").await else {
+            return Ok(());
+        };
         let store = &self.inner.store;
         let quotas = self.inner.quotas;
         if let Some(quota) = quotas.bytes_per_asset {

@@ -94,4 +94,17 @@ impl StoreError {
             _ => false,
         }
     }
+
+    /// Whether the database or the object store is away, so that the same request can succeed once it is back.
+    pub fn is_unavailable(&self) -> bool {
+        use sqlx::Error;
+        match self {
+            Self::Database(Error::Io(_) | Error::PoolTimedOut | Error::Protocol(_) | Error::Tls(_) | Error::WorkerCrashed) => true,
+            // Classes of SQLSTATE: connection, transaction rollback, resources, operator's intervention.
+            Self::Database(Error::Database(error)) => error
+                .code()
+                .is_some_and(|code| code.len() == 5 && ["08", "40", "53", "57"].contains(&&code[..2])),
+            _ => false,
+        }
+    }
 }
