@@ -141,10 +141,12 @@ pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<Runni
         return Err(ServiceError::NoTokens(config.listen));
     }
     let tls = config.tls.as_ref().map(TlsFiles::load).transpose()?;
-    let store = Store::open(&config.data_dir).await.map_err(|source| ServiceError::DataDir {
-        path: config.data_dir.clone(),
-        source,
-    })?;
+    let store = Store::open(&config.data_dir.as_path().into())
+        .await
+        .map_err(|source| ServiceError::DataDir {
+            path: config.data_dir.clone(),
+            source,
+        })?;
     let listener = TcpListener::bind(config.listen).await;
     let listen_error = |source| ServiceError::Listen {
         address: config.listen,

@@ -232,10 +232,7 @@ impl Ingest {
     ) -> Result<Kept<'_>, IngestError> {
         let keeping = self.inner.keeping.read().await;
         let store = self.inner.store.clone();
-        let keep = tokio::task::spawn_blocking(move || {
-            let objects = raws.iter().map(|(name, bytes)| (name.as_str(), &bytes[..]));
-            store.objects().put_all(objects)
-        });
+        let keep = tokio::task::spawn_blocking(move || store.objects().put_all(&raws));
         let named = Arc::new(named);
         let analysed = self.analyse(&spec, &named, received_at).await;
         keep.await.map_err(|_| IngestError::WorkerLost("keep records"))??;
