@@ -259,7 +259,7 @@ async fn keep_alive(message: &Message, every: Duration) {
 fn fault_of(error: &IngestError) -> Fault {
     match error {
         IngestError::Busy { .. } | IngestError::DescriptionChanged(_) => Fault::Elsewhere,
-        IngestError::Store(error) if error.is_unavailable() => Fault::Elsewhere,
+        IngestError::Store(error) if error.is_unavailable() || error.is_conflict() => Fault::Elsewhere,
         IngestError::Recording(_) | IngestError::Field { .. } | IngestError::HandedOverOtherwise { .. } => Fault::Own,
         _ => Fault::Doubtful,
     }

@@ -152,6 +152,11 @@ impl From<StoreError> for Problem {
                 tracing::error!(%error, "no room");
                 StatusCode::INSUFFICIENT_STORAGE
             }
+            error if error.is_unavailable() => {
+                tracing::warn!(%error, "store away");
+                return Self::busy(error.to_string(), 5);
+            }
+            error if error.is_conflict() => return Self::busy(error.to_string(), 1),
             error => return Self::internal(error),
         };
         Self::new(status, error.to_string())

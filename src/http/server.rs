@@ -175,7 +175,7 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
     let (store, part, shared) = match node {
         Some((store, crew, events)) => (store, Part::Entrance(crew), Some(events)),
         None => {
-            let opened = Store::open(&config.data_dir).await;
+            let opened = Store::open(&config.data_dir.as_path().into()).await;
             let store = opened.map_err(|source| ServiceError::DataDir {
                 path: config.data_dir.clone(),
                 source,

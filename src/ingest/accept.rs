@@ -287,11 +287,7 @@ impl Ingest {
     /// Keeps raw bytes under their names; they are safe once this returns.
     pub(super) async fn keep_raw(&self, raws: Vec<(String, Bytes)>) -> Result<(), IngestError> {
         let store = self.inner.store.clone();
-        let keep = move || {
-            let objects = raws.iter().map(|(name, bytes)| (name.as_str(), &bytes[..]));
-            store.objects().put_all(objects)
-        };
-        let kept = tokio::task::spawn_blocking(keep).await;
+        let kept = tokio::task::spawn_blocking(move || store.objects().put_all(&raws)).await;
         Ok(kept.map_err(|_| IngestError::WorkerLost("keep records"))??)
     }
 

@@ -83,7 +83,7 @@ impl Ingest {
             let store = self.inner.store.clone();
             let list = move || store.objects().list(shard);
             let listed = self.inner.workers.run("list raw objects", list).await??;
-            let names = listed.iter().map(|(name, _)| name.clone()).collect();
+            let names = listed.iter().map(|object| object.name.clone()).collect();
             let suspects = self.inner.store.orphans_among(names).await?;
             if suspects.is_empty() {
                 continue;
@@ -94,8 +94,8 @@ impl Ingest {
             count += orphans.len() as u64;
             bytes += listed
                 .iter()
-                .filter(|(name, _)| orphans.contains(name))
-                .map(|(_, size)| size)
+                .filter(|object| orphans.contains(&object.name))
+                .map(|object| object.bytes)
                 .sum::<u64>();
             self.remove_objects(orphans).await?;
         }
