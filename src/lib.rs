@@ -17,10 +17,13 @@
 //! | [`store`] | the only SQL and the only raw-object paths |
 //! | [`ingest`] | accept, keep, process, announce |
 //! | [`http`] | the API and the dashboard |
+//! | `cluster` | engines beyond one machine (feature `cluster`) |
 //! | [`cli`] | the commands |
 
 pub mod asset;
 pub mod cli;
+#[cfg(feature = "cluster")]
+pub mod cluster;
 pub mod estimate;
 pub mod evaluation;
 pub mod figures;

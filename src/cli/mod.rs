@@ -9,6 +9,8 @@ mod figures;
 mod interrupt;
 mod library;
 mod model;
+#[cfg(feature = "cluster")]
+mod mqtt;
 mod output;
 mod pair_file;
 mod replay;

@@ -25,6 +25,23 @@ pub(super) struct Ready {
     database: String,
     /// Records being processed or waiting.
     queue: Queue,
+    /// Connections over which records come besides requests; absent where there are none. Requests are taken also while one is lost.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    feeds: Vec<FeedHealth>,
+}
+
+/// A connection over which records come.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+struct FeedHealth {
+    /// What it is, `mqtt`.
+    name: &'static str,
+    /// Whether the connection stands.
+    is_connected: bool,
+    /// Messages that cannot be taken now and wait, unacknowledged.
+    held: usize,
+    /// Why it is not connected, or why messages wait; absent where all is well.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trouble: Option<String>,
 }
 
 /// The queue of records.
@@ -65,6 +82,18 @@ pub(super) async fn ready(State(app): State<App>) -> (StatusCode, Json<Ready>) {
         status: if is_ready { "ok" } else { "unavailable" },
         database: database.map_or_else(|error| error.to_string(), |()| "ok".to_string()),
         queue: Queue { used, limit },
+        feeds: feeds(&app),
     };
     (status, Json(parts))
+}
+
+fn feeds(app: &App) -> Vec<FeedHealth> {
+    let feeds = app.ingest.feeds();
+    let health = feeds.iter().map(|feed| FeedHealth {
+        name: feed.name(),
+        is_connected: feed.is_connected(),
+        held: feed.held(),
+        trouble: feed.trouble(),
+    });
+    health.collect()
 }

@@ -13,6 +13,7 @@ mod batch;
 mod channels;
 mod clock;
 mod error;
+mod feed;
 mod fold;
 mod group_commit;
 mod keys;
@@ -42,6 +43,7 @@ pub use alarms::PersonsAction;
 pub use batch::{BatchSummary, Refused};
 pub use clock::{Clock, SystemClock};
 pub use error::IngestError;
+pub use feed::{Feed, FeedCount, Holding};
 pub use libraries::{Libraries, Readiness};
 pub use recall::{AskedBand, SegmentEnvelope};
 pub use recompute::{Recomputation, RecomputationState};
@@ -170,6 +172,7 @@ struct Inner {
     folders: IngestFolders,
     announcements: broadcast::Sender<Announcement>,
     tally: Tally,
+    feeds: feed::Feeds,
     replays: replay::Replays,
     recordings: Arc<Semaphore>,
     /// Held for reading between keeping raw bytes and committing the rows that refer to them; for writing while objects that
@@ -201,6 +204,7 @@ impl Ingest {
                 retaining: tokio::sync::Mutex::default(),
                 announcements: broadcast::channel(1024).0,
                 tally: Tally::default(),
+                feeds: feed::Feeds::default(),
                 replays: replay::Replays::default(),
                 recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
                 keeping: RwLock::new(()),

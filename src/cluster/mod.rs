@@ -1,0 +1,3 @@
+//! Engines beyond one machine (feature `cluster`).
+
+pub mod mqtt;
