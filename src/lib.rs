@@ -18,6 +18,7 @@
 //! | [`ingest`] | accept, keep, process, announce |
 //! | `cluster` | what joins the processes of a service on several machines (feature `cluster`) |
 //! | [`http`] | the API and the dashboard |
+//! | `cluster` | engines beyond one machine (feature `cluster`) |
 //! | [`cli`] | the commands |
 
 pub mod asset;

@@ -11,9 +11,12 @@
 mod connection;
 mod dead_letters;
 mod error;
+mod events;
 mod leases;
 mod message;
+pub mod mqtt;
 mod queue;
+mod settings;
 mod worker;
 
 use std::sync::Arc;
@@ -26,7 +29,9 @@ use connection::Connection;
 
 pub use connection::{NatsCredentials, NatsSettings};
 pub use error::ClusterError;
+pub use events::{Heard, Words};
 pub use queue::Queue;
+pub use settings::{ClusterSecrets, ClusterSettings, ClusterTable};
 pub use worker::WorkerLimits;
 
 /// A process's place in a cluster.
@@ -56,6 +61,16 @@ impl Cluster {
     /// What an [`Ingest`] of this cluster hands records over to.
     pub fn crew(&self) -> Arc<dyn Crew> {
         Arc::new(Queue::new(self.connection.clone()))
+    }
+
+    /// Tells all nodes what a process announces, until it ends.
+    pub fn tell(&self, ingest: &Ingest, words: Words) -> JoinHandle<()> {
+        tokio::spawn(events::tell(self.connection.clone(), ingest.follow(), words))
+    }
+
+    /// Hears what all processes tell.
+    pub async fn hear(&self) -> Heard {
+        events::hear(self.connection.clone()).await
     }
 
     /// Begins to work on the records of the queue.

@@ -14,6 +14,7 @@ mod channels;
 mod clock;
 mod crew;
 mod error;
+mod feed;
 mod fold;
 mod group_commit;
 mod keys;
@@ -45,6 +46,7 @@ pub use batch::{BatchSummary, Refused};
 pub use clock::{Clock, SystemClock};
 pub use crew::{Crew, Later, Lease, Part, PartHealth, QueuedRecord, TakenOver};
 pub use error::IngestError;
+pub use feed::{Feed, FeedCount, Holding};
 pub use libraries::{Libraries, Readiness};
 pub use live_event::{LiveEvent, NumberedEvent};
 pub use recall::{AskedBand, SegmentEnvelope};
@@ -181,6 +183,7 @@ struct Inner {
     folders: IngestFolders,
     announcements: broadcast::Sender<Announcement>,
     tally: Tally,
+    feeds: feed::Feeds,
     replays: replay::Replays,
     recordings: Arc<Semaphore>,
     /// Held for reading between keeping raw bytes and committing the rows that refer to them; for writing while objects that
@@ -224,6 +227,7 @@ impl Ingest {
                 retaining: tokio::sync::Mutex::default(),
                 announcements: broadcast::channel(1024).0,
                 tally: Tally::default(),
+                feeds: feed::Feeds::default(),
                 replays: replay::Replays::default(),
                 recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
                 keeping: RwLock::new(()),
