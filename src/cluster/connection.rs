@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use async_nats::connection::State;
-use async_nats::jetstream::kv;
 use async_nats::jetstream::stream::{Config as StreamConfig, DiscardPolicy, RetentionPolicy, StorageType};
 use async_nats::jetstream::{self, Context, ContextBuilder};
 use async_nats::{Client, ConnectOptions, Event};
@@ -177,16 +176,6 @@ impl Connection {
             let made = self.jetstream.create_or_update_stream(stream).await;
             made.map_err(|error| ClusterError::jetstream("make a stream")(error.into()))?;
         }
-        let leases = kv::Config {
-            bucket: self.leases_bucket(),
-            history: 1,
-            max_age: super::leases::LASTS,
-            storage: StorageType::File,
-            num_replicas: settings.replicas,
-            ..kv::Config::default()
-        };
-        let made = self.jetstream.create_or_update_key_value(leases).await;
-        made.map_err(|error| ClusterError::jetstream("make the leases' bucket")(error.into()))?;
         Ok(())
     }
 
@@ -234,9 +223,5 @@ impl Connection {
 
     pub(super) fn changes_subject(&self) -> String {
         format!("{}.changes", self.settings.name)
-    }
-
-    pub(super) fn leases_bucket(&self) -> String {
-        format!("{}_leases", self.settings.name)
     }
 }

@@ -12,7 +12,6 @@ mod connection;
 mod dead_letters;
 mod error;
 mod events;
-mod leases;
 mod message;
 pub mod mqtt;
 mod queue;

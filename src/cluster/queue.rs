@@ -5,10 +5,9 @@ use async_nats::jetstream::message::PublishMessage;
 use sha2::{Digest, Sha256};
 
 use super::connection::Connection;
-use super::leases::Leases;
 use super::message;
 use crate::asset::AssetId;
-use crate::ingest::{Crew, IngestError, Later, Lease, PartHealth, QueuedRecord};
+use crate::ingest::{Crew, IngestError, Later, PartHealth, QueuedRecord};
 
 const FULL: IngestError = IngestError::Busy {
     what: "the workers' queue is full",
@@ -20,16 +19,14 @@ const AWAY: IngestError = IngestError::Busy {
     retry_after_s: 2,
 };
 
-/// What joins the processes of a cluster: the queue, the word of changes, and leases.
+/// What joins the processes of a cluster: the queue, and the word of changes.
 pub struct Queue {
     connection: Connection,
-    leases: Leases,
 }
 
 impl Queue {
     pub(super) fn new(connection: Connection) -> Self {
-        let leases = Leases::new(connection.clone());
-        Self { connection, leases }
+        Self { connection }
     }
 
     async fn publish(&self, record: &QueuedRecord) -> Result<PublishAckFuture, IngestError> {
@@ -102,10 +99,6 @@ impl Crew for Queue {
                 tracing::debug!(%error, "change not told");
             }
         });
-    }
-
-    fn lease<'a>(&'a self, duty: &'a str) -> Later<'a, Option<Lease>> {
-        Box::pin(self.leases.take(duty))
     }
 
     fn health(&self) -> Later<'_, Vec<PartHealth>> {

@@ -62,7 +62,6 @@ struct ObjectsTable {
 struct WorkerTable {
     at_once: Option<usize>,
     most_deliveries: Option<u32>,
-    sweep_s: Option<u64>,
 }
 
 /// What is better not written into a file.
@@ -248,9 +247,6 @@ impl WorkerTable {
         }
         if let Some(most) = self.most_deliveries {
             limits.most_deliveries = at_least("cluster.worker.most_deliveries", most, 1)?;
-        }
-        if let Some(sweep) = self.sweep_s {
-            limits.sweep = Duration::from_secs(at_least("cluster.worker.sweep_s", sweep, 1)?);
         }
         Ok(limits)
     }

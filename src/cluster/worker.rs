@@ -34,8 +34,6 @@ pub struct WorkerLimits {
     pub at_once: usize,
     /// A record that was given out so often without being finished goes to the dead letters.
     pub most_deliveries: u32,
-    /// How often every asset is looked at, for what changed unheard.
-    pub sweep: Duration,
 }
 
 impl Default for WorkerLimits {
@@ -43,7 +41,6 @@ impl Default for WorkerLimits {
         Self {
             at_once: 4 * std::thread::available_parallelism().map_or(2, usize::from),
             most_deliveries: 10,
-            sweep: Duration::from_secs(30),
         }
     }
 }
@@ -80,6 +77,10 @@ impl Worker {
 
     /// Works until it is told to stop, and then ends what it has begun.
     pub(super) async fn run(self) {
+        while let Err(error) = self.ingest.resume().await {
+            tracing::warn!(%error, "what was left to be done is not known yet");
+            tokio::time::sleep(Duration::from_secs(1)).await;
+        }
         let changes = tokio::spawn(self.clone().follow_changes());
         let turns = Arc::new(Semaphore::new(self.limits.at_once));
         let mut stop = self.stop.clone();
@@ -217,31 +218,22 @@ impl Worker {
         task.await.map_err(|_| IngestError::WorkerLost("store a record"))?
     }
 
-    /// Looks at assets that somebody changed, and from time to time at all.
+    /// Looks at assets that somebody changed. What is not heard here is found by looking at what is left to be done from time to time.
     async fn follow_changes(self) {
         loop {
-            let heard = self.connection.client.subscribe(self.connection.changes_subject()).await;
-            if let Err(error) = self.ingest.look_at_all().await {
-                tracing::warn!(%error, "assets not looked at");
-            }
-            let sweep = tokio::time::sleep(self.limits.sweep);
-            tokio::pin!(sweep);
-            let Ok(mut heard) = heard else {
-                sweep.await;
-                continue;
-            };
-            loop {
-                let changed = tokio::select! {
-                    () = &mut sweep => break,
-                    changed = heard.next() => changed,
-                };
-                let Some(changed) = changed else { break };
-                let name = String::from_utf8_lossy(&changed.payload).into_owned();
-                let Ok(asset) = AssetId::new(name) else { continue };
-                if let Err(error) = self.ingest.look_at(&asset).await {
-                    tracing::warn!(%asset, %error, "asset not looked at");
+            match self.connection.client.subscribe(self.connection.changes_subject()).await {
+                Err(error) => tracing::warn!(%error, "changes not heard"),
+                Ok(mut heard) => {
+                    while let Some(changed) = heard.next().await {
+                        let name = String::from_utf8_lossy(&changed.payload).into_owned();
+                        let Ok(asset) = AssetId::new(name) else { continue };
+                        if let Err(error) = self.ingest.look_at(&asset).await {
+                            tracing::warn!(%asset, %error, "asset not looked at");
+                        }
+                    }
                 }
             }
+            tokio::time::sleep(Duration::from_secs(1)).await;
         }
     }
 }

@@ -57,9 +57,6 @@ pub enum TakenOver {
     AssetGone,
 }
 
-/// The right to do what one process at a time does; given back when dropped.
-pub type Lease = Box<dyn Send + Sync>;
-
 /// How a part that the service needs is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PartHealth {
@@ -78,9 +75,6 @@ pub trait Crew: Send + Sync + 'static {
 
     /// Tells the workers that an asset's description or what happened to it changed. Where the word is lost they find out by themselves later.
     fn tell_of(&self, asset: &AssetId);
-
-    /// The right to do `duty`; none where another process has it, or nobody can say.
-    fn lease<'a>(&'a self, duty: &'a str) -> Later<'a, Option<Lease>>;
 
     /// Whether what joins the processes works.
     fn health(&self) -> Later<'_, Vec<PartHealth>>;
@@ -135,31 +129,6 @@ impl Ingest {
     /// Whether records are handed over here.
     pub(super) fn is_entrance(&self) -> bool {
         matches!(self.inner.part, Part::Entrance(_))
-    }
-
-    /// The right to do a duty, always where this process is alone; none where another process does it.
-    pub(super) async fn lease(&self, duty: &str) -> Option<Lease> {
-        match self.crew() {
-            Some(crew) => crew.lease(duty).await,
-            None => Some(Box::new(())),
-        }
-    }
-
-    /// Looks at every asset, as [`look_at`](Self::look_at) does: for a worker, at its start and from time to time.
-    pub async fn look_at_all(&self) -> Result<(), IngestError> {
-        let mut after: Option<String> = None;
-        let mut all = Vec::new();
-        loop {
-            let assets = self.inner.store.assets(after.as_deref(), 500).await?;
-            let Some(last) = assets.last() else { break };
-            after = Some(last.spec.id.to_string());
-            for asset in assets {
-                self.inner.libraries.prepare(&asset.spec);
-                all.push(asset.spec.id);
-            }
-        }
-        self.recompute_in_background(all);
-        Ok(())
     }
 
     /// Keeps the raw bytes of named records, and says what there is to hand over.

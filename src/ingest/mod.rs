@@ -44,7 +44,7 @@ pub use accept::{Accepted, Given, RecordFormat};
 pub use alarms::PersonsAction;
 pub use batch::{BatchSummary, Refused};
 pub use clock::{Clock, SystemClock};
-pub use crew::{Crew, Later, Lease, Part, PartHealth, QueuedRecord, TakenOver};
+pub use crew::{Crew, Later, Part, PartHealth, QueuedRecord, TakenOver};
 pub use error::IngestError;
 pub use feed::{Feed, FeedCount, Holding};
 pub use libraries::{Libraries, Readiness};
@@ -307,12 +307,23 @@ impl Ingest {
     /// Goes on where the process before ended, in the background: starts the library of every asset, computes again what was computed
     /// under other settings, and removes raw objects that no record refers to.
     ///
-    /// Beside others it does nothing: what there is to do the workers find out by themselves.
+    /// Where records are handed over it does nothing: workers do.
     pub async fn resume(&self) -> Result<(), IngestError> {
-        if self.crew().is_some() {
+        if self.is_entrance() {
             return Ok(());
         }
-        self.look_at_all().await?;
+        let mut after: Option<String> = None;
+        let mut all = Vec::new();
+        loop {
+            let assets = self.inner.store.assets(after.as_deref(), 500).await?;
+            let Some(last) = assets.last() else { break };
+            after = Some(last.spec.id.to_string());
+            for asset in assets {
+                self.inner.libraries.prepare(&asset.spec);
+                all.push(asset.spec.id);
+            }
+        }
+        self.recompute_in_background(all);
         self.resume_replays().await?;
         let ingest = self.clone();
         tokio::spawn(async move {

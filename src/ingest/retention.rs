@@ -36,9 +36,6 @@ impl Ingest {
     }
 
     async fn retain(&self) -> Result<(), IngestError> {
-        let Some(_lease) = self.lease("retention").await else {
-            return Ok(());
-        };
         let store = &self.inner.store;
         let quotas = self.inner.quotas;
         if let Some(quota) = quotas.bytes_per_asset {

@@ -6,6 +6,8 @@ mod alarms;
 mod architecture;
 mod assets;
 mod browser;
+#[cfg(feature = "cluster")]
+mod cluster;
 mod command_line;
 mod dashboard;
 mod durability;
@@ -29,6 +31,8 @@ mod recomputing;
 mod recordings;
 mod running;
 mod segments;
+#[cfg(feature = "cluster")]
+mod shared_store;
 mod trends;
 mod uploads;
 mod views;
