@@ -51,7 +51,7 @@ pub(super) async fn start_api(service: ServiceConfig, settings: ClusterSettings)
     let heard = cluster.hear().await;
     let node = Node {
         store,
-        crew: cluster.crew(),
+        crew: cluster.crew_of_node(),
         events: SharedEvents {
             run: heard.run,
             backlog: heard.backlog,
@@ -85,7 +85,7 @@ pub(super) async fn start_worker(
         recordings: service.data_dir.join("recordings"),
         uploads: service.data_dir.join("uploads"),
     };
-    let part = Part::Worker(cluster.crew());
+    let part = Part::Worker(cluster.crew_of_worker());
     let ingest = Ingest::with_part(store, folders, &service.ingest, service.grid, Arc::new(SystemClock), part)
         .map_err(crate::cluster::ClusterError::from)?;
     let health = match health {

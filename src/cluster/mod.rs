@@ -57,9 +57,14 @@ impl Cluster {
         Ok(Self { connection })
     }
 
-    /// What an [`Ingest`] of this cluster hands records over to.
-    pub fn crew(&self) -> Arc<dyn Crew> {
-        Arc::new(Queue::new(self.connection.clone()))
+    /// What an API node hands records over to.
+    pub fn crew_of_node(&self) -> Arc<dyn Crew> {
+        Arc::new(Queue::new(self.connection.clone(), true))
+    }
+
+    /// What a worker belongs to.
+    pub fn crew_of_worker(&self) -> Arc<dyn Crew> {
+        Arc::new(Queue::new(self.connection.clone(), false))
     }
 
     /// Tells all nodes what a process announces, until it ends.

@@ -22,11 +22,13 @@ const AWAY: IngestError = IngestError::Busy {
 /// What joins the processes of a cluster: the queue, and the word of changes.
 pub struct Queue {
     connection: Connection,
+    /// Where records are only taken out, a full queue is no fault.
+    fills: bool,
 }
 
 impl Queue {
-    pub(super) fn new(connection: Connection) -> Self {
-        Self { connection }
+    pub(super) fn new(connection: Connection, fills: bool) -> Self {
+        Self { connection, fills }
     }
 
     async fn publish(&self, record: &QueuedRecord) -> Result<PublishAckFuture, IngestError> {
@@ -121,7 +123,8 @@ impl Queue {
             Err(error) => Some(error.to_string()),
             Ok(state) => {
                 let most = self.connection.settings().most_records;
-                (state.messages >= most.unsigned_abs()).then(|| format!("full: {} of {most} records wait", state.messages))
+                let is_full = self.fills && state.messages >= most.unsigned_abs();
+                is_full.then(|| format!("full: {} of {most} records wait", state.messages))
             }
         }
     }

@@ -13,7 +13,7 @@ use tokio::net::TcpListener;
 
 use super::router::App;
 use super::server::ServiceError;
-use crate::ingest::Ingest;
+use crate::ingest::{Ingest, PartHealth};
 
 /// How long the database has to answer before it counts as away.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
@@ -95,10 +95,13 @@ async fn readiness(ingest: &Ingest) -> (StatusCode, Json<Ready>) {
         Err(_) => Some("does not answer".to_owned()),
     };
     let (used, limit) = ingest.workers().queue();
-    let health = match ingest.crew() {
+    let mut health = match ingest.crew() {
         Some(crew) => crew.health().await,
         None => Vec::new(),
     };
+    if ingest.store().is_shared() {
+        health.push(object_store(ingest).await);
+    }
     let is_ready = database.is_none() && used < limit && health.iter().all(|part| part.fault.is_none());
     let status = if is_ready {
         StatusCode::OK
@@ -114,6 +117,22 @@ async fn readiness(ingest: &Ingest) -> (StatusCode, Json<Ready>) {
         feeds: feeds(ingest),
     };
     (status, Json(parts))
+}
+
+async fn object_store(ingest: &Ingest) -> PartHealth {
+    let store = ingest.store().clone();
+    // Whether it is there does not matter.
+    let look = tokio::task::spawn_blocking(move || store.objects().written_at(&"0".repeat(64)));
+    let fault = match tokio::time::timeout(ANSWER_TIMEOUT, look).await {
+        Ok(Ok(Ok(_))) => None,
+        Ok(Ok(Err(error))) => Some(error.to_string()),
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some("does not answer".to_owned()),
+    };
+    PartHealth {
+        part: "object_store",
+        fault,
+    }
 }
 
 /// Tells of a process that answers nothing else whether it lives and can work.

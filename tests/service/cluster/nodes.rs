@@ -222,7 +222,7 @@ impl TestCluster {
             let heard = cluster.hear().await;
             let node = Node {
                 store,
-                crew: cluster.crew(),
+                crew: cluster.crew_of_node(),
                 events: SharedEvents {
                     run: heard.run,
                     backlog: heard.backlog,
@@ -247,7 +247,7 @@ impl TestCluster {
                 recordings: folder.join("recordings"),
                 uploads: folder.join("uploads"),
             };
-            let part = Part::Worker(cluster.crew());
+            let part = Part::Worker(cluster.crew_of_worker());
             let clock = Arc::new(ManualClock::default());
             let ingest = Ingest::with_part(store, folders, &config.ingest, config.grid, clock, part).unwrap();
             cluster.tell(&ingest, WORDS);
@@ -370,10 +370,17 @@ impl Drop for OneMachine {
 
 /// An asset whose wear is estimated, with alarms.
 pub(super) fn asset(id: &str) -> Value {
-    let pair = flankwatch::gear::PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap();
     json!({
         "id": id,
-        "gear": { "teeth": pair.teeth(), "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair },
+        "gear": {
+            "teeth": [31, 62],
+            "shaft_speed_hz": 10.0,
+            "pair": {
+                "name": "test pair",
+                "geometry": { "teeth": [31, 62], "module_mm": 3.0, "face_width_mm": 20.0, "bore_radius_mm": [15.0, 30.0] },
+                "operation": { "torque_nm": 60.0, "shaft_speed_hz": 10.0 },
+            },
+        },
         "baseline": { "records": 8 },
         "alarms": [
             { "quantity": { "indicator": "rms" }, "warning": 1.0, "danger": 1.5, "settings": { "raise": 1, "raise_of": 1, "clear": 1, "clear_of": 1 } },
