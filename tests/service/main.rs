@@ -20,6 +20,8 @@ mod integrations;
 mod killed;
 mod left_out;
 mod libraries;
+#[cfg(feature = "cluster")]
+mod many_workers;
 mod openapi;
 mod problems;
 mod real_bearing;
@@ -29,6 +31,8 @@ mod recomputing;
 mod recordings;
 mod running;
 mod segments;
+#[cfg(feature = "cluster")]
+mod shared_store;
 mod trends;
 mod uploads;
 mod views;
