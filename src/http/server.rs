@@ -19,7 +19,7 @@ use super::tokens::{TokenError, Tokens};
 use super::tus::ResumableUploads;
 use crate::ingest::{Clock, Crew, Ingest, IngestError, IngestFolders, IngestLimits, Part};
 use crate::library::GridSettings;
-use crate::store::{Store, StoreError};
+use crate::store::{Store, StoreError, StoreSettings};
 
 /// What the service is started with.
 #[derive(Debug, Clone)]
@@ -32,6 +32,8 @@ pub struct ServiceConfig {
     pub insecure_no_tokens: bool,
     /// Where everything is kept.
     pub data_dir: PathBuf,
+    /// The store, where it is not in the data folder.
+    pub store: Option<StoreSettings>,
     /// Recordings that may be replayed; `recordings` in the data folder where not given.
     pub replay_dir: Option<PathBuf>,
     /// Limits on requests.
@@ -50,6 +52,7 @@ impl ServiceConfig {
             tls: None,
             insecure_no_tokens: false,
             data_dir: data_dir.into(),
+            store: None,
             replay_dir: None,
             http: HttpLimits::default(),
             ingest: IngestLimits::default(),
@@ -61,7 +64,7 @@ impl ServiceConfig {
 /// Why the service does not run.
 #[derive(Debug, Error)]
 pub enum ServiceError {
-    /// The data folder cannot be used.
+    /// The data folder, or the store that it points to, cannot be used.
     #[error("cannot use the data folder {path}: {source}", path = path.display())]
     DataDir {
         /// The folder.
@@ -175,7 +178,8 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
     let (store, part, shared) = match node {
         Some((store, crew, events)) => (store, Part::Entrance(crew), Some(events)),
         None => {
-            let opened = Store::open(&config.data_dir.as_path().into()).await;
+            let settings = config.store.clone().unwrap_or_else(|| config.data_dir.as_path().into());
+            let opened = Store::open(&settings).await;
             let store = opened.map_err(|source| ServiceError::DataDir {
                 path: config.data_dir.clone(),
                 source,

@@ -134,6 +134,13 @@ impl Named {
                 expected: "a name of 1 to 200 bytes without control characters",
             });
         }
+        if record.unit().contains('\0') {
+            return Err(IngestError::Field {
+                field: "unit",
+                value: format!("{:?}", record.unit()),
+                expected: "a text without NUL characters",
+            });
+        }
         if i64::try_from(record.start_time().as_nanosecond()).is_err() {
             return Err(IngestError::Field {
                 field: "start_time",

@@ -19,6 +19,7 @@ mod fold;
 mod group_commit;
 mod keys;
 mod libraries;
+mod library_source;
 mod live_event;
 mod maintenance;
 mod occurrences;
@@ -27,6 +28,7 @@ mod recompute;
 mod replay;
 mod replay_folder;
 mod retention;
+mod upkeep;
 mod workers;
 
 use std::path::PathBuf;
@@ -192,7 +194,7 @@ struct Inner {
 }
 
 impl Ingest {
-    /// Starts the path on a store. `grid` says how libraries are simulated.
+    /// Starts the path on a store. To be called inside the runtime. `grid` says how libraries are simulated.
     ///
     /// Errors: a folder cannot be made, or no threads are to be had.
     pub fn new(
@@ -216,10 +218,11 @@ impl Ingest {
     ) -> Result<Self, IngestError> {
         replay_folder::prepare(&folders)?;
         let shelf = Arc::new(LibraryShelf::new(folders.libraries.clone()));
+        let source = library_source::LibrarySource::new(shelf, &store, &clock, !matches!(part, Part::Entrance(_)));
         Ok(Self {
             inner: Arc::new(Inner {
                 workers: Workers::new(limits)?,
-                libraries: Libraries::new(shelf, grid, limits.neighbours, limits.library_wait),
+                libraries: Libraries::new(source, grid, limits.neighbours, limits.library_wait),
                 channels: channels::Channels::default(),
                 commits: group_commit::CommitQueue::default(),
                 recomputations: recompute::Recomputations::default(),
@@ -298,14 +301,13 @@ impl Ingest {
         self.announce(Announcement::AssetRemoved(id.clone()));
         if let Some(crew) = self.crew() {
             crew.tell_of(id);
-            // Another process may be keeping the same bytes just now; what nothing refers to goes later.
-            return Ok(());
         }
         self.remove_objects(orphans).await
     }
 
     /// Goes on where the process before ended, in the background: starts the library of every asset, computes again what was computed
-    /// under other settings, and removes raw objects that no record refers to.
+    /// under other settings, and removes raw objects that no record refers to. Where other processes work on the same store, it also looks
+    /// after what they leave.
     ///
     /// Where records are handed over it does nothing: workers do.
     pub async fn resume(&self) -> Result<(), IngestError> {
@@ -324,6 +326,10 @@ impl Ingest {
             }
         }
         self.recompute_in_background(all);
+        if self.inner.store.is_shared() {
+            self.look_after_in_background();
+            return Ok(());
+        }
         self.resume_replays().await?;
         let ingest = self.clone();
         tokio::spawn(async move {

@@ -187,6 +187,11 @@ impl Ingest {
 
     async fn recompute_asset(&self, asset: &AssetId) -> Result<Made, IngestError> {
         let mut made = Made::Here;
+        let version = match self.inner.store.asset(asset).await {
+            Ok(asset) => asset.version(),
+            Err(StoreError::AssetUnknown(_)) => return Ok(Made::Here),
+            Err(error) => return Err(error.into()),
+        };
         for channel in self.inner.store.channels(asset).await? {
             match self.bring_up_to_date(asset, &channel.channel).await {
                 Ok(Made::Here) => {}
@@ -200,6 +205,9 @@ impl Ingest {
                     return Err(error);
                 }
             }
+        }
+        if made == Made::Here {
+            self.inner.store.settle_asset(asset, version).await?;
         }
         Ok(made)
     }

@@ -299,6 +299,10 @@ impl Ingest {
     }
 
     async fn save_replay(&self, number: u64, replay: &Replay) {
+        // A recording in the folder of one of several processes is that one's own affair.
+        if self.inner.store.is_shared() {
+            return;
+        }
         let text = match serde_json::to_string(replay) {
             Ok(text) => text,
             Err(error) => {

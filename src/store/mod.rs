@@ -13,6 +13,7 @@ mod error;
 mod fold_states;
 mod generations;
 mod keyed_uploads;
+mod library_builds;
 mod maintenance;
 mod objects;
 mod raw;
@@ -22,6 +23,7 @@ mod schema;
 mod segments;
 mod settings;
 mod trend;
+mod upkeep;
 
 use std::sync::Arc;
 

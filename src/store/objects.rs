@@ -115,6 +115,24 @@ impl Objects {
         }
     }
 
+    /// Keeps the file of a library under the library's name, for every process.
+    pub fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.put_library(id, &bytes),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.put_library(id, bytes),
+        }
+    }
+
+    /// The file of a library that a process keeps under its name; none where there is none.
+    pub fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.library(id),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.library(id),
+        }
+    }
+
     /// The objects whose names begin with this byte.
     pub fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         match &self.place {

@@ -314,12 +314,17 @@ const SHARING: &[&str] = &[
     // Grows with every change of a description or of an asset's maintenance events; never given out twice.
     "ALTER TABLE assets ADD COLUMN revision BIGINT NOT NULL DEFAULT 0",
     "INSERT INTO counters (name, value) VALUES ('asset_revision', 0)",
+    // The revision at which all histories of an asset were found as they are asked for.
+    "ALTER TABLE assets ADD COLUMN settled_revision BIGINT NOT NULL DEFAULT -1",
+    "INSERT INTO counters (name, value) VALUES ('swept_at_ns', 0)",
     // The generation of estimates that is being made, which alone may be served next; and until when its maker counts as alive.
     "ALTER TABLE channels ADD COLUMN next_wear_generation BIGINT",
     "ALTER TABLE channels ADD COLUMN maker_until_ns BIGINT",
     // The earliest place where the history changed since that one was begun.
     "ALTER TABLE channels ADD COLUMN changed_from_ns BIGINT",
     "ALTER TABLE channels ADD COLUMN changed_from_id TEXT",
+    // Which libraries are being built, and until when their builders count as alive.
+    "CREATE TABLE library_builds (library_id TEXT NOT NULL PRIMARY KEY, builder_until_ns BIGINT NOT NULL)",
 ];
 
 /// Brings the tables up to date; a database from a later program is refused.

@@ -22,6 +22,8 @@ mod integrations;
 mod killed;
 mod left_out;
 mod libraries;
+#[cfg(feature = "cluster")]
+mod many_workers;
 mod openapi;
 mod problems;
 mod real_bearing;

@@ -37,6 +37,8 @@ pub(super) struct Bucket {
 impl Bucket {
     /// Opens a bucket. To be called inside the runtime, which then does the requests.
     pub(super) fn open(settings: &BucketSettings) -> Result<Self, StoreError> {
+        // The client takes the provider of the process; one that is there already is left.
+        let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
         let prefix = settings.prefix.trim_matches('/');
         let is_plain = settings.endpoint.as_deref().is_some_and(|endpoint| endpoint.starts_with("http://"));
         let client = ClientOptions::new()
@@ -122,6 +124,16 @@ impl Bucket {
         Ok(listed.into_iter().filter_map(object).collect())
     }
 
+    /// Keeps the file of a library.
+    pub(super) fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
+        self.runtime.block_on(self.put(self.library_path(id), bytes))
+    }
+
+    /// The file of a library; none where there is none.
+    pub(super) fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
+        self.runtime.block_on(self.fetch(self.library_path(id)))
+    }
+
     async fn put(&self, path: Path, bytes: Bytes) -> Result<(), StoreError> {
         let put = self.store.put(&path, bytes.into()).await;
         put.map(|_| ()).map_err(|error| bucket_error("store", path.as_ref(), error))
@@ -142,6 +154,10 @@ impl Bucket {
             });
         }
         found.bytes().await.map(Some).map_err(failed)
+    }
+
+    fn library_path(&self, id: &str) -> Path {
+        Path::from(format!("{}libraries/{id}.fwlib", self.prefix))
     }
 
     fn path(&self, name: &str) -> Path {

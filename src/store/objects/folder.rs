@@ -138,6 +138,28 @@ impl Folder {
         Ok(found)
     }
 
+    /// Keeps the file of a library.
+    pub(super) fn put_library(&self, id: &str, bytes: &[u8]) -> Result<(), StoreError> {
+        let path = self.library_path(id);
+        let folder = path.parent().unwrap_or(&self.folder);
+        fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
+        self.write(&path, bytes)
+    }
+
+    /// The file of a library; none where there is none.
+    pub(super) fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
+        let path = self.library_path(id);
+        match fs::read(&path) {
+            Ok(bytes) => Ok(Some(bytes.into())),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(file_error("read", &path, source)),
+        }
+    }
+
+    fn library_path(&self, id: &str) -> PathBuf {
+        self.folder.join("libraries").join(format!("{id}.fwlib"))
+    }
+
     fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name.get(..2).unwrap_or("xx")).join(name)
     }
