@@ -28,7 +28,7 @@ fn asset(id: &str) -> AssetSpec {
     let pair = flankwatch::gear::PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap();
     let asset = json!({
         "id": id,
-        "gear": { "teeth": pair.teeth(), "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair },
+        "gear": { "teeth": pair.geometry.teeth, "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair },
         "baseline": { "records": 8 },
         "alarms": [
             { "quantity": { "indicator": "rms" }, "warning": 1.0, "danger": 1.5, "settings": { "raise": 1, "raise_of": 1, "clear": 1, "clear_of": 1 } },
