@@ -16,11 +16,15 @@
 //! | [`report`] | an asset's records on one page, for a browser or a printer |
 //! | [`store`] | the only SQL and the only raw-object paths |
 //! | [`ingest`] | accept, keep, process, announce |
+//! | `cluster` | what joins the processes of a service on several machines (feature `cluster`) |
 //! | [`http`] | the API and the dashboard |
+//! | `cluster` | engines beyond one machine (feature `cluster`) |
 //! | [`cli`] | the commands |
 
 pub mod asset;
 pub mod cli;
+#[cfg(feature = "cluster")]
+pub mod cluster;
 pub mod estimate;
 pub mod evaluation;
 pub mod figures;

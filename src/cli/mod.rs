@@ -9,12 +9,17 @@ mod figures;
 mod interrupt;
 mod library;
 mod model;
+#[cfg(feature = "cluster")]
+mod mqtt;
+#[cfg(feature = "cluster")]
+mod node;
 mod output;
 mod pair_file;
 mod replay;
 mod serve;
 mod simulate;
 mod token;
+mod work;
 
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
@@ -38,6 +43,8 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Run the service: HTTP API and dashboard
     Serve(serve::ServeArgs),
+    /// Analyse what the API nodes of a cluster take
+    Work(work::WorkArgs),
     /// Indicators and wear of recordings, without a server
     Analyze(analyze::AnalyzeArgs),
     /// Send recordings to a server
@@ -69,6 +76,7 @@ pub fn run() -> ExitCode {
     let outcome = match &cli.command {
         Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve::run(args).map_err(CliError::from),
+        Command::Work(args) => work::run(args).map_err(CliError::from),
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Simulate(args) => simulate::run(args),

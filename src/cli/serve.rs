@@ -12,6 +12,10 @@ use clap::Args;
 use serde::Deserialize;
 use thiserror::Error;
 
+#[cfg(feature = "cluster")]
+use crate::cluster::mqtt::{MqttError, MqttFeed, MqttSettings, MqttTable};
+#[cfg(feature = "cluster")]
+use crate::cluster::{ClusterSettings, ClusterTable};
 use crate::http::{ServiceConfig, ServiceError, TlsFiles, start};
 use crate::ingest::{RawQuotas, SystemClock};
 
@@ -39,6 +43,9 @@ pub(super) struct ServeArgs {
     /// Ask nobody for a token: everyone who reaches the address may do everything.
     #[arg(long)]
     pub insecure_no_tokens: bool,
+    #[cfg(feature = "cluster")]
+    #[command(flatten)]
+    pub mqtt: super::mqtt::MqttArgs,
 }
 
 /// Why the service does not run.
@@ -69,6 +76,21 @@ pub enum ServeError {
     /// The service could not be started, or stopped by itself.
     #[error(transparent)]
     Service(#[from] ServiceError),
+    /// The program cannot be a part of a cluster.
+    #[error("{0} needs a program with the feature `cluster`, and this one was built without it: cargo build --release --features cluster")]
+    WithoutCluster(&'static str),
+    /// The settings file says nothing of a cluster.
+    #[cfg(feature = "cluster")]
+    #[error("settings file: the table cluster is missing, expected cluster.database, cluster.nats and cluster.objects")]
+    NoClusterTable,
+    /// The process cannot be a part of the cluster.
+    #[cfg(feature = "cluster")]
+    #[error(transparent)]
+    Cluster(#[from] crate::cluster::ClusterError),
+    /// Records cannot come over MQTT as the settings say.
+    #[cfg(feature = "cluster")]
+    #[error(transparent)]
+    Mqtt(#[from] MqttError),
 }
 
 /// The settings file as it is written.
@@ -83,6 +105,21 @@ struct ConfigFile {
     insecure_no_tokens: bool,
     limits: LimitsTable,
     retention: RetentionTable,
+    #[cfg(feature = "cluster")]
+    mqtt: Option<MqttTable>,
+    #[cfg(feature = "cluster")]
+    cluster: Option<ClusterTable>,
+    #[cfg(not(feature = "cluster"))]
+    cluster: Option<toml::Table>,
+}
+
+/// What `serve` starts.
+pub(super) struct Resolved {
+    pub(super) service: ServiceConfig,
+    #[cfg(feature = "cluster")]
+    pub(super) cluster: Option<ClusterSettings>,
+    #[cfg(feature = "cluster")]
+    mqtt: Option<MqttSettings>,
 }
 
 /// The table `retention` of the settings file: raw recordings that are kept; what is derived from them always is.
@@ -116,7 +153,7 @@ struct LimitsTable {
 
 impl ServeArgs {
     /// The settings that follow from the options and the settings file.
-    fn resolve(&self) -> Result<ServiceConfig, ServeError> {
+    pub(super) fn resolve(&self) -> Result<Resolved, ServeError> {
         let file = match &self.config {
             Some(path) => ConfigFile::read(path)?,
             None => ConfigFile::default(),
@@ -143,7 +180,17 @@ impl ServeArgs {
             bytes: file.retention.raw_bytes,
             bytes_per_asset: file.retention.raw_bytes_per_asset,
         };
-        Ok(config)
+        #[cfg(not(feature = "cluster"))]
+        if file.cluster.is_some() {
+            return Err(ServeError::WithoutCluster("the table cluster of the settings file"));
+        }
+        Ok(Resolved {
+            #[cfg(feature = "cluster")]
+            cluster: file.cluster.map(super::node::resolve).transpose()?,
+            #[cfg(feature = "cluster")]
+            mqtt: self.mqtt.resolve(file.mqtt, config.http.record_bytes)?,
+            service: config,
+        })
     }
 }
 
@@ -188,15 +235,35 @@ impl LimitsTable {
 
 /// Runs the service until Ctrl-C or SIGTERM.
 pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
-    let config = args.resolve()?;
+    let resolved = args.resolve()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(async {
-        let service = start(config, Arc::new(SystemClock)).await?;
+        #[cfg(feature = "cluster")]
+        let grace = resolved.service.http.grace;
+        #[cfg(feature = "cluster")]
+        let service = match resolved.cluster {
+            Some(cluster) => tokio::select! {
+                started = super::node::start_api(resolved.service, cluster) => started?,
+                asked = asked_to_stop() => return Ok(asked?),
+            },
+            None => start(resolved.service, Arc::new(SystemClock)).await?,
+        };
+        #[cfg(not(feature = "cluster"))]
+        let service = start(resolved.service, Arc::new(SystemClock)).await?;
+        #[cfg(feature = "cluster")]
+        let mqtt = resolved
+            .mqtt
+            .map(|settings| MqttFeed::start(settings, service.ingest().clone()))
+            .transpose()?;
         let mut out = std::io::stdout();
         writeln!(out, "listening on {}", service.url())?;
         out.flush()?;
         asked_to_stop().await?;
         tracing::info!("stopping");
+        #[cfg(feature = "cluster")]
+        if let Some(mqtt) = mqtt {
+            mqtt.stop(grace).await;
+        }
         service.stop().await?;
         Ok(())
     });
@@ -237,7 +304,7 @@ mod tests {
             listen: Some("127.0.0.1:2".parse().unwrap()),
             ..ServeArgs::default()
         };
-        let config = args.resolve().unwrap();
+        let config = args.resolve().unwrap().service;
         assert_eq!(config.listen.port(), 2);
         assert_eq!(config.data_dir, PathBuf::from("d"));
         assert_eq!(config.http.record_bytes, 1000);
@@ -253,7 +320,7 @@ mod tests {
             config: Some(path),
             ..ServeArgs::default()
         };
-        let error = args.resolve().unwrap_err().to_string();
+        let error = args.resolve().map(|_| ()).unwrap_err().to_string();
         assert!(error.contains("record_byte") && error.contains("flankwatch.toml"), "{error}");
     }
 }

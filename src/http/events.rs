@@ -17,7 +17,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 
 use super::alarms::AlarmView;
 use super::maintenance::EventView;
@@ -26,19 +26,27 @@ use super::query::Parameters;
 use super::router::App;
 use crate::asset::AssetId;
 use crate::estimate::WearEstimate;
-use crate::ingest::Announcement;
+use crate::ingest::{Announcement, Ingest, LiveEvent, NumberedEvent};
 use crate::store::{AlarmNotice, StoredEvent};
+
+/// The kind of events about recomputations.
+const RECOMPUTATION: &str = "recomputation";
+
+/// Events that another node may have shown before they came here.
+const AHEAD: u64 = 1000;
 
 /// How often a quiet connection is kept from being taken for dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
-/// One thing that happened.
+/// The events of all nodes of a cluster, in one order.
 #[derive(Debug)]
-struct Happened {
-    number: u64,
-    kind: &'static str,
-    asset: Option<AssetId>,
-    data: String,
+pub struct SharedEvents {
+    /// Tells this order from others in identifiers.
+    pub run: String,
+    /// What happened before.
+    pub backlog: Vec<NumberedEvent>,
+    /// What happens from then on.
+    pub receiver: mpsc::Receiver<NumberedEvent>,
 }
 
 /// The latest events.
@@ -47,6 +55,8 @@ pub(super) struct Events {
     /// Tells this run of the service from others in identifiers.
     run: String,
     most: usize,
+    /// Events that a client may have seen at another node before they came here.
+    ahead: u64,
     held: Mutex<Held>,
     /// The number of the latest event; closed at the end of the service.
     latest: watch::Sender<u64>,
@@ -56,7 +66,7 @@ pub(super) struct Events {
 #[derive(Debug, Default)]
 struct Held {
     given_out: u64,
-    kept: VecDeque<Arc<Happened>>,
+    kept: VecDeque<Arc<NumberedEvent>>,
 }
 
 impl Events {
@@ -65,6 +75,7 @@ impl Events {
         let events = Arc::new(Self {
             run,
             most: most.max(1),
+            ahead: 0,
             held: Mutex::default(),
             latest: watch::Sender::new(0),
             is_over: watch::Sender::new(false),
@@ -73,10 +84,39 @@ impl Events {
         tokio::spawn(async move {
             loop {
                 match announcements.recv().await {
-                    Ok(announcement) => followed.add_all(&announcement),
-                    Err(RecvError::Lagged(count)) => followed.add("lost", None, &json!({ "events": count })),
+                    Ok(announcement) => live_events(&announcement).into_iter().for_each(|event| followed.add(event)),
+                    Err(RecvError::Lagged(count)) => followed.add(lost_events(count)),
                     Err(RecvError::Closed) => break,
                 }
+            }
+        });
+        events
+    }
+
+    /// Shows what all nodes show; `ingest` is told of what other processes do.
+    pub(super) fn share(shared: SharedEvents, ingest: Ingest, most: usize) -> Arc<Self> {
+        let SharedEvents {
+            run,
+            backlog,
+            mut receiver,
+        } = shared;
+        let events = Arc::new(Self {
+            run,
+            most: most.max(1),
+            ahead: AHEAD,
+            held: Mutex::default(),
+            latest: watch::Sender::new(0),
+            is_over: watch::Sender::new(false),
+        });
+        for event in backlog {
+            note(&ingest, &event.event);
+            events.keep(event);
+        }
+        let followed = Arc::clone(&events);
+        tokio::spawn(async move {
+            while let Some(event) = receiver.recv().await {
+                note(&ingest, &event.event);
+                followed.keep(event);
             }
         });
         events
@@ -91,66 +131,23 @@ impl Events {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn add(&self, kind: &'static str, asset: Option<&AssetId>, data: &Value) {
+    fn add(&self, event: LiveEvent) {
+        let number = self.lock().given_out + 1;
+        self.keep(NumberedEvent { number, event });
+    }
+
+    fn keep(&self, event: NumberedEvent) {
         let mut held = self.lock();
-        held.given_out += 1;
-        let number = held.given_out;
+        if event.number <= held.given_out {
+            // Told twice.
+            return;
+        }
+        held.given_out = event.number;
         if held.kept.len() == self.most {
             held.kept.pop_front();
         }
-        held.kept.push_back(Arc::new(Happened {
-            number,
-            kind,
-            asset: asset.cloned(),
-            data: data.to_string(),
-        }));
-        self.latest.send_replace(number);
-    }
-
-    fn add_all(&self, announcement: &Announcement) {
-        match announcement {
-            Announcement::AssetChanged(id) => self.add("asset", Some(id), &json!({ "asset_id": id, "change": "changed" })),
-            Announcement::AssetRemoved(id) => self.add("asset", Some(id), &json!({ "asset_id": id, "change": "removed" })),
-            Announcement::HistoryFolded { asset, channel } => {
-                self.add("history", Some(asset), &json!({ "asset_id": asset, "channel": channel }));
-            }
-            Announcement::RecomputationChanged(recomputation) => {
-                self.add("recomputation", Some(&recomputation.asset), &json!(**recomputation));
-            }
-            Announcement::AlarmChanged(notice) => {
-                let AlarmNotice { alarm, change } = &**notice;
-                let view = AlarmView::new(alarm.clone(), change.time);
-                let data = json!({ "asset_id": alarm.asset_id, "alarm": view, "change": change });
-                self.add("alarm", Some(&alarm.asset_id), &data);
-            }
-            Announcement::MaintenanceChanged { asset, event, is_removed } => {
-                let change = if *is_removed { "removed" } else { "added" };
-                let event = EventView::new(asset.clone(), StoredEvent::clone(event));
-                self.add(
-                    "maintenance",
-                    Some(asset),
-                    &json!({ "asset_id": asset, "event": event, "change": change }),
-                );
-            }
-            Announcement::ReplayChanged(replay) => self.add("replay", Some(&replay.asset), &json!(**replay)),
-            Announcement::SegmentStored(segment) => {
-                let of = json!({
-                    "asset_id": segment.asset_id,
-                    "channel": segment.channel,
-                    "segment_id": segment.id,
-                    "start_time": segment.start_time,
-                });
-                let mut indicators = of.clone();
-                indicators["indicators"] = json!(segment.indicators.values);
-                self.add("indicators", Some(&segment.asset_id), &indicators);
-                let mut wear = of;
-                wear["wear"] = json!(WearEstimate {
-                    posterior: None,
-                    ..segment.wear.clone()
-                });
-                self.add("wear", Some(&segment.asset_id), &wear);
-            }
-        }
+        held.kept.push_back(Arc::new(event));
+        self.latest.send_replace(held.given_out);
     }
 
     /// The next event after `position` of that asset, and whether some before it are gone; none where there is none yet.
@@ -162,10 +159,14 @@ impl Events {
             *position = oldest - 1;
             return Next::Lost(gone);
         }
-        let from = usize::try_from(*position + 1 - oldest).unwrap_or(usize::MAX);
-        let is_wanted = |event: &&Arc<Happened>| asset.is_none() || event.asset.is_none() || event.asset.as_ref() == asset;
+        let from = held.kept.partition_point(|event| event.number <= *position);
+        let is_wanted = |event: &&Arc<NumberedEvent>| {
+            let of = event.event.asset.as_ref();
+            asset.is_none() || of.is_none() || of == asset
+        };
         let found = held.kept.iter().skip(from).find(is_wanted).cloned();
-        *position = found.as_ref().map_or(held.given_out, |event| event.number);
+        // A client may have seen more at another node than has come here yet.
+        *position = found.as_ref().map_or(held.given_out.max(*position), |event| event.number);
         found.map_or(Next::Nothing, Next::Event)
     }
 
@@ -177,12 +178,83 @@ impl Events {
     fn position(&self, last: &str) -> Option<u64> {
         let (run, number) = last.rsplit_once('-')?;
         let number = number.parse().ok()?;
-        (run == self.run && number <= self.lock().given_out).then_some(number)
+        (run == self.run && number <= self.lock().given_out + self.ahead).then_some(number)
     }
 }
 
+/// What an announcement tells those who follow the service.
+pub fn live_events(announcement: &Announcement) -> Vec<LiveEvent> {
+    let one = |kind: &str, asset: &AssetId, data: Value| LiveEvent {
+        kind: kind.to_owned(),
+        asset: Some(asset.clone()),
+        data: data.to_string(),
+    };
+    let event = match announcement {
+        Announcement::AssetChanged(id) => one("asset", id, json!({ "asset_id": id, "change": "changed" })),
+        Announcement::AssetRemoved(id) => one("asset", id, json!({ "asset_id": id, "change": "removed" })),
+        Announcement::HistoryFolded { asset, channel } => one("history", asset, json!({ "asset_id": asset, "channel": channel })),
+        Announcement::RecomputationChanged(recomputation) => one(RECOMPUTATION, &recomputation.asset, json!(**recomputation)),
+        Announcement::AlarmChanged(notice) => {
+            let AlarmNotice { alarm, change } = &**notice;
+            let view = AlarmView::new(alarm.clone(), change.time);
+            let data = json!({ "asset_id": alarm.asset_id, "alarm": view, "change": change });
+            one("alarm", &alarm.asset_id, data)
+        }
+        Announcement::MaintenanceChanged { asset, event, is_removed } => {
+            let change = if *is_removed { "removed" } else { "added" };
+            let event = EventView::new(asset.clone(), StoredEvent::clone(event));
+            one("maintenance", asset, json!({ "asset_id": asset, "event": event, "change": change }))
+        }
+        Announcement::ReplayChanged(replay) => one("replay", &replay.asset, json!(**replay)),
+        Announcement::SegmentStored(segment) => {
+            let of = json!({
+                "asset_id": segment.asset_id,
+                "channel": segment.channel,
+                "segment_id": segment.id,
+                "start_time": segment.start_time,
+            });
+            let mut indicators = of.clone();
+            indicators["indicators"] = json!(segment.indicators.values);
+            let mut wear = of;
+            wear["wear"] = json!(WearEstimate {
+                posterior: None,
+                ..segment.wear.clone()
+            });
+            return vec![
+                one("indicators", &segment.asset_id, indicators),
+                one("wear", &segment.asset_id, wear),
+            ];
+        }
+    };
+    vec![event]
+}
+
+/// Says that so many events are not told.
+pub fn lost_events(count: u64) -> LiveEvent {
+    LiveEvent {
+        kind: "lost".to_owned(),
+        asset: None,
+        data: json!({ "events": count }).to_string(),
+    }
+}
+
+/// Tells a node of what another process of its cluster did.
+fn note(ingest: &Ingest, event: &LiveEvent) {
+    if event.kind == RECOMPUTATION {
+        match serde_json::from_str(&event.data) {
+            Ok(recomputation) => ingest.note_recomputation(recomputation),
+            Err(error) => tracing::debug!(%error, "a recomputation elsewhere cannot be read"),
+        }
+    }
+}
+
+fn server_event(events: &Events, event: &NumberedEvent) -> Event {
+    let NumberedEvent { number, event } = event;
+    Event::default().event(&event.kind).id(events.id(*number)).data(&event.data)
+}
+
 enum Next {
-    Event(Arc<Happened>),
+    Event(Arc<NumberedEvent>),
     Lost(u64),
     Nothing,
 }
@@ -250,7 +322,7 @@ pub(super) async fn stream(
                 // Seen before it is looked for, so that nothing slips in between.
                 latest.mark_unchanged();
                 let event = match events.next(&mut position, asset.as_ref()) {
-                    Next::Event(event) => Event::default().event(event.kind).id(events.id(event.number)).data(&event.data),
+                    Next::Event(event) => server_event(&events, &event),
                     Next::Lost(count) => Event::default()
                         .event("lost")
                         .id(events.id(position))
@@ -280,12 +352,16 @@ mod tests {
         let events = Events::follow(receiver, "r".into(), 3);
         let (a, b) = (AssetId::new("a").unwrap(), AssetId::new("b").unwrap());
         for n in 0..5 {
-            events.add("asset", Some(if n % 2 == 0 { &a } else { &b }), &json!(n));
+            events.add(LiveEvent {
+                kind: "asset".into(),
+                asset: Some(if n % 2 == 0 { a.clone() } else { b.clone() }),
+                data: n.to_string(),
+            });
         }
         let mut position = 0;
         assert!(matches!(events.next(&mut position, None), Next::Lost(2)));
         for n in 2..5 {
-            assert!(matches!(events.next(&mut position, None), Next::Event(event) if event.data == n.to_string()));
+            assert!(matches!(events.next(&mut position, None), Next::Event(event) if event.event.data == n.to_string()));
         }
         assert!(matches!(events.next(&mut position, None), Next::Nothing));
         let mut position = events.position("r-3").unwrap();

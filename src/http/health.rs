@@ -1,11 +1,22 @@
 //! Whether the service lives and whether it can work.
 
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::time::Duration;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
+use axum::routing::get;
 use serde::Serialize;
+use tokio::net::TcpListener;
 
 use super::router::App;
+use super::server::ServiceError;
+use crate::ingest::{Ingest, PartHealth};
+
+/// How long the database has to answer before it counts as away.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// That the process lives.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -25,6 +36,26 @@ pub(super) struct Ready {
     database: String,
     /// Records being processed or waiting.
     queue: Queue,
+    /// Of a node of a cluster: `ok`, or why another part that it needs cannot be used.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    parts: BTreeMap<&'static str, String>,
+    /// Connections over which records come besides requests; absent where there are none. Requests are taken also while one is lost.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    feeds: Vec<FeedHealth>,
+}
+
+/// A connection over which records come.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+struct FeedHealth {
+    /// What it is, `mqtt`.
+    name: &'static str,
+    /// Whether the connection stands.
+    is_connected: bool,
+    /// Messages that cannot be taken now and wait, unacknowledged.
+    held: usize,
+    /// Why it is not connected, or why messages wait; absent where all is well.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trouble: Option<String>,
 }
 
 /// The queue of records.
@@ -53,18 +84,105 @@ pub(super) async fn alive() -> Json<Alive> {
     responses((status = 200, body = Ready), (status = 503, body = Ready, description = "Not now")),
 )]
 pub(super) async fn ready(State(app): State<App>) -> (StatusCode, Json<Ready>) {
-    let database = app.ingest.store().check().await;
-    let (used, limit) = app.ingest.workers().queue();
-    let is_ready = database.is_ok() && used < limit;
+    readiness(&app.ingest).await
+}
+
+async fn readiness(ingest: &Ingest) -> (StatusCode, Json<Ready>) {
+    let database = tokio::time::timeout(ANSWER_TIMEOUT, ingest.store().check()).await;
+    let database = match database {
+        Ok(Ok(())) => None,
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some("does not answer".to_owned()),
+    };
+    let (used, limit) = ingest.workers().queue();
+    let mut health = match ingest.crew() {
+        Some(crew) => crew.health().await,
+        None => Vec::new(),
+    };
+    if ingest.store().is_shared() {
+        health.push(object_store(ingest).await);
+    }
+    let is_ready = database.is_none() && used < limit && health.iter().all(|part| part.fault.is_none());
     let status = if is_ready {
         StatusCode::OK
     } else {
         StatusCode::SERVICE_UNAVAILABLE
     };
+    let or_ok = |fault: Option<String>| fault.unwrap_or_else(|| "ok".to_owned());
     let parts = Ready {
         status: if is_ready { "ok" } else { "unavailable" },
-        database: database.map_or_else(|error| error.to_string(), |()| "ok".to_string()),
+        database: or_ok(database),
         queue: Queue { used, limit },
+        parts: health.into_iter().map(|part| (part.part, or_ok(part.fault))).collect(),
+        feeds: feeds(ingest),
     };
     (status, Json(parts))
+}
+
+async fn object_store(ingest: &Ingest) -> PartHealth {
+    let store = ingest.store().clone();
+    // Whether it is there does not matter.
+    let look = tokio::task::spawn_blocking(move || store.objects().written_at(&"0".repeat(64)));
+    let fault = match tokio::time::timeout(ANSWER_TIMEOUT, look).await {
+        Ok(Ok(Ok(_))) => None,
+        Ok(Ok(Err(error))) => Some(error.to_string()),
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some("does not answer".to_owned()),
+    };
+    PartHealth {
+        part: "object_store",
+        fault,
+    }
+}
+
+/// Tells of a process that answers nothing else whether it lives and can work.
+pub struct HealthServer {
+    address: SocketAddr,
+    task: tokio::task::JoinHandle<()>,
+}
+
+impl HealthServer {
+    /// Answers `/healthz` and `/readyz` on an address.
+    ///
+    /// Error: it cannot be listened on.
+    pub async fn start(address: SocketAddr, ingest: Ingest) -> Result<Self, ServiceError> {
+        let failed = |source| ServiceError::Listen { address, source };
+        let listener = TcpListener::bind(address).await.map_err(failed)?;
+        let bound = listener.local_addr().map_err(failed)?;
+        let router = axum::Router::new()
+            .route("/healthz", get(alive))
+            .route(
+                "/readyz",
+                get(|State(ingest): State<Ingest>| async move { readiness(&ingest).await }),
+            )
+            .with_state(ingest);
+        let task = tokio::spawn(async move {
+            if let Err(error) = axum::serve(listener, router).await {
+                tracing::error!(%error, "the health is not told any more");
+            }
+        });
+        Ok(Self { address: bound, task })
+    }
+
+    /// The address that it listens on.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for HealthServer {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+fn feeds(ingest: &Ingest) -> Vec<FeedHealth> {
+    let feeds = ingest.feeds();
+    let health = feeds.iter().map(|feed| FeedHealth {
+        name: feed.name(),
+        is_connected: feed.is_connected(),
+        held: feed.held(),
+        trouble: feed.trouble(),
+    });
+    health.collect()
 }

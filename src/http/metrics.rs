@@ -12,6 +12,7 @@ use axum::response::IntoResponse;
 use super::problem::Problem;
 use super::router::App;
 use crate::estimate::{AlarmState, Severity};
+use crate::ingest::FeedCount;
 use crate::store::{AlarmFilter, StoredAlarm};
 
 /// Upper bounds of the latency histogram in seconds.
@@ -127,6 +128,7 @@ async fn service(app: &App, text: &mut Text) -> Result<(), Problem> {
         "Uploads beyond which further ones are refused.",
         most,
     );
+    feeds(app, text);
     requests(&app.measurements.snapshot(), text);
     Ok(())
 }
@@ -159,6 +161,51 @@ fn requests(by_route: &BTreeMap<(String, String), RouteMeasurements>, text: &mut
         }
         text.line(&format!("{name}_sum"), &labels, measured.latency_sum_s);
         text.line(&format!("{name}_count"), &labels, count);
+    }
+}
+
+fn feeds(app: &App, text: &mut Text) {
+    let feeds = app.ingest.feeds();
+    if feeds.is_empty() {
+        return;
+    }
+    text.head(
+        "flankwatch_feed_messages_total",
+        "counter",
+        "Messages of a feed since the start: received, and of these accepted, repeated (sent again) and refused.",
+    );
+    let outcomes = [
+        ("received", FeedCount::Received),
+        ("accepted", FeedCount::Accepted),
+        ("repeated", FeedCount::Repeated),
+        ("refused", FeedCount::Refused),
+    ];
+    for feed in &feeds {
+        for (outcome, count) in outcomes {
+            let labels = [("feed", feed.name()), ("outcome", outcome)];
+            text.line("flankwatch_feed_messages_total", &labels, feed.counted(count));
+        }
+    }
+    text.head(
+        "flankwatch_feed_reconnects_total",
+        "counter",
+        "Connections of a feed after its first.",
+    );
+    for feed in &feeds {
+        let count = feed.counted(FeedCount::Reconnected);
+        text.line("flankwatch_feed_reconnects_total", &[("feed", feed.name())], count);
+    }
+    text.head("flankwatch_feed_connected", "gauge", "Whether a feed's connection stands.");
+    for feed in &feeds {
+        text.line("flankwatch_feed_connected", &[("feed", feed.name())], u8::from(feed.is_connected()));
+    }
+    text.head(
+        "flankwatch_feed_messages_held",
+        "gauge",
+        "Messages of a feed that cannot be taken now and wait, unacknowledged.",
+    );
+    for feed in &feeds {
+        text.line("flankwatch_feed_messages_held", &[("feed", feed.name())], feed.held());
     }
 }
 

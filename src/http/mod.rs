@@ -49,7 +49,9 @@ mod waveforms;
 mod wear;
 
 pub use connections::TlsFiles;
+pub use events::{SharedEvents, live_events, lost_events};
+pub use health::HealthServer;
 pub use limits::HttpLimits;
 pub use plotly::plotly_js;
-pub use server::{RunningService, ServiceConfig, ServiceError, start};
+pub use server::{Node, RunningService, ServiceConfig, ServiceError, start, start_node};
 pub use tokens::{Scope, Token, TokenError, Tokens};

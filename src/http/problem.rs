@@ -152,6 +152,11 @@ impl From<StoreError> for Problem {
                 tracing::error!(%error, "no room");
                 StatusCode::INSUFFICIENT_STORAGE
             }
+            error if error.is_unavailable() => {
+                tracing::warn!(%error, "store away");
+                return Self::busy(error.to_string(), 5);
+            }
+            error if error.is_conflict() => return Self::busy(error.to_string(), 1),
             error => return Self::internal(error),
         };
         Self::new(status, error.to_string())
@@ -183,7 +188,7 @@ impl From<IngestError> for Problem {
             IngestError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
-            IngestError::File { .. } | IngestError::WorkerLost(_) => Self::internal(&error),
+            IngestError::File { .. } | IngestError::WorkerLost(_) | IngestError::HandedOverOtherwise { .. } => Self::internal(&error),
         }
     }
 }

@@ -11,15 +11,15 @@ use tokio::task::JoinHandle;
 
 use super::access::Access;
 use super::connections::{self, TlsFiles};
-use super::events::Events;
+use super::events::{Events, SharedEvents};
 use super::limits::HttpLimits;
 use super::metrics::Measurements;
 use super::router::{App, router};
 use super::tokens::{TokenError, Tokens};
 use super::tus::ResumableUploads;
-use crate::ingest::{Clock, Ingest, IngestError, IngestFolders, IngestLimits};
+use crate::ingest::{Clock, Crew, Ingest, IngestError, IngestFolders, IngestLimits, Part};
 use crate::library::GridSettings;
-use crate::store::{Store, StoreError};
+use crate::store::{Store, StoreError, StoreSettings};
 
 /// What the service is started with.
 #[derive(Debug, Clone)]
@@ -32,6 +32,8 @@ pub struct ServiceConfig {
     pub insecure_no_tokens: bool,
     /// Where everything is kept.
     pub data_dir: PathBuf,
+    /// The store, where it is not in the data folder.
+    pub store: Option<StoreSettings>,
     /// Recordings that may be replayed; `recordings` in the data folder where not given.
     pub replay_dir: Option<PathBuf>,
     /// Limits on requests.
@@ -50,6 +52,7 @@ impl ServiceConfig {
             tls: None,
             insecure_no_tokens: false,
             data_dir: data_dir.into(),
+            store: None,
             replay_dir: None,
             http: HttpLimits::default(),
             ingest: IngestLimits::default(),
@@ -61,7 +64,7 @@ impl ServiceConfig {
 /// Why the service does not run.
 #[derive(Debug, Error)]
 pub enum ServiceError {
-    /// The data folder cannot be used.
+    /// The data folder, or the store that it points to, cannot be used.
     #[error("cannot use the data folder {path}: {source}", path = path.display())]
     DataDir {
         /// The folder.
@@ -123,10 +126,33 @@ pub struct RunningService {
     server: JoinHandle<()>,
 }
 
+/// What joins a service with others on the same store.
+pub struct Node {
+    /// The store.
+    pub store: Store,
+    /// Who the records are handed over to.
+    pub crew: Arc<dyn Crew>,
+    /// What all nodes show.
+    pub events: SharedEvents,
+    /// Who may do what.
+    pub tokens: Tokens,
+}
+
 /// Starts the service; it runs until [`RunningService::stop`].
 ///
 /// Errors: the data folder is not writable, in use or of a later version; the address is taken.
 pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<RunningService, ServiceError> {
+    start_as(config, None, clock).await
+}
+
+/// Starts one of several services on the same store. Its data folder holds nothing that is not somewhere else too.
+///
+/// Errors: as those of [`start`].
+pub async fn start_node(config: ServiceConfig, node: Node, clock: Arc<dyn Clock>) -> Result<RunningService, ServiceError> {
+    start_as(config, Some(node), clock).await
+}
+
+async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Clock>) -> Result<RunningService, ServiceError> {
     if config.http.record_bytes > config.ingest.bytes_at_once {
         return Err(ServiceError::Setting {
             field: "limits.record_bytes",
@@ -134,17 +160,33 @@ pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<Runni
             expected: format!("at most limits.bytes_at_once, {}", config.ingest.bytes_at_once),
         });
     }
-    let tokens = Tokens::of(&config.data_dir);
+    let (node, tokens) = match node {
+        None => (None, Tokens::of(&config.data_dir)),
+        Some(Node {
+            store,
+            crew,
+            events,
+            tokens,
+        }) => (Some((store, crew, events)), tokens),
+    };
     let is_loopback = config.listen.ip().to_canonical().is_loopback();
     let has_tokens = tokens.list()?.is_some_and(|tokens| !tokens.is_empty());
     if !is_loopback && !has_tokens && !config.insecure_no_tokens {
         return Err(ServiceError::NoTokens(config.listen));
     }
     let tls = config.tls.as_ref().map(TlsFiles::load).transpose()?;
-    let store = Store::open(&config.data_dir).await.map_err(|source| ServiceError::DataDir {
-        path: config.data_dir.clone(),
-        source,
-    })?;
+    let (store, part, shared) = match node {
+        Some((store, crew, events)) => (store, Part::Entrance(crew), Some(events)),
+        None => {
+            let settings = config.store.clone().unwrap_or_else(|| config.data_dir.as_path().into());
+            let opened = Store::open(&settings).await;
+            let store = opened.map_err(|source| ServiceError::DataDir {
+                path: config.data_dir.clone(),
+                source,
+            })?;
+            (store, Part::Whole, None)
+        }
+    };
     let listener = TcpListener::bind(config.listen).await;
     let listen_error = |source| ServiceError::Listen {
         address: config.listen,
@@ -158,9 +200,14 @@ pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<Runni
         uploads: config.data_dir.join("uploads"),
     };
     let uploads = folders.uploads.clone();
-    let ingest = Ingest::new(store, folders, &config.ingest, config.grid, Arc::clone(&clock))?;
-    let run = format!("{:x}", clock.now().as_nanosecond());
-    let events = Events::follow(ingest.follow(), run, config.http.events_kept);
+    let ingest = Ingest::with_part(store, folders, &config.ingest, config.grid, Arc::clone(&clock), part)?;
+    let events = match shared {
+        Some(shared) => Events::share(shared, ingest.clone(), config.http.events_kept),
+        None => {
+            let run = format!("{:x}", clock.now().as_nanosecond());
+            Events::follow(ingest.follow(), run, config.http.events_kept)
+        }
+    };
     ingest.resume().await?;
     let grace = config.http.grace;
     let folder = config.data_dir.join("resumable");

@@ -15,7 +15,7 @@ use super::query::{AssetInPath, Parameters};
 use super::router::App;
 use crate::asset::{AssetId, Segment};
 use crate::estimate::WearEstimate;
-use crate::ingest::{BatchSummary, Given, IngestError, RecordFormat};
+use crate::ingest::{Accepted, BatchSummary, Given, IngestError, QueuedRecord, RecordFormat};
 use crate::recording::{JsonBlock, RawLayout};
 use crate::signal::OperatingPoint;
 
@@ -73,16 +73,47 @@ pub(super) struct UploadParameters {
     scale: Option<f64>,
 }
 
+/// What became of one channel's record.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub(super) enum TakenRecord {
+    /// The segment that it became.
+    Stored(Box<Segment>),
+    /// What it was handed over as, where others analyse it after the answer: the segment has this `id` once it is there.
+    Queued(Box<HandedOver>),
+}
+
+/// A record that is kept and will be analysed.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct HandedOver {
+    /// `queued`.
+    state: &'static str,
+    #[serde(flatten)]
+    record: QueuedRecord,
+}
+
+impl From<Accepted> for TakenRecord {
+    fn from(accepted: Accepted) -> Self {
+        match accepted {
+            Accepted::Stored(segment) => Self::Stored(segment),
+            Accepted::Queued(record) => Self::Queued(Box::new(HandedOver {
+                state: "queued",
+                record: *record,
+            })),
+        }
+    }
+}
+
 /// What an upload made.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub(super) enum UploadAnswer {
     /// One segment, for a recording of one channel.
-    One(Box<Segment>),
+    One(TakenRecord),
     /// A segment for each channel.
     Several {
         /// The segments in the order of the channels.
-        segments: Vec<Segment>,
+        segments: Vec<TakenRecord>,
     },
     /// What became of the records of an MCAP recording.
     Recording(Box<RecordingAnswer>),
@@ -105,7 +136,8 @@ pub(super) struct RecordingAnswer {
 
 /// Upload a recording
 ///
-/// Answered when it is on the disk and in the database. The same bytes for the same asset, channel and time are one segment: a repeat answers
+/// Answered when it is on the disk and in the database; in a cluster when its bytes are kept and it is in the workers' queue, with the `state`
+/// `queued` and the `id` of the segment that it becomes. The same bytes for the same asset, channel and time are one segment: a repeat answers
 /// as the first did. With an `Idempotency-Key` that also holds for a recording that does not say when it began, which is then of the time
 /// of the first receipt. A form (`multipart/form-data`) has its text fields, named as the parameters here, before its files.
 #[utoipa::path(
@@ -200,9 +232,10 @@ impl Upload<'_> {
             let first = self.begin(&format.media_type(), &Sha256::digest(&bytes)).await?;
             given.start_time = Some(given.start_time.unwrap_or(first.received_at));
         }
-        let mut segments = app.ingest.accept(self.asset, format, bytes, given, ticket).await?;
+        let accepted = app.ingest.accept(self.asset, format, bytes, given, ticket).await?;
+        let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
         let answer = match segments.pop() {
-            Some(segment) if segments.is_empty() => UploadAnswer::One(Box::new(segment)),
+            Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
             last => {
                 segments.extend(last);
                 UploadAnswer::Several { segments }

@@ -9,7 +9,7 @@ use tokio::sync::RwLockReadGuard;
 
 use super::group_commit::Stored;
 use super::keys::analysis_keys;
-use super::{Ingest, IngestError, Ticket, with_analyzer};
+use super::{Ingest, IngestError, Part, QueuedRecord, Ticket, with_analyzer};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
 use crate::recording::{BlockEncoding, RawLayout, RecordDefaults, RecordingError, decode_block, decode_raw, decode_wav};
 use crate::signal::{Condition, OperatingPoint, Record};
@@ -87,6 +87,25 @@ impl RecordFormat {
     }
 }
 
+/// What became of a record that was taken.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Accepted {
+    /// It is stored, now or since before.
+    Stored(Box<Segment>),
+    /// Its raw bytes are kept, and it was handed over to be analysed.
+    Queued(Box<QueuedRecord>),
+}
+
+impl Accepted {
+    /// Which channel of its recording it is, counted from 0.
+    pub fn channel_index(&self) -> u32 {
+        match self {
+            Self::Stored(segment) => segment.raw.channel_index,
+            Self::Queued(record) => record.raw.channel_index,
+        }
+    }
+}
+
 /// A record with its name and its raw bytes' name, before anything is kept.
 pub(super) struct Named {
     pub(super) id: SegmentId,
@@ -113,6 +132,13 @@ impl Named {
                 field: "channel",
                 value: format!("{channel:?}"),
                 expected: "a name of 1 to 200 bytes without control characters",
+            });
+        }
+        if record.unit().contains('\0') {
+            return Err(IngestError::Field {
+                field: "unit",
+                value: format!("{:?}", record.unit()),
+                expected: "a text without NUL characters",
             });
         }
         if i64::try_from(record.start_time().as_nanosecond()).is_err() {
@@ -172,9 +198,10 @@ pub(super) fn analyse(record: &Record, spec: &AssetSpec) -> Analysed {
 }
 
 impl Ingest {
-    /// Takes the bytes of one record (or of one recording of several channels), and answers once everything is on the disk.
+    /// Takes the bytes of one record (or of one recording of several channels), and answers once everything is on the disk; where others
+    /// analyse, once the bytes are kept and the record is handed over.
     ///
-    /// Returns one segment for each channel, in the order of the channels. A repeat is answered with what is stored.
+    /// Returns what became of each channel, in the order of the channels. A repeat is answered with what is stored.
     pub async fn accept(
         &self,
         asset: &AssetId,
@@ -182,7 +209,7 @@ impl Ingest {
         bytes: Bytes,
         given: Given,
         ticket: Ticket,
-    ) -> Result<Vec<Segment>, IngestError> {
+    ) -> Result<Vec<Accepted>, IngestError> {
         // A client that hangs up must not leave half of the work: it goes on by itself.
         let (ingest, asset) = (self.clone(), asset.clone());
         let task = tokio::spawn(async move {
@@ -196,8 +223,9 @@ impl Ingest {
         task.await.map_err(|_| IngestError::WorkerLost("take a record"))?
     }
 
-    async fn accept_here(&self, asset: &AssetId, format: RecordFormat, bytes: Bytes, given: Given) -> Result<Vec<Segment>, IngestError> {
-        let spec = self.inner.store.asset(asset).await?.spec;
+    async fn accept_here(&self, asset: &AssetId, format: RecordFormat, bytes: Bytes, given: Given) -> Result<Vec<Accepted>, IngestError> {
+        let asset = self.inner.store.asset(asset).await?;
+        let spec = asset.spec.clone();
         let received_at = self.inner.clock.now();
         let named = {
             let (spec, bytes) = (spec.clone(), bytes.clone());
@@ -209,7 +237,10 @@ impl Ingest {
         if known.len() == ids.len() {
             known.sort_by_key(|segment| segment.raw.channel_index);
             self.count(0, known.len(), 0);
-            return Ok(known);
+            return Ok(known.into_iter().map(|segment| Accepted::Stored(Box::new(segment))).collect());
+        }
+        if let Part::Entrance(crew) = &self.inner.part {
+            return self.hand_over(crew, &asset, named, bytes, known, received_at).await;
         }
         // Before anything is kept: a record that has to come again leaves nothing behind.
         self.inner.libraries.tracker(&spec).await?;
@@ -218,7 +249,8 @@ impl Ingest {
         let stored = self.store_kept(kept).await?;
         let repeated = stored.iter().filter(|stored| stored.repeated).count();
         self.count(stored.len() - repeated, repeated, 0);
-        Ok(stored.into_iter().map(|Stored { segment, .. }| segment).collect())
+        let accepted = stored.into_iter().map(|Stored { segment, .. }| Accepted::Stored(Box::new(segment)));
+        Ok(accepted.collect())
     }
 
     /// Keeps raw bytes while their records are analysed. No object is removed as one without a record before what is returned is stored or
@@ -231,11 +263,8 @@ impl Ingest {
         received_at: Timestamp,
     ) -> Result<Kept<'_>, IngestError> {
         let keeping = self.inner.keeping.read().await;
-        let store = self.inner.store.clone();
-        let keep = tokio::task::spawn_blocking(move || {
-            let objects = raws.iter().map(|(name, bytes)| (name.as_str(), &bytes[..]));
-            store.objects().put_all(objects)
-        });
+        let ingest = self.clone();
+        let keep = tokio::spawn(async move { ingest.keep_raw(raws).await });
         let named = Arc::new(named);
         let analysed = self.analyse(&spec, &named, received_at).await;
         keep.await.map_err(|_| IngestError::WorkerLost("keep records"))??;
@@ -246,6 +275,27 @@ impl Ingest {
             received_at,
             _keeping: keeping,
         })
+    }
+
+    /// Analyses records whose raw bytes are kept already.
+    pub(super) async fn analyse_kept(&self, spec: AssetSpec, named: Vec<Named>, received_at: Timestamp) -> Result<Kept<'_>, IngestError> {
+        let keeping = self.inner.keeping.read().await;
+        let named = Arc::new(named);
+        let analysed = self.analyse(&spec, &named, received_at).await?;
+        Ok(Kept {
+            spec,
+            named,
+            analysed,
+            received_at,
+            _keeping: keeping,
+        })
+    }
+
+    /// Keeps raw bytes under their names; they are safe once this returns.
+    pub(super) async fn keep_raw(&self, raws: Vec<(String, Bytes)>) -> Result<(), IngestError> {
+        let store = self.inner.store.clone();
+        let kept = tokio::task::spawn_blocking(move || store.objects().put_all(&raws)).await;
+        Ok(kept.map_err(|_| IngestError::WorkerLost("keep records"))??)
     }
 
     /// Stores the segments of what is kept. Answers in the order given.
@@ -273,6 +323,13 @@ impl Ingest {
         let (spec, named) = (spec.clone(), Arc::clone(named));
         let analyse = move || named.par_iter().map(|named| named.analyse(&spec, received_at)).collect();
         self.inner.workers.run("analyse records", analyse).await
+    }
+
+    pub(super) fn count_queued(&self, queued: usize) {
+        self.inner
+            .tally
+            .queued
+            .fetch_add(queued as u64, std::sync::atomic::Ordering::Relaxed);
     }
 
     pub(super) fn count(&self, stored: usize, repeated: usize, refused: usize) {

@@ -30,10 +30,12 @@ impl Ingest {
         // No records come in meanwhile: the place after the latest one is known.
         let _turn = self.inner.commits.turn.lock().await;
         let stored = store.alarm(id).await?.ok_or_else(unknown)?;
-        let mut slot = self.inner.channels.lock(&stored.asset_id, &stored.channel).await;
+        let slot = self.inner.channels.lock(&stored.asset_id, &stored.channel).await;
+        let channel = store.channel(&stored.asset_id, &stored.channel).await?.ok_or_else(unknown)?;
+        let mut commit = store.begin().await?;
+        let mut channel = commit.channel_again(&channel).await?;
         // Asked again under the lock: a history that was just folded again may have changed it.
         let mut stored = store.alarm(id).await?.ok_or_else(unknown)?;
-        let channel = store.channel(&stored.asset_id, &stored.channel).await?.ok_or_else(unknown)?;
         let now = self.inner.clock.now();
         stored.alarm.check(now, &done.action)?;
         let taken = ActionTaken {
@@ -46,11 +48,9 @@ impl Ingest {
         };
         let change = stored.alarm.act(&taken);
         stored.changed_at = change.time;
-        let mut commit = store.begin().await?;
-        commit.act(&channel, &stored, &taken, &change).await?;
+        let place = first_key_after(taken.after);
+        commit.act(&mut channel, place, &stored, &taken, &change).await?;
         commit.finish().await?;
-        slot.occurrences = None;
-        slot.note_new(&first_key_after(taken.after));
         drop(slot);
         let alarm = stored.clone();
         self.announce_alarms(vec![AlarmNotice { alarm, change }]);

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
+use std::sync::Arc;
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -12,7 +13,7 @@ use serde::Serialize;
 use tokio::sync::mpsc;
 
 use super::accept::{Kept, Named, RecordFormat};
-use super::{Ingest, IngestError};
+use super::{Crew, Ingest, IngestError, Part, QueuedRecord};
 use crate::asset::{AssetId, AssetSpec, RawReference, SegmentId};
 use crate::recording::{McapReader, RecordDefaults, Recorded, RecordingError};
 use crate::signal::OperatingPoint;
@@ -48,6 +49,9 @@ pub struct BatchSummary {
     pub records: u64,
     /// Of these, stored now.
     pub stored: u64,
+    /// Of these, handed over to be analysed; absent where they are analysed before the answer.
+    #[serde(skip_serializing_if = "is_none")]
+    pub queued: u64,
     /// Of these, stored before.
     pub repeated: u64,
     /// Those that were not taken.
@@ -63,6 +67,10 @@ pub struct BatchSummary {
     /// Length of all records taken, in seconds.
     #[serde(skip)]
     pub record_seconds: f64,
+}
+
+fn is_none(queued: &u64) -> bool {
+    *queued == 0
 }
 
 impl BatchSummary {
@@ -201,7 +209,7 @@ impl Ingest {
 
     /// The right to read one more whole recording.
     pub(super) fn recording_turn(&self) -> Result<tokio::sync::OwnedSemaphorePermit, IngestError> {
-        std::sync::Arc::clone(&self.inner.recordings)
+        Arc::clone(&self.inner.recordings)
             .try_acquire_owned()
             .map_err(|_| IngestError::Busy {
                 what: "too many recordings are being read",
@@ -215,10 +223,10 @@ impl Ingest {
         asset: &AssetId,
         batch: Vec<(u64, Result<Recorded, RecordingError>)>,
     ) -> Result<KeptBatch<'_>, IngestError> {
-        let spec = self.inner.store.asset(asset).await?.spec;
+        let asset = self.inner.store.asset(asset).await?;
         let received_at = self.inner.clock.now();
         let named = {
-            let spec = spec.clone();
+            let spec = asset.spec.clone();
             let name = move || {
                 batch
                     .into_par_iter()
@@ -243,17 +251,22 @@ impl Ingest {
         let ids: Vec<SegmentId> = fresh.iter().map(|(named, _)| named.id.clone()).collect();
         let known = self.inner.store.segments_by_id(&ids).await?;
         fresh.retain(|(named, _)| !known.iter().any(|segment| segment.id == named.id));
-        let mut kept = None;
+        let mut kept = KeptRecords::None;
         if !fresh.is_empty() {
-            self.inner.libraries.tracker(&spec).await?;
-            let (named, raws) = fresh
+            let (named, raws): (Vec<Named>, Vec<_>) = fresh
                 .into_iter()
                 .map(|(named, raw)| {
                     let name = named.raw.sha256.clone();
                     (named, (name, Bytes::from(raw)))
                 })
                 .unzip();
-            kept = Some(self.analyse_and_keep(spec, named, raws, received_at).await?);
+            kept = if let Part::Entrance(crew) = &self.inner.part {
+                let records = self.keep_for_others(&asset, &named, raws, received_at).await?;
+                KeptRecords::ForOthers(crew, records)
+            } else {
+                self.inner.libraries.tracker(&asset.spec).await?;
+                KeptRecords::Analysed(self.analyse_and_keep(asset.spec, named, raws, received_at).await?)
+            };
         }
         Ok(KeptBatch { kept, taken, summary })
     }
@@ -268,23 +281,43 @@ impl Ingest {
         else {
             return Ok(());
         };
-        let mut stored = 0;
-        if let Some(kept) = kept {
-            let answer = self.store_kept(kept).await?;
-            stored = answer.iter().filter(|stored| !stored.repeated).count();
+        let (mut stored, mut queued) = (0, 0);
+        match kept {
+            KeptRecords::None => {}
+            KeptRecords::Analysed(kept) => {
+                let answer = self.store_kept(kept).await?;
+                stored = answer.iter().filter(|stored| !stored.repeated).count();
+            }
+            KeptRecords::ForOthers(crew, records) => {
+                crew.hand_over(&records).await?;
+                queued = records.len();
+            }
         }
+        let repeated = taken - stored - queued;
         of_batch.stored = stored as u64;
-        of_batch.repeated = (taken - stored) as u64;
-        self.count(stored, taken - stored, of_batch.refused_count as usize);
+        of_batch.queued = queued as u64;
+        of_batch.repeated = repeated as u64;
+        self.count_queued(queued);
+        self.count(stored, repeated, of_batch.refused_count as usize);
         summary.join(of_batch);
         Ok(())
     }
 }
 
-/// A batch that is analysed and whose raw bytes are on the disk.
+/// Records whose raw bytes are kept.
+enum KeptRecords<'a> {
+    /// There are none.
+    None,
+    /// They are analysed.
+    Analysed(Kept<'a>),
+    /// Others are to analyse them.
+    ForOthers(&'a Arc<dyn Crew>, Vec<QueuedRecord>),
+}
+
+/// A batch whose raw bytes are on the disk.
 pub(super) struct KeptBatch<'a> {
     /// Those that were not stored before.
-    kept: Option<Kept<'a>>,
+    kept: KeptRecords<'a>,
     /// Records that can be used, those stored before among them.
     taken: usize,
     summary: BatchSummary,
@@ -295,6 +328,7 @@ impl BatchSummary {
     fn join(&mut self, later: Self) {
         self.records += later.records;
         self.stored += later.stored;
+        self.queued += later.queued;
         self.repeated += later.repeated;
         self.refused_count += later.refused_count;
         let room = MOST_REFUSED_LISTED.saturating_sub(self.refused.len());

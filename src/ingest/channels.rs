@@ -8,20 +8,37 @@ use tokio::sync::OwnedMutexGuard;
 use super::fold::RecentPoints;
 use super::occurrences::Occurrences;
 use crate::asset::AssetId;
-use crate::store::SegmentKey;
+use crate::store::{Asset, ChannelSummary};
 
 /// Channels whose states stay in memory; those of others are read again when needed.
 const MOST_HELD: usize = 512;
+
+/// What the store held of a channel when something was read of it; where it holds the same, that still is so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Basis {
+    asset: i64,
+    /// None before the first record.
+    channel: Option<(i64, i64)>,
+}
+
+impl Basis {
+    pub(super) fn of(asset: &Asset, channel: Option<&ChannelSummary>) -> Self {
+        Self {
+            asset: asset.version(),
+            channel: channel.map(ChannelSummary::version),
+        }
+    }
+}
 
 /// What is held of a channel.
 #[derive(Debug, Default)]
 pub(super) struct Slot {
     /// The latest states of the fold; none until they are needed.
     pub(super) points: Option<RecentPoints>,
-    /// The earliest record stored since a recomputation of the channel began.
-    pub(super) earliest_new: Option<SegmentKey>,
     /// What happened between its records; none until it is needed, or where more has happened since.
     pub(super) occurrences: Option<Arc<Occurrences>>,
+    /// What both were read of or made from.
+    basis: Option<Basis>,
 }
 
 /// The same behind the channel's lock.
@@ -34,11 +51,24 @@ pub(super) struct Channels {
 }
 
 impl Slot {
-    /// Notes a record, or the place of something between records, that a recomputation under way may have passed already.
-    pub(super) fn note_new(&mut self, key: &SegmentKey) {
-        if self.earliest_new.as_ref().is_none_or(|earliest| key < earliest) {
-            self.earliest_new = Some(key.clone());
+    /// Forgets what was not made from this: another process may have changed the channel.
+    pub(super) fn rest_on(&mut self, basis: Basis) {
+        if self.basis != Some(basis) {
+            *self = Self {
+                basis: Some(basis),
+                ..Self::default()
+            };
         }
+    }
+
+    /// Says that what is held is what the store holds now.
+    pub(super) fn now_of(&mut self, basis: Basis) {
+        self.basis = Some(basis);
+    }
+
+    /// Forgets everything.
+    pub(super) fn clear(&mut self) {
+        *self = Self::default();
     }
 }
 

@@ -49,6 +49,14 @@ pub enum IngestError {
     /// The raw bytes of a record were given up for others.
     #[error("the raw recording of segment {0} is not kept any more: it was the oldest when the quota was reached; its results are")]
     RawGivenUp(SegmentId),
+    /// A record that was handed over is not what its raw bytes say.
+    #[error("the raw bytes are segment {found}, expected {expected}, which was handed over")]
+    HandedOverOtherwise {
+        /// What the bytes say.
+        found: SegmentId,
+        /// What was handed over.
+        expected: SegmentId,
+    },
     /// The store refused or failed.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -2,17 +2,18 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use tokio::sync::{OwnedMutexGuard, oneshot};
 
-use super::channels::Slot;
+use super::channels::{Basis, Slot};
 use super::fold::{FoldInput, FoldPoint, Folded, RecentPoints, while_recomputing};
 use super::keys::analysis_keys;
 use super::libraries::KeyedTracker;
 use super::{Announcement, Ingest, IngestError};
-use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
+use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::METHOD;
-use crate::store::{ChannelKeys, ChannelSummary, FoldState, NewSegment, RunResult, SEGMENTS_PER_STATE, SegmentKey};
+use crate::store::{Asset, ChannelKeys, ChannelSummary, Commit, FoldState, NewSegment, RunResult, SEGMENTS_PER_STATE, SegmentKey};
 
 /// Segments committed together.
 const MOST_TOGETHER: usize = 256;
@@ -20,6 +21,12 @@ const MOST_TOGETHER: usize = 256;
 /// Stored records after a late one that are folded again at once. Where there are more, the late record gets its estimate, and those
 /// after it are folded in the background.
 const FOLDED_AT_ONCE: u64 = 512;
+
+/// How often a transaction that another process stood in the way of is prepared again.
+const PREPARED_AGAIN: u32 = 10;
+
+/// How long storing may take on a store that other processes use, before it counts as away: a connection that was cut says nothing.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A segment as it is after storing.
 #[derive(Debug)]
@@ -64,7 +71,8 @@ impl CommitQueue {
 
 /// A channel's new segments with what they become.
 struct Prepared {
-    name: String,
+    /// As it is in the transaction.
+    channel: ChannelSummary,
     new: BTreeMap<SegmentKey, NewSegment>,
     slot: OwnedMutexGuard<Slot>,
     /// Under which keys the channel's history stands.
@@ -115,14 +123,18 @@ impl Ingest {
 
     async fn commit_jobs(&self, jobs: Vec<Job>) {
         let (waiting, answers): (Vec<_>, Vec<_>) = jobs.into_iter().map(|job| ((job.asset, job.segments), job.answer)).unzip();
-        let outcomes = match self.commit_together(&waiting).await {
+        let outcomes = match self.commit_patiently(&waiting).await {
             Ok(stored) => stored.into_iter().map(Ok).collect(),
             Err(error) if waiting.len() == 1 => vec![Err(error)],
+            Err(IngestError::Store(error)) if error.is_unavailable() => {
+                tracing::warn!(%error, jobs = waiting.len(), "not stored");
+                waiting.iter().map(|_| Err(STORE_AWAY)).collect()
+            }
             Err(error) => {
                 tracing::debug!(%error, jobs = waiting.len(), "not stored together, each one by itself now");
                 let mut outcomes = Vec::with_capacity(waiting.len());
                 for job in &waiting {
-                    let stored = self.commit_together(std::slice::from_ref(job)).await;
+                    let stored = self.commit_patiently(std::slice::from_ref(job)).await;
                     outcomes.push(stored.map(|mut stored| stored.pop().unwrap_or_default()));
                 }
                 outcomes
@@ -131,6 +143,27 @@ impl Ingest {
         for (answer, outcome) in answers.into_iter().zip(outcomes) {
             // The asker may have gone; what is stored is stored.
             let _ = answer.send(outcome);
+        }
+    }
+
+    /// Stores all of this in one transaction, or nothing; again where another process was in the way.
+    async fn commit_patiently(&self, jobs: &[(AssetId, Vec<NewSegment>)]) -> Result<Vec<Vec<Stored>>, IngestError> {
+        let mut tries = 0;
+        loop {
+            let outcome = if self.inner.store.is_shared() {
+                let together = tokio::time::timeout(PATIENCE, self.commit_together(jobs));
+                together.await.unwrap_or(Err(STORE_AWAY))
+            } else {
+                self.commit_together(jobs).await
+            };
+            match outcome {
+                Err(IngestError::Store(error)) if error.is_conflict() && tries < PREPARED_AGAIN => {
+                    tries += 1;
+                    tracing::debug!(%error, tries, "another process was in the way");
+                    tokio::time::sleep(Duration::from_millis(u64::from(5 * tries))).await;
+                }
+                outcome => return outcome,
+            }
         }
     }
 
@@ -155,30 +188,40 @@ impl Ingest {
                 slots.push((asset, name, new, slot));
             }
         }
+        // Locked in the order of their names; from here on no other process changes them.
+        let mut commit = self.inner.store.begin().await?;
+        let mut assets: HashMap<&AssetId, Asset> = HashMap::new();
+        for (asset, ..) in &slots {
+            if !assets.contains_key(*asset) {
+                assets.insert(*asset, commit.asset(asset).await?);
+            }
+        }
+        let mut locked = Vec::with_capacity(slots.len());
+        for (asset, name, new, slot) in slots {
+            locked.push((asset, commit.channel(asset, name).await?, new, slot));
+        }
         // Asked under the locks: nobody else stores them now.
         let repeats = self.inner.store.segments_by_id(&ids).await?;
         let repeats: HashMap<SegmentId, Segment> = repeats.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
-        let mut prepared = Vec::with_capacity(slots.len());
-        let mut specs: HashMap<&AssetId, (AssetSpec, KeyedTracker)> = HashMap::new();
-        for (asset, name, mut new, slot) in slots {
+        let mut prepared = Vec::with_capacity(locked.len());
+        let mut trackers: HashMap<&AssetId, KeyedTracker> = HashMap::new();
+        for (asset, channel, mut new, slot) in locked {
             new.retain(|key, _| !repeats.contains_key(&key.id));
             if new.is_empty() {
                 continue;
             }
-            if !specs.contains_key(asset) {
-                let spec = self.inner.store.asset(asset).await?.spec;
-                let tracker = self.inner.libraries.tracker_now(&spec)?;
-                specs.insert(asset, (spec, tracker));
+            let described = &assets[asset];
+            if !trackers.contains_key(asset) {
+                trackers.insert(asset, self.inner.libraries.tracker_now(&described.spec)?);
             }
-            let (spec, tracker) = &specs[asset];
-            let wanted = analysis_keys(spec);
+            let wanted = analysis_keys(&described.spec);
             if new.values().any(|segment| segment.analysed.keys != wanted) {
                 return Err(IngestError::DescriptionChanged(asset.clone()));
             }
-            prepared.push((asset, self.prepare(spec, tracker, name, new, slot).await?));
+            prepared.push((described, self.prepare(described, &trackers[asset], channel, new, slot).await?));
         }
         let mut done: HashMap<SegmentId, (Segment, bool)> = repeats.into_iter().map(|(id, segment)| (id, (segment, true))).collect();
-        for segment in self.commit_prepared(prepared).await? {
+        for segment in self.commit_prepared(commit, prepared).await? {
             self.announce(Announcement::SegmentStored(Arc::new(segment.clone())));
             done.insert(segment.id.clone(), (segment, false));
         }
@@ -201,43 +244,37 @@ impl Ingest {
     /// Folds the new segments of a channel as far as that is done at once.
     async fn prepare(
         &self,
-        spec: &AssetSpec,
+        asset: &Asset,
         current: &KeyedTracker,
-        name: &str,
+        channel: ChannelSummary,
         new: BTreeMap<SegmentKey, NewSegment>,
         mut slot: OwnedMutexGuard<Slot>,
     ) -> Result<Prepared, IngestError> {
-        let channel = self
-            .inner
-            .store
-            .channel(&spec.id, name)
-            .await?
-            .filter(|channel| channel.segments > 0);
-        let Some(channel) = channel else {
+        if channel.segments == 0 {
             // The first records of a channel stand under what is asked for now.
             let keys = ChannelKeys {
-                analysed: analysis_keys(spec),
+                analysed: analysis_keys(&asset.spec),
                 fold: current.fold_key.clone(),
             };
-            let occurrences = self.occurrences(&spec.id, None, &mut slot).await?;
+            let occurrences = self.occurrences(asset, None, &mut slot).await?;
             let folded = self.fold_on(current, None, inputs_of(&new), &occurrences).await?;
             let tracker = current.clone();
             return Ok(Prepared {
-                name: name.to_owned(),
+                channel,
                 new,
                 slot,
                 keys,
                 fold: Fold::From { after: 0, folded, tracker },
             });
-        };
+        }
         let keys = channel.keys.clone();
         let fits = new.values().all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
         // Records go on under the tracker of the history that is served, until another one is.
         let tracker = self.inner.libraries.kept(&keys.fold).filter(|_| fits);
         let fold = match tracker {
-            Some(tracker) => self.fold_in(&tracker, &channel, &new, &mut slot).await?,
+            Some(tracker) => self.fold_in(&tracker, asset, &channel, &new, &mut slot).await?,
             None => {
-                let need = spec.baseline.records;
+                let need = asset.spec.baseline.records;
                 let result = || while_recomputing(need, METHOD.to_owned());
                 Fold::Later {
                     results: new.keys().map(|key| (key.clone(), result())).collect(),
@@ -245,7 +282,7 @@ impl Ingest {
             }
         };
         Ok(Prepared {
-            name: name.to_owned(),
+            channel,
             new,
             slot,
             keys,
@@ -256,14 +293,15 @@ impl Ingest {
     async fn fold_in(
         &self,
         tracker: &KeyedTracker,
+        asset: &Asset,
         channel: &ChannelSummary,
         new: &BTreeMap<SegmentKey, NewSegment>,
         slot: &mut Slot,
     ) -> Result<Fold, IngestError> {
+        let occurrences = self.occurrences(asset, Some(channel), slot).await?;
         if slot.points.is_none() {
             slot.points = Some(RecentPoints::new(self.newest_point(channel).await?));
         }
-        let occurrences = self.occurrences(&channel.asset_id, Some(channel), slot).await?;
         let points = slot.points.get_or_insert_default();
         let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
             return Ok(Fold::Later { results: Vec::new() });
@@ -310,22 +348,20 @@ impl Ingest {
         Ok(Fold::Later { results: folded.results })
     }
 
-    async fn commit_prepared(&self, prepared: Vec<(&AssetId, Prepared)>) -> Result<Vec<Segment>, IngestError> {
+    async fn commit_prepared(&self, mut commit: Commit, prepared: Vec<(&Asset, Prepared)>) -> Result<Vec<Segment>, IngestError> {
         if prepared.is_empty() {
             return Ok(Vec::new());
         }
-        let mut commit = self.inner.store.begin().await?;
         let mut answer = Vec::new();
         let mut changed = Vec::with_capacity(prepared.len());
         let mut recompute = Vec::new();
         let mut notices = Vec::new();
         let now = self.inner.clock.now();
         for (asset, mut prepared) in prepared {
-            let mut channel = commit.channel(asset, &prepared.name).await?;
+            let mut channel = prepared.channel;
             channel.keys = prepared.keys;
             for segment in prepared.new.values() {
                 commit.insert(&mut channel, segment).await?;
-                prepared.slot.note_new(&segment.key());
             }
             let (results, points) = match prepared.fold {
                 Fold::From { after, folded, tracker } => {
@@ -347,7 +383,7 @@ impl Ingest {
                     channel.must_fold = true;
                     commit.set_wears(&channel, &results).await?;
                     commit.set_channel(&mut channel, true).await?;
-                    recompute.push(asset.clone());
+                    recompute.push(asset.spec.id.clone());
                     (results, None)
                 }
             };
@@ -357,10 +393,11 @@ impl Ingest {
                     answer.push(segment.with_run(result));
                 }
             }
-            changed.push((prepared.slot, points));
+            changed.push((prepared.slot, points, Basis::of(asset, Some(&channel))));
         }
         commit.finish().await?;
-        for (mut slot, points) in changed {
+        for (mut slot, points, basis) in changed {
+            slot.now_of(basis);
             if let Some((after, points)) = points {
                 slot.points.get_or_insert_default().replace(after, points);
             }
@@ -373,6 +410,12 @@ impl Ingest {
         Ok(answer)
     }
 }
+
+/// What is answered where the store does not answer.
+const STORE_AWAY: IngestError = IngestError::Busy {
+    what: "the store is away",
+    retry_after_s: 5,
+};
 
 fn inputs_of(new: &BTreeMap<SegmentKey, NewSegment>) -> Vec<FoldInput> {
     new.iter()

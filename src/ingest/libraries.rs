@@ -8,9 +8,10 @@ use tokio::sync::watch;
 
 use super::IngestError;
 use super::keys::{analysis_keys, fold_key};
+use super::library_source::LibrarySource;
 use crate::asset::AssetSpec;
 use crate::estimate::{AlarmRule, EstimatorSettings, Tracker, shape_deviation};
-use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, library_id};
+use crate::library::{Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, library_id};
 
 /// The error of an asset whose library is not there yet.
 const SIMULATING: IngestError = IngestError::Busy {
@@ -61,9 +62,8 @@ pub(super) struct KeyedTracker {
 }
 
 /// The libraries in use.
-#[derive(Debug)]
 pub struct Libraries {
-    shelf: Arc<LibraryShelf>,
+    source: LibrarySource,
     grid: GridSettings,
     wait: Duration,
     /// By library id.
@@ -78,9 +78,9 @@ pub struct Libraries {
 }
 
 impl Libraries {
-    pub(super) fn new(shelf: Arc<LibraryShelf>, grid: GridSettings, neighbours: EnsembleSettings, wait: Duration) -> Self {
+    pub(super) fn new(source: LibrarySource, grid: GridSettings, neighbours: EnsembleSettings, wait: Duration) -> Self {
         Self {
-            shelf,
+            source,
             grid,
             wait,
             asked: Mutex::default(),
@@ -93,7 +93,7 @@ impl Libraries {
 
     /// The folder of all libraries. Its methods block on the disk.
     pub fn shelf(&self) -> Arc<LibraryShelf> {
-        Arc::clone(&self.shelf)
+        Arc::clone(self.source.shelf())
     }
 
     /// The identifier of an asset's library, and how far it is; starts it where nobody has asked for it yet.
@@ -120,7 +120,7 @@ impl Libraries {
         }
         let (sender, receiver) = watch::channel(Readiness::Building { done: 0, total: 0 });
         asked.insert(id.clone(), receiver.clone());
-        let (shelf, grid, building) = (Arc::clone(&self.shelf), self.grid.clone(), Arc::clone(&self.building));
+        let (source, grid, building) = (self.source.clone(), self.grid.clone(), Arc::clone(&self.building));
         let (neighbours, ensembles) = (self.neighbours, Arc::clone(&self.ensembles));
         let built_id = id.clone();
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the end of the process.
@@ -130,7 +130,7 @@ impl Libraries {
             let progress = |done, total| {
                 sender.send_replace(Readiness::Building { done, total });
             };
-            let built = shelf.get_or_build(&pair, &grid, &BuildControl::with_progress(&progress));
+            let built = source.get_or_build(&pair, &grid, &progress);
             let library = match built {
                 Ok(library) => library,
                 Err(error) => {
@@ -145,7 +145,7 @@ impl Libraries {
                 return;
             }
             // Records need not wait for the neighbours: when they are there, histories are folded again with them.
-            match shelf.ensemble(library, &neighbours, &|_, _| {}) {
+            match source.ensemble(library, &neighbours) {
                 Ok(ensemble) => {
                     tracing::info!(library = %built_id, members = ensemble.members().len(), "neighbours ready");
                     let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);

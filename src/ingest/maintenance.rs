@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use super::{Announcement, Ingest, IngestError};
-use crate::asset::{AssetId, SegmentId};
+use crate::asset::AssetId;
 use crate::estimate::MaintenanceEvent;
-use crate::store::{SegmentKey, StoreError, StoredEvent};
+use crate::store::{StoreError, StoredEvent};
 
 impl Ingest {
     /// Keeps an event, and has the histories that reach it estimated again in the background. The same event again is answered as the first
@@ -35,16 +35,9 @@ impl Ingest {
 
     async fn change_maintenance(&self, asset: &AssetId, stored: &StoredEvent, is_removed: bool) -> Result<bool, IngestError> {
         let store = &self.inner.store;
-        // No channel begins meanwhile.
         let _turn = self.inner.commits.turn.lock().await;
-        store.asset(asset).await?;
-        let mut channels = store.channels(asset).await?;
-        channels.sort_by(|a, b| a.channel.cmp(&b.channel));
-        let mut slots = Vec::with_capacity(channels.len());
-        for channel in &channels {
-            slots.push(self.inner.channels.lock(asset, &channel.channel).await);
-        }
         let mut commit = store.begin().await?;
+        // No channel begins from here on, and nothing is folded.
         let is_new = if is_removed {
             commit.remove_maintenance(asset, &stored.id).await?
         } else {
@@ -53,19 +46,12 @@ impl Ingest {
         if !is_new {
             return Ok(false);
         }
+        let mut channels = store.channels(asset).await?;
+        channels.sort_by(|a, b| a.channel.cmp(&b.channel));
         for channel in &channels {
             commit.fold_again_from(channel, stored.event.time).await?;
         }
         commit.finish().await?;
-        let place = SegmentKey {
-            start_time: stored.event.time,
-            id: SegmentId(String::new()),
-        };
-        for slot in &mut slots {
-            slot.occurrences = None;
-            slot.note_new(&place);
-        }
-        drop(slots);
         self.announce(Announcement::MaintenanceChanged {
             asset: asset.clone(),
             event: Arc::new(stored.clone()),

@@ -12,11 +12,15 @@ mod alarms;
 mod batch;
 mod channels;
 mod clock;
+mod crew;
 mod error;
+mod feed;
 mod fold;
 mod group_commit;
 mod keys;
 mod libraries;
+mod library_source;
+mod live_event;
 mod maintenance;
 mod occurrences;
 mod recall;
@@ -24,6 +28,7 @@ mod recompute;
 mod replay;
 mod replay_folder;
 mod retention;
+mod upkeep;
 mod workers;
 
 use std::path::PathBuf;
@@ -37,12 +42,15 @@ use crate::asset::{AssetId, AssetSpec, Segment};
 use crate::library::{EnsembleSettings, GridSettings, LibraryShelf};
 use crate::store::{AlarmNotice, Asset, Store, StoredEvent};
 
-pub use accept::{Given, RecordFormat};
+pub use accept::{Accepted, Given, RecordFormat};
 pub use alarms::PersonsAction;
 pub use batch::{BatchSummary, Refused};
 pub use clock::{Clock, SystemClock};
+pub use crew::{Crew, Later, Part, PartHealth, QueuedRecord, TakenOver};
 pub use error::IngestError;
+pub use feed::{Feed, FeedCount, Holding};
 pub use libraries::{Libraries, Readiness};
+pub use live_event::{LiveEvent, NumberedEvent};
 pub use recall::{AskedBand, SegmentEnvelope};
 pub use recompute::{Recomputation, RecomputationState};
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
@@ -130,6 +138,7 @@ pub enum Announcement {
 #[derive(Debug, Default)]
 pub struct Tally {
     stored: AtomicU64,
+    queued: AtomicU64,
     repeated: AtomicU64,
     refused: AtomicU64,
 }
@@ -138,6 +147,11 @@ impl Tally {
     /// Records stored.
     pub fn stored(&self) -> u64 {
         self.stored.load(Ordering::Relaxed)
+    }
+
+    /// Records handed over to be analysed elsewhere.
+    pub fn queued(&self) -> u64 {
+        self.queued.load(Ordering::Relaxed)
     }
 
     /// Records that were stored before.
@@ -159,6 +173,7 @@ pub struct Ingest {
 
 struct Inner {
     store: Store,
+    part: Part,
     workers: Workers,
     libraries: Libraries,
     channels: channels::Channels,
@@ -170,6 +185,7 @@ struct Inner {
     folders: IngestFolders,
     announcements: broadcast::Sender<Announcement>,
     tally: Tally,
+    feeds: feed::Feeds,
     replays: replay::Replays,
     recordings: Arc<Semaphore>,
     /// Held for reading between keeping raw bytes and committing the rows that refer to them; for writing while objects that
@@ -178,7 +194,7 @@ struct Inner {
 }
 
 impl Ingest {
-    /// Starts the path on a store. `grid` says how libraries are simulated.
+    /// Starts the path on a store. To be called inside the runtime. `grid` says how libraries are simulated.
     ///
     /// Errors: a folder cannot be made, or no threads are to be had.
     pub fn new(
@@ -188,12 +204,25 @@ impl Ingest {
         grid: GridSettings,
         clock: Arc<dyn Clock>,
     ) -> Result<Self, IngestError> {
+        Self::with_part(store, folders, limits, grid, clock, Part::Whole)
+    }
+
+    /// The same for a process that does a part of the path, beside others on the same store.
+    pub fn with_part(
+        store: Store,
+        folders: IngestFolders,
+        limits: &IngestLimits,
+        grid: GridSettings,
+        clock: Arc<dyn Clock>,
+        part: Part,
+    ) -> Result<Self, IngestError> {
         replay_folder::prepare(&folders)?;
         let shelf = Arc::new(LibraryShelf::new(folders.libraries.clone()));
+        let source = library_source::LibrarySource::new(shelf, &store, &clock, !matches!(part, Part::Entrance(_)));
         Ok(Self {
             inner: Arc::new(Inner {
                 workers: Workers::new(limits)?,
-                libraries: Libraries::new(shelf, grid, limits.neighbours, limits.library_wait),
+                libraries: Libraries::new(source, grid, limits.neighbours, limits.library_wait),
                 channels: channels::Channels::default(),
                 commits: group_commit::CommitQueue::default(),
                 recomputations: recompute::Recomputations::default(),
@@ -201,10 +230,12 @@ impl Ingest {
                 retaining: tokio::sync::Mutex::default(),
                 announcements: broadcast::channel(1024).0,
                 tally: Tally::default(),
+                feeds: feed::Feeds::default(),
                 replays: replay::Replays::default(),
                 recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
                 keeping: RwLock::new(()),
                 store,
+                part,
                 clock,
                 folders,
             }),
@@ -245,6 +276,9 @@ impl Ingest {
     pub async fn create_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
         let asset = self.inner.store.insert_asset(spec, self.inner.clock.now()).await?;
         self.inner.libraries.prepare(spec);
+        if let Part::Entrance(crew) = &self.inner.part {
+            crew.tell_of(&spec.id);
+        }
         self.announce(Announcement::AssetChanged(spec.id.clone()));
         Ok(asset)
     }
@@ -265,12 +299,21 @@ impl Ingest {
         self.inner.channels.forget(id);
         self.forget_recomputations(id);
         self.announce(Announcement::AssetRemoved(id.clone()));
+        if let Some(crew) = self.crew() {
+            crew.tell_of(id);
+        }
         self.remove_objects(orphans).await
     }
 
     /// Goes on where the process before ended, in the background: starts the library of every asset, computes again what was computed
-    /// under other settings, and removes raw objects that no record refers to.
+    /// under other settings, and removes raw objects that no record refers to. Where other processes work on the same store, it also looks
+    /// after what they leave.
+    ///
+    /// Where records are handed over it does nothing: workers do.
     pub async fn resume(&self) -> Result<(), IngestError> {
+        if self.is_entrance() {
+            return Ok(());
+        }
         let mut after: Option<String> = None;
         let mut all = Vec::new();
         loop {
@@ -283,6 +326,10 @@ impl Ingest {
             }
         }
         self.recompute_in_background(all);
+        if self.inner.store.is_shared() {
+            self.look_after_in_background();
+            return Ok(());
+        }
         self.resume_replays().await?;
         let ingest = self.clone();
         tokio::spawn(async move {

@@ -4,11 +4,10 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::channels::Slot;
+use super::channels::{Basis, Slot};
 use super::{Ingest, IngestError};
-use crate::asset::AssetId;
 use crate::estimate::{MaintenanceEvent, PanelAction};
-use crate::store::ChannelSummary;
+use crate::store::{Asset, ChannelSummary};
 
 /// Something between two records.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,15 +75,16 @@ impl Ingest {
     /// What happened between the records of a channel, none before its first one; kept with the channel. To be asked by who holds its lock.
     pub(super) async fn occurrences(
         &self,
-        asset: &AssetId,
+        asset: &Asset,
         channel: Option<&ChannelSummary>,
         slot: &mut Slot,
     ) -> Result<Arc<Occurrences>, IngestError> {
+        slot.rest_on(Basis::of(asset, channel));
         if let Some(known) = &slot.occurrences {
             return Ok(Arc::clone(known));
         }
         let store = &self.inner.store;
-        let events = store.maintenance(asset).await?;
+        let events = store.maintenance(&asset.spec.id).await?;
         let (actions, has_alarms) = match channel {
             Some(channel) => store.alarm_actions(channel).await?,
             None => (Vec::new(), false),

@@ -6,19 +6,22 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::accept::analyse;
+use super::channels::Slot;
 use super::fold::{AlarmRun, FoldInput, FoldPoint, read_point};
 use super::group_commit::states_of;
 use super::keys::analysis_keys;
 use super::libraries::KeyedTracker;
 use super::occurrences::Occurrences;
 use super::recall::recall_here;
-use super::{Announcement, Ingest, IngestError};
+use super::{Announcement, Ingest, IngestError, Part};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 use crate::recording::RecordDefaults;
-use crate::store::{Analysed, AnalysisGeneration, ChannelKeys, ChannelSummary, NewSegment, SegmentKey, Store, StoreError, WearGeneration};
+use crate::store::{
+    Analysed, AnalysisGeneration, Asset, ChannelKeys, ChannelSummary, MadeFrom, NewSegment, SegmentKey, Store, StoreError, WearGeneration,
+};
 
 /// Records folded in one piece: bounds the memory and the length of a transaction.
 const FOLDED_AT_ONCE: u32 = 256;
@@ -29,8 +32,23 @@ const ANALYSED_AT_ONCE: u32 = 32;
 /// Rows removed in one transaction.
 const REMOVED_AT_ONCE: u32 = 500;
 
+/// How often what other processes bring meanwhile is folded before a history is begun again later.
+const MOST_TURNS: u32 = 100;
+
+/// When a history that another process makes is looked at again.
+const LOOKED_AGAIN_AFTER: Duration = Duration::from_secs(2);
+
+/// Who brings a history up to date.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Made {
+    /// This process; it is done.
+    Here,
+    /// Another one, which is at it.
+    Elsewhere,
+}
+
 /// What a recomputation is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RecomputationState {
     /// Indicators and features are computed again from the raw recordings.
@@ -44,7 +62,7 @@ pub enum RecomputationState {
 }
 
 /// One channel's history being computed again, and how far it is.
-#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Recomputation {
     /// The asset.
     pub asset: AssetId,
@@ -121,8 +139,13 @@ impl Ingest {
         wanted.cloned().collect()
     }
 
-    /// Brings the histories of assets up to what is asked for now, one after the other, in the background.
+    /// Brings the histories of assets up to what is asked for now, one after the other, in the background; those of an entrance are done by
+    /// workers.
     pub(super) fn recompute_in_background(&self, assets: Vec<AssetId>) {
+        if let Part::Entrance(crew) = &self.inner.part {
+            assets.iter().for_each(|asset| crew.tell_of(asset));
+            return;
+        }
         let mut held = self.inner.recomputations.lock();
         for asset in assets {
             if !held.waiting.contains(&asset) {
@@ -137,8 +160,19 @@ impl Ingest {
         let ingest = self.clone();
         tokio::spawn(async move {
             while let Some(asset) = ingest.next_to_recompute() {
-                if let Err(error) = ingest.recompute_asset(&asset).await {
-                    tracing::warn!(%asset, %error, "history not computed again");
+                match ingest.recompute_asset(&asset).await {
+                    Ok(Made::Here) => {}
+                    // Looked at again later: whoever is at it may end before it is done.
+                    Ok(Made::Elsewhere) => {
+                        ingest.inner.recomputations.lock().waiting.push_back(asset);
+                        tokio::time::sleep(LOOKED_AGAIN_AFTER).await;
+                    }
+                    Err(IngestError::Store(error)) if error.is_unavailable() || error.is_conflict() => {
+                        tracing::warn!(%asset, %error, "history not computed again yet");
+                        ingest.inner.recomputations.lock().waiting.push_back(asset);
+                        tokio::time::sleep(LOOKED_AGAIN_AFTER).await;
+                    }
+                    Err(error) => tracing::warn!(%asset, %error, "history not computed again"),
                 }
             }
         });
@@ -151,102 +185,140 @@ impl Ingest {
         next
     }
 
-    async fn recompute_asset(&self, asset: &AssetId) -> Result<(), IngestError> {
+    async fn recompute_asset(&self, asset: &AssetId) -> Result<Made, IngestError> {
+        let mut made = Made::Here;
+        let version = match self.inner.store.asset(asset).await {
+            Ok(asset) => asset.version(),
+            Err(StoreError::AssetUnknown(_)) => return Ok(Made::Here),
+            Err(error) => return Err(error.into()),
+        };
         for channel in self.inner.store.channels(asset).await? {
-            let done = self.bring_up_to_date(asset, &channel.channel).await;
-            if let Err(error) = done {
-                if matches!(error, IngestError::Store(StoreError::AssetUnknown(_))) {
-                    return Ok(());
+            match self.bring_up_to_date(asset, &channel.channel).await {
+                Ok(Made::Here) => {}
+                Ok(Made::Elsewhere) => made = Made::Elsewhere,
+                Err(IngestError::Store(StoreError::AssetUnknown(_))) => return Ok(Made::Here),
+                Err(error) => {
+                    self.show(asset, &channel.channel, |shown| {
+                        shown.state = RecomputationState::Failed;
+                        shown.error = Some(error.to_string());
+                    });
+                    return Err(error);
                 }
-                self.show(asset, &channel.channel, |shown| {
-                    shown.state = RecomputationState::Failed;
-                    shown.error = Some(error.to_string());
-                });
-                return Err(error);
             }
         }
-        Ok(())
+        if made == Made::Here {
+            self.inner.store.settle_asset(asset, version).await?;
+        }
+        Ok(made)
     }
 
     /// Computes a channel again as long as it is not what is asked for.
-    async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<(), IngestError> {
+    async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<Made, IngestError> {
         loop {
-            let (spec, tracker) = self.asked_for(asset).await?;
+            let (described, tracker) = self.asked_for(asset).await?;
             let Some(channel) = self.inner.store.channel(asset, name).await? else {
-                return Ok(());
+                return Ok(Made::Here);
             };
             let wanted = ChannelKeys {
-                analysed: analysis_keys(&spec),
+                analysed: analysis_keys(&described.spec),
                 fold: tracker.fold_key.clone(),
             };
             if channel.segments == 0 || (channel.keys == wanted && !channel.must_fold) {
-                return self.remove_leftovers(&channel).await;
+                self.remove_leftovers(&channel).await?;
+                return Ok(Made::Here);
             }
-            self.recompute(&spec, &tracker, &channel, wanted).await?;
+            let Some(wear) = self.inner.store.begin_making(&channel, self.inner.clock.now()).await? else {
+                return Ok(Made::Elsewhere);
+            };
+            match self.recompute(&described, &tracker, &channel, wear, wanted).await {
+                Ok(()) => {}
+                // Another process took its place, or its description changed: looked at from the start.
+                Err(IngestError::Store(StoreError::Outdated(what))) => {
+                    tracing::debug!(%asset, channel = name, what, "begins again");
+                }
+                Err(error) => {
+                    // The error that counts is the first one.
+                    let _ = self.inner.store.stop_making(&channel, wear).await;
+                    return Err(error);
+                }
+            }
         }
     }
 
     /// The description of an asset and its tracker, once its library is there.
-    async fn asked_for(&self, asset: &AssetId) -> Result<(AssetSpec, KeyedTracker), IngestError> {
+    async fn asked_for(&self, asset: &AssetId) -> Result<(Asset, KeyedTracker), IngestError> {
         loop {
-            let spec = self.inner.store.asset(asset).await?.spec;
-            match self.inner.libraries.tracker(&spec).await {
+            let described = self.inner.store.asset(asset).await?;
+            match self.inner.libraries.tracker(&described.spec).await {
                 // A library that takes its time.
                 Err(IngestError::Busy { retry_after_s, .. }) => tokio::time::sleep(Duration::from_secs(retry_after_s.into())).await,
                 Err(error) => return Err(error),
-                Ok(tracker) => return Ok((spec, tracker)),
+                Ok(tracker) => return Ok((described, tracker)),
             }
         }
     }
 
     async fn recompute(
         &self,
-        spec: &AssetSpec,
+        described: &Asset,
         tracker: &KeyedTracker,
         channel: &ChannelSummary,
+        wear: WearGeneration,
         wanted: ChannelKeys,
     ) -> Result<(), IngestError> {
         let (asset, name) = (&channel.asset_id, channel.channel.as_str());
         self.begin_showing(channel);
+        let store = &self.inner.store;
         let slot = self.inner.channels.slot(asset, name);
-        slot.lock().await.earliest_new = None;
-        let analyses = if channel.keys.analysed == wanted.analysed {
+        let is_analysed = channel.keys.analysed == wanted.analysed;
+        let analyses = if is_analysed {
             channel.served_analyses()
         } else {
-            let analyses = self.inner.store.next_analyses(channel, &wanted.analysed).await?;
-            self.analyse_again(spec, channel, analyses).await?;
-            analyses
+            store.next_analyses(channel, wear, &wanted.analysed).await?
         };
-        let wear = self.inner.store.next_wear(channel).await?;
-        self.show(asset, name, |shown| shown.state = RecomputationState::Folding);
         let generations = Generations { analyses, wear };
+        if !is_analysed {
+            self.analyse_again(&described.spec, channel, generations).await?;
+        }
+        self.show(asset, name, |shown| shown.state = RecomputationState::Folding);
         let mut history = Refolded::start(tracker);
-        let occurrences = self.occurrences(asset, Some(channel), &mut *slot.lock().await).await?;
+        let occurrences = self.occurrences_now(described, channel).await?;
         while self.fold_piece(tracker, channel, generations, &occurrences, &mut history).await? >= FOLDED_AT_ONCE as usize {}
-        // From here on nothing new comes in: what came meanwhile is little.
+        // From here on this process brings nothing new: what came meanwhile is little. What another one brings is folded in another turn.
         let mut slot = slot.lock().await;
-        if analysis_keys(&self.inner.store.asset(asset).await?.spec) != wanted.analysed {
-            // Changed again meanwhile; what was made is not what is asked for.
-            return Ok(());
-        }
-        if channel.keys.analysed != wanted.analysed {
-            self.analyse_again(spec, channel, analyses).await?;
-        }
-        let occurrences = self.occurrences(asset, Some(channel), &mut slot).await?;
-        let passed = |point: &Option<FoldPoint>, key: &SegmentKey| point.as_ref().is_some_and(|point| point.last >= *key);
-        if let Some(earliest) = slot.earliest_new.take()
-            && passed(&history.point, &earliest)
-        {
-            let stored = self.inner.store.state_of_generation(channel, wear, &earliest).await?;
-            history.point = stored.and_then(|stored| read_point(channel, stored));
-        }
-        // Also where no record is left: what people did since the last one.
-        while self.fold_piece(tracker, channel, generations, &occurrences, &mut history).await? > 0 {}
-        let alarms = history.alarms.folded(tracker, false);
-        let now = self.inner.clock.now();
-        let notices = self.inner.store.serve(channel, analyses, wear, wanted, alarms, now).await?;
-        slot.points = None;
-        slot.occurrences = None;
+        let mut turns = 0;
+        let (notices, now) = loop {
+            let described = store.asset(asset).await?;
+            if analysis_keys(&described.spec) != wanted.analysed {
+                // Changed again meanwhile; what was made is not what is asked for.
+                return Ok(store.stop_making(channel, wear).await?);
+            }
+            let (current, changed_from) = store.take_changes(channel, wear).await?;
+            if !is_analysed {
+                self.analyse_again(&described.spec, channel, generations).await?;
+            }
+            let occurrences = self.occurrences_now(&described, &current).await?;
+            let passed = |point: &Option<FoldPoint>, key: &SegmentKey| point.as_ref().is_some_and(|point| point.last >= *key);
+            if let Some(earliest) = changed_from
+                && passed(&history.point, &earliest)
+            {
+                let stored = store.state_of_generation(channel, wear, &earliest).await?;
+                history.point = stored.and_then(|stored| read_point(channel, stored));
+            }
+            // Also where no record is left: what people did since the last one.
+            while self.fold_piece(tracker, channel, generations, &occurrences, &mut history).await? > 0 {}
+            let alarms = history.alarms.folded(tracker, false);
+            let from = MadeFrom {
+                asset: described.version(),
+                channel: current.version(),
+            };
+            let now = self.inner.clock.now();
+            match store.serve(channel, from, (analyses, wear), wanted.clone(), alarms, now).await {
+                Err(error) if error.is_conflict() && turns < MOST_TURNS => turns += 1,
+                served => break (served?, now),
+            }
+        };
+        slot.clear();
         drop(slot);
         self.announce_alarms(notices);
         tracing::info!(%asset, channel = name, records = channel.segments, "history computed again");
@@ -261,8 +333,21 @@ impl Ingest {
         Ok(())
     }
 
+    /// What happened between the records of a channel, without what is held of it.
+    async fn occurrences_now(&self, asset: &Asset, channel: &ChannelSummary) -> Result<Arc<Occurrences>, IngestError> {
+        self.occurrences(asset, Some(channel), &mut Slot::default()).await
+    }
+
     /// Analyses again what is not analysed yet in a generation.
-    async fn analyse_again(&self, spec: &AssetSpec, channel: &ChannelSummary, generation: AnalysisGeneration) -> Result<(), IngestError> {
+    async fn analyse_again(
+        &self,
+        spec: &AssetSpec,
+        channel: &ChannelSummary,
+        Generations {
+            analyses: generation,
+            wear,
+        }: Generations,
+    ) -> Result<(), IngestError> {
         let store = &self.inner.store;
         let mut after: Option<SegmentKey> = None;
         loop {
@@ -286,7 +371,8 @@ impl Ingest {
                 without_raw += u64::from(!is_new);
                 analyses.push((id, analysed));
             }
-            store.add_analyses(generation, &analyses).await?;
+            let now = self.inner.clock.now();
+            store.add_analyses(channel, wear, generation, &analyses, now).await?;
             self.show(&channel.asset_id, &channel.channel, |shown| {
                 shown.analysed += analyses.len() as u64 - without_raw;
                 shown.without_raw += without_raw;
@@ -319,7 +405,8 @@ impl Ingest {
             return Ok(0);
         }
         let states = states_of(&folded.points)?;
-        store.add_wears(channel, wear, &folded.results, position, &states).await?;
+        let now = self.inner.clock.now();
+        store.add_wears(channel, wear, &folded.results, (position, &states), now).await?;
         *point = folded.points.pop();
         self.show(&channel.asset_id, &channel.channel, |shown| shown.folded = position + count as u64);
         Ok(count)
@@ -331,7 +418,12 @@ impl Ingest {
         }
         let mut after = None;
         loop {
-            after = self.inner.store.remove_leftovers(channel, after.as_ref(), REMOVED_AT_ONCE).await?;
+            let now = self.inner.clock.now();
+            after = self
+                .inner
+                .store
+                .remove_leftovers(channel, after.as_ref(), REMOVED_AT_ONCE, now)
+                .await?;
             if after.is_none() {
                 return Ok(());
             }
@@ -365,8 +457,14 @@ impl Ingest {
         }
     }
 
+    /// Shows a recomputation that another process does.
+    pub fn note_recomputation(&self, done_elsewhere: Recomputation) {
+        let key = (done_elsewhere.asset.clone(), done_elsewhere.channel.clone());
+        self.inner.recomputations.lock().shown.insert(key, Arc::new(done_elsewhere));
+    }
+
     /// Forgets the recomputations of an asset that is gone.
-    pub(super) fn forget_recomputations(&self, asset: &AssetId) {
+    pub fn forget_recomputations(&self, asset: &AssetId) {
         let mut held = self.inner.recomputations.lock();
         let gone: BTreeSet<_> = held.shown.keys().filter(|(of, _)| of == asset).cloned().collect();
         held.shown.retain(|key, _| !gone.contains(key));

@@ -167,8 +167,15 @@ impl Replays {
 impl Ingest {
     /// Starts a replay.
     ///
-    /// Errors: no such asset, a file outside the replay folder, too many recordings being read.
+    /// Errors: no such asset, a file outside the replay folder, too many recordings being read; a process that hands records over has no
+    /// replay folder.
     pub async fn start_replay(&self, request: ReplayRequest) -> Result<Arc<Replay>, IngestError> {
+        if self.is_entrance() {
+            return Err(IngestError::ReplayFile {
+                file: request.file,
+                reason: "is in no folder that all API nodes have: `flankwatch replay` sends recordings to them",
+            });
+        }
         let spec = self.inner.store.asset(&request.asset).await?.spec;
         let path = replay_folder::find(&self.inner.folders.recordings, &request.file)?;
         let turn = self.recording_turn()?;
@@ -292,6 +299,10 @@ impl Ingest {
     }
 
     async fn save_replay(&self, number: u64, replay: &Replay) {
+        // A recording in the folder of one of several processes is that one's own affair.
+        if self.inner.store.is_shared() {
+            return;
+        }
         let text = match serde_json::to_string(replay) {
             Ok(text) => text,
             Err(error) => {

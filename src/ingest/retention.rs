@@ -2,10 +2,16 @@
 //!
 //! What is derived from a record stays when its raw bytes are given up; they are given up only after it is stored, since an object
 //! is counted in the transaction that stores the results of its record.
+//!
+//! Where other processes store as well, one of them may be between keeping an object and storing what refers to it, or a record may wait in a
+//! queue for its results. Every keeping writes the object anew, so its age says since when nobody has brought it; one that nothing refers to
+//! goes once it is older than anything waits.
+
+use jiff::Timestamp;
 
 use super::{Ingest, IngestError};
 use crate::asset::AssetId;
-use crate::store::GivenUp;
+use crate::store::{GivenUp, StoreError};
 
 /// Objects given up in one transaction.
 const GIVEN_UP_AT_ONCE: u32 = 256;
@@ -22,7 +28,7 @@ pub struct RawQuotas {
 impl Ingest {
     /// Gives up the oldest raw recordings where there are more than the quotas allow, in the background.
     pub(super) fn retain_in_background(&self) {
-        if self.inner.quotas == RawQuotas::default() {
+        if self.inner.quotas == RawQuotas::default() || self.is_entrance() {
             return;
         }
         let ingest = self.clone();
@@ -79,8 +85,9 @@ impl Ingest {
         for shard in 0..=u8::MAX {
             let store = self.inner.store.clone();
             let list = move || store.objects().list(shard);
-            let listed = self.inner.workers.run("list raw objects", list).await??;
-            let names = listed.iter().map(|(name, _)| name.clone()).collect();
+            let mut listed = self.inner.workers.run("list raw objects", list).await??;
+            listed.retain(|object| self.is_old_enough(object.written_at));
+            let names = listed.iter().map(|object| object.name.clone()).collect();
             let suspects = self.inner.store.orphans_among(names).await?;
             if suspects.is_empty() {
                 continue;
@@ -91,17 +98,33 @@ impl Ingest {
             count += orphans.len() as u64;
             bytes += listed
                 .iter()
-                .filter(|(name, _)| orphans.contains(name))
-                .map(|(_, size)| size)
+                .filter(|object| orphans.contains(&object.name))
+                .map(|object| object.bytes)
                 .sum::<u64>();
             self.remove_objects(orphans).await?;
         }
         Ok((count, bytes))
     }
 
+    /// Removes objects that nothing refers to; where other processes store as well, only those that none of them can have brought lately.
     pub(super) async fn remove_objects(&self, names: Vec<String>) -> Result<(), IngestError> {
-        let store = self.inner.store.clone();
-        let remove = move || names.iter().try_for_each(|name| store.objects().remove(name));
+        let ingest = self.clone();
+        let remove = move || {
+            let objects = ingest.inner.store.objects();
+            for name in &names {
+                // Asked again at the last moment: bringing an object again makes it new.
+                if !ingest.inner.store.is_shared() || objects.written_at(name)?.is_some_and(|time| ingest.is_old_enough(time)) {
+                    objects.remove(name)?;
+                }
+            }
+            Ok::<_, StoreError>(())
+        };
         Ok(self.inner.workers.run("remove raw recordings", remove).await??)
+    }
+
+    /// Whether an object of this time may go where nothing refers to it. What was answered and waits for its results is younger.
+    fn is_old_enough(&self, written_at: Timestamp) -> bool {
+        let age = self.inner.store.orphan_age();
+        age.is_none_or(|age| age.is_zero() || self.inner.clock.now().duration_since(written_at) >= age)
     }
 }

@@ -53,9 +53,20 @@ impl LibraryShelf {
         settings: &EnsembleSettings,
         progress: &dyn Fn(usize, usize),
     ) -> Result<Ensemble, LibraryError> {
-        let neighbours = Self::new(self.folder.join("neighbours"));
+        let neighbours = self.neighbours();
         let get = |pair: &PairSpec, grid: &GridSettings| neighbours.get_or_build(pair, grid, &BuildControl::silent());
         Ensemble::around(library, settings, &get, progress)
+    }
+
+    /// The shelf of the neighbours.
+    #[must_use]
+    pub fn neighbours(&self) -> Self {
+        Self::new(self.folder.join("neighbours"))
+    }
+
+    /// Keeps a library.
+    pub fn put(&self, library: &Library) -> Result<(), LibraryError> {
+        keep(&self.path(library.id()), library)
     }
 
     /// The library with this name, where it is kept.

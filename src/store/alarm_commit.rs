@@ -9,7 +9,7 @@ use sqlx::AssertSqlSafe;
 use super::alarms::{StoredAlarm, alarm_of, change_of};
 use super::commit::Commit;
 use super::rows::{get, to_json, to_ns};
-use super::{ChannelSummary, StoreError};
+use super::{ChannelSummary, SegmentKey, StoreError};
 use crate::estimate::{ActionTaken, Alarm, AlarmChange, AlarmPanel, AlarmQuantity, AlarmRule};
 
 /// A change of an alarm with its place in the fold.
@@ -127,10 +127,11 @@ impl Commit {
         Ok(notices)
     }
 
-    /// Keeps what a person did to an alarm, and the change that it made.
+    /// Keeps what a person did to an alarm of a channel that nobody else changes now, and the change that it made; `place` is where it counts.
     pub async fn act(
         &mut self,
-        channel: &ChannelSummary,
+        channel: &mut ChannelSummary,
+        place: SegmentKey,
         stored: &StoredAlarm,
         taken: &ActionTaken,
         change: &AlarmChange,
@@ -154,7 +155,9 @@ impl Commit {
         .bind(to_json(change, "change", id)?)
         .execute(&mut *self.transaction)
         .await?;
-        self.set_alarm(channel, stored).await
+        self.set_alarm(channel, stored).await?;
+        channel.note_change(place);
+        self.set_channel(channel, false).await
     }
 
     async fn alarms_of(&mut self, channel: &ChannelSummary) -> Result<Vec<StoredAlarm>, StoreError> {

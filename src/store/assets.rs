@@ -7,7 +7,7 @@ use sqlx::Row;
 use sqlx::any::AnyRow;
 
 use super::rows::{from_ns, get, get_count, get_json, get_time, to_json, to_ns};
-use super::{Store, StoreError, raw};
+use super::{SegmentKey, Store, StoreError, raw};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// An asset as it is stored.
@@ -19,9 +19,15 @@ pub struct Asset {
     pub created_at: Timestamp,
     /// When its description last changed.
     pub updated_at: Timestamp,
+    pub(super) revision: i64,
 }
 
 impl Asset {
+    /// Changes whenever the description or a maintenance event of the asset does, and is never that of another asset.
+    pub fn version(&self) -> i64 {
+        self.revision
+    }
+
     /// The channel that a question is about: the one asked for, else the one that the description says speaks for the asset,
     /// else the one seen first.
     pub fn speaking_channel<'a>(&self, channels: &'a [ChannelSummary], asked: Option<&str>) -> Option<&'a ChannelSummary> {
@@ -63,6 +69,12 @@ pub struct ChannelSummary {
     pub leftovers: bool,
     /// A generation of analyses that is being made, and under which key.
     pub(super) next_analysis: Option<(i64, String)>,
+    /// The generation of estimates that is being made.
+    pub(super) next_wear: Option<i64>,
+    /// Until when its maker counts as alive.
+    pub(super) maker_until: Option<Timestamp>,
+    /// The earliest place where the history changed since its making began.
+    pub(super) changed_from: Option<SegmentKey>,
 }
 
 /// Identifies everything that a record's analysis depends on beside its raw bytes.
@@ -88,6 +100,13 @@ impl ChannelSummary {
     pub fn version(&self) -> (i64, i64) {
         (self.channel_no, self.revision)
     }
+
+    /// Notes a record, or the place of something between records, that a recomputation under way may have passed already.
+    pub fn note_change(&mut self, place: SegmentKey) {
+        if self.next_wear.is_some() && self.changed_from.as_ref().is_none_or(|earliest| place < *earliest) {
+            self.changed_from = Some(place);
+        }
+    }
 }
 
 impl Store {
@@ -96,21 +115,24 @@ impl Store {
     /// Error: [`StoreError::AssetExists`].
     pub async fn insert_asset(&self, spec: &AssetSpec, now: Timestamp) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
-        let inserted =
-            sqlx::query("INSERT INTO assets (id, spec, created_at_ns, updated_at_ns) VALUES ($1, $2, $3, $3) ON CONFLICT (id) DO NOTHING")
-                .bind(id)
-                .bind(to_json(spec, "spec", id)?)
-                .bind(to_ns(now)?)
-                .execute(self.write())
-                .await?;
+        let mut transaction = self.write().begin().await?;
+        sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
+            .execute(&mut *transaction)
+            .await?;
+        let inserted = sqlx::query(
+            "INSERT INTO assets (id, spec, created_at_ns, updated_at_ns, revision)
+             SELECT $1, $2, $3, $3, value FROM counters WHERE name = 'asset_revision' ON CONFLICT (id) DO NOTHING",
+        )
+        .bind(id)
+        .bind(to_json(spec, "spec", id)?)
+        .bind(to_ns(now)?)
+        .execute(&mut *transaction)
+        .await?;
         if inserted.rows_affected() == 0 {
             return Err(StoreError::AssetExists(spec.id.clone()));
         }
-        Ok(Asset {
-            spec: spec.clone(),
-            created_at: now,
-            updated_at: now,
-        })
+        transaction.commit().await?;
+        self.asset(&spec.id).await
     }
 
     /// Replaces an asset's description.
@@ -118,15 +140,15 @@ impl Store {
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn update_asset(&self, spec: &AssetSpec, now: Timestamp) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
-        let updated = sqlx::query("UPDATE assets SET spec = $2, updated_at_ns = $3 WHERE id = $1")
+        let mut commit = self.begin().await?;
+        commit.asset_to_change(&spec.id).await?;
+        sqlx::query("UPDATE assets SET spec = $2, updated_at_ns = $3 WHERE id = $1")
             .bind(id)
             .bind(to_json(spec, "spec", id)?)
             .bind(to_ns(now)?)
-            .execute(self.write())
+            .execute(&mut *commit.transaction)
             .await?;
-        if updated.rows_affected() == 0 {
-            return Err(StoreError::AssetUnknown(spec.id.clone()));
-        }
+        commit.finish().await?;
         self.asset(&spec.id).await
     }
 
@@ -134,7 +156,7 @@ impl Store {
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn asset(&self, id: &AssetId) -> Result<Asset, StoreError> {
-        let row = sqlx::query("SELECT id, spec, created_at_ns, updated_at_ns FROM assets WHERE id = $1")
+        let row = sqlx::query("SELECT * FROM assets WHERE id = $1")
             .bind(id.as_str())
             .fetch_optional(self.read())
             .await?;
@@ -146,7 +168,7 @@ impl Store {
 
     /// Up to `limit` assets in the order of their names, from the first one after `after`.
     pub async fn assets(&self, after: Option<&str>, limit: u32) -> Result<Vec<Asset>, StoreError> {
-        let rows = sqlx::query("SELECT id, spec, created_at_ns, updated_at_ns FROM assets WHERE id > $1 ORDER BY id LIMIT $2")
+        let rows = sqlx::query("SELECT * FROM assets WHERE id > $1 ORDER BY id LIMIT $2")
             .bind(after.unwrap_or(""))
             .bind(i64::from(limit))
             .fetch_all(self.read())
@@ -158,21 +180,21 @@ impl Store {
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn delete_asset(&self, id: &AssetId) -> Result<Vec<String>, StoreError> {
+        let mut commit = self.begin().await?;
+        // No channel begins, and nothing is added, from here on.
+        commit.asset_to_change(id).await?;
         let channels = self.channels(id).await?;
-        let mut transaction = self.write().begin().await?;
+        let transaction = &mut commit.transaction;
         let mine = "SELECT sha256 FROM raw_objects WHERE asset_id = $1";
-        let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut *transaction).await?;
+        let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut **transaction).await?;
         let objects: Vec<String> = objects.iter().map(|row| get(row, "sha256")).collect::<Result<_, _>>()?;
-        let deleted = sqlx::query("DELETE FROM assets WHERE id = $1")
+        sqlx::query("DELETE FROM assets WHERE id = $1")
             .bind(id.as_str())
-            .execute(&mut *transaction)
+            .execute(&mut **transaction)
             .await?;
-        if deleted.rows_affected() == 0 {
-            return Err(StoreError::AssetUnknown(id.clone()));
-        }
-        let kept = raw::kept_among(&mut transaction, &objects).await?;
+        let kept = raw::kept_among(transaction, &objects).await?;
         let orphans = objects.into_iter().filter(|name| !kept.contains(name)).collect();
-        transaction.commit().await?;
+        commit.finish().await?;
         for channel in channels {
             self.inner.trends.remove(channel.channel_no);
         }
@@ -207,12 +229,13 @@ impl Store {
     }
 }
 
-fn asset_of(row: &AnyRow) -> Result<Asset, StoreError> {
+pub(super) fn asset_of(row: &AnyRow) -> Result<Asset, StoreError> {
     let id: String = get(row, "id")?;
     Ok(Asset {
         spec: get_json(row, "spec", &id)?,
         created_at: get_time(row, "created_at_ns")?,
         updated_at: get_time(row, "updated_at_ns")?,
+        revision: get(row, "revision")?,
     })
 }
 
@@ -245,5 +268,13 @@ pub(super) fn channel_of(row: &AnyRow) -> Result<ChannelSummary, StoreError> {
         newest_generation: get(row, "newest_generation")?,
         leftovers: get::<i64>(row, "leftovers")? != 0,
         next_analysis: get::<Option<i64>>(row, "next_analysis_generation")?.zip(get(row, "next_analysis_key")?),
+        next_wear: get(row, "next_wear_generation")?,
+        maker_until: get::<Option<i64>>(row, "maker_until_ns")?.map(from_ns),
+        changed_from: get::<Option<i64>>(row, "changed_from_ns")?
+            .zip(get::<Option<String>>(row, "changed_from_id")?)
+            .map(|(start_ns, id)| SegmentKey {
+                start_time: from_ns(start_ns),
+                id: SegmentId(id),
+            }),
     })
 }

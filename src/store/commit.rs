@@ -3,10 +3,11 @@
 use jiff::Timestamp;
 use sqlx::{Any, AssertSqlSafe, Transaction};
 
-use super::assets::channel_of;
+use super::assets::{asset_of, channel_of};
 use super::fold_states::FoldState;
 use super::rows::{doubles_to_bytes, finite, finite_or_none, to_json, to_ns};
-use super::{Analysed, ChannelSummary, NewSegment, RunResult, SegmentKey, Store, StoreError};
+use super::schema::Dialect;
+use super::{Analysed, Asset, ChannelSummary, NewSegment, RunResult, SegmentKey, Store, StoreError};
 use crate::asset::{AssetId, SegmentId};
 use crate::estimate::WearEstimate;
 
@@ -14,33 +15,65 @@ use crate::estimate::WearEstimate;
 const ROWS_AT_ONCE: usize = 32;
 
 /// A transaction on any number of channels. Nothing is stored before [`finish`](Self::finish) returns; then all is, on the disk.
+///
+/// Where other processes write as well, rows are locked in this order, so that transactions do not wait for each other in a ring: assets by
+/// name, then channels by asset and name, then what hangs on them.
 pub struct Commit {
     pub(super) transaction: Transaction<'static, Any>,
+    pub(super) dialect: Dialect,
 }
 
 impl Store {
-    /// Begins a transaction; waits for the one before to end.
+    /// Begins a transaction; waits for a connection that writes.
     pub async fn begin(&self) -> Result<Commit, StoreError> {
         Ok(Commit {
             transaction: self.write().begin().await?,
+            dialect: self.dialect(),
         })
     }
 }
 
 impl Commit {
-    /// The channel of that name, made where it is missing.
+    /// An asset whose description and events stay as they are until the transaction's end.
     ///
-    /// Error: [`StoreError::AssetUnknown`] where the asset is gone.
-    pub async fn channel(&mut self, asset: &AssetId, channel: &str) -> Result<ChannelSummary, StoreError> {
-        let known = sqlx::query("SELECT id FROM assets WHERE id = $1")
-            .bind(asset.as_str())
+    /// Error: [`StoreError::AssetUnknown`] where it is gone.
+    pub async fn asset(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
+        let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.to_rest_on());
+        self.one_asset(id, text).await
+    }
+
+    /// An asset that nobody else changes, and that no channel is added to, before the transaction's end; it counts as changed.
+    ///
+    /// Error: [`StoreError::AssetUnknown`] where it is gone.
+    pub(super) async fn asset_to_change(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
+        let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.to_change());
+        let asset = self.one_asset(id, text).await?;
+        sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
+            .execute(&mut *self.transaction)
+            .await?;
+        sqlx::query("UPDATE assets SET revision = (SELECT value FROM counters WHERE name = 'asset_revision') WHERE id = $1")
+            .bind(id.as_str())
+            .execute(&mut *self.transaction)
+            .await?;
+        Ok(asset)
+    }
+
+    async fn one_asset(&mut self, id: &AssetId, text: String) -> Result<Asset, StoreError> {
+        let row = sqlx::query(AssertSqlSafe(text))
+            .bind(id.as_str())
             .fetch_optional(&mut *self.transaction)
             .await?;
-        if known.is_none() {
-            return Err(StoreError::AssetUnknown(asset.clone()));
-        }
-        let find = "SELECT * FROM channels WHERE asset_id = $1 AND name = $2";
-        let found = sqlx::query(find)
+        let row = row.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?;
+        asset_of(&row)
+    }
+
+    /// The channel of that name of an asset that is there, made where it is missing. Nobody else changes it before the transaction's end.
+    pub async fn channel(&mut self, asset: &AssetId, channel: &str) -> Result<ChannelSummary, StoreError> {
+        let find = format!(
+            "SELECT * FROM channels WHERE asset_id = $1 AND name = $2{}",
+            self.dialect.to_change()
+        );
+        let found = sqlx::query(AssertSqlSafe(find.clone()))
             .bind(asset.as_str())
             .bind(channel)
             .fetch_optional(&mut *self.transaction)
@@ -51,15 +84,17 @@ impl Commit {
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'channel_no'")
             .execute(&mut *self.transaction)
             .await?;
+        // Where another process has made it meanwhile, it is that one.
         sqlx::query(
             "INSERT INTO channels (channel_no, asset_id, name, segments, revision, rewritten_revision)
-             SELECT value, $1, $2, 0, 0, 0 FROM counters WHERE name = 'channel_no'",
+             SELECT value, $1, $2, 0, 0, 0 FROM counters WHERE name = 'channel_no'
+             ON CONFLICT (asset_id, name) DO NOTHING",
         )
         .bind(asset.as_str())
         .bind(channel)
         .execute(&mut *self.transaction)
         .await?;
-        let row = sqlx::query(find)
+        let row = sqlx::query(AssertSqlSafe(find))
             .bind(asset.as_str())
             .bind(channel)
             .fetch_one(&mut *self.transaction)
@@ -67,11 +102,12 @@ impl Commit {
         channel_of(&row)
     }
 
-    /// A channel that was there a moment ago, as it is now.
+    /// A channel that was there a moment ago, as it is now. Nobody else changes it before the transaction's end.
     ///
     /// Error: [`StoreError::AssetUnknown`] where it is gone with its asset.
-    pub(super) async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
-        let row = sqlx::query("SELECT * FROM channels WHERE channel_no = $1")
+    pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
+        let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.to_change());
+        let row = sqlx::query(AssertSqlSafe(text))
             .bind(channel.channel_no)
             .fetch_optional(&mut *self.transaction)
             .await?;
@@ -102,6 +138,7 @@ impl Commit {
         .bind(raw_bytes)
         .bind(segment.raw.media_type.as_str())
         .bind(i64::from(segment.raw.channel_index))
+        .persistent(self.dialect.keeps_optional_doubles())
         .execute(&mut *self.transaction)
         .await?;
         self.insert_analysis(channel.analysis_generation, &segment.id, &segment.analysed)
@@ -126,6 +163,7 @@ impl Commit {
             .execute(&mut *self.transaction)
             .await?;
         }
+        channel.note_change(segment.key());
         channel.segments += 1;
         if channel.first_start_time.is_none_or(|first| segment.start_time < first) {
             channel.first_start_time = Some(segment.start_time);
@@ -150,7 +188,7 @@ impl Commit {
         let shaft_speed = analysed.shaft_speed.as_ref();
         sqlx::query(
             "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8)",
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8) ON CONFLICT (segment_id, generation) DO NOTHING",
         )
         .bind(id)
         .bind(generation)
@@ -239,7 +277,10 @@ impl Commit {
                 .bind(to_json(&without_posterior, "estimate", id)?)
                 .bind(to_json(indicators, "run_indicators", id)?);
         }
-        query.execute(&mut *self.transaction).await?;
+        query
+            .persistent(self.dialect.keeps_optional_doubles())
+            .execute(&mut *self.transaction)
+            .await?;
         Ok(())
     }
 
@@ -260,7 +301,7 @@ impl Commit {
             "UPDATE channels SET segments = $2, first_start_ns = $3, last_start_ns = $4, last_segment_id = $5, revision = $6,
                 rewritten_revision = $7, analysis_generation = $8, wear_generation = $9, newest_generation = $10, analysis_key = $11,
                 feature_key = $12, fold_key = $13, must_fold = $14, leftovers = $15, next_analysis_generation = $16,
-                next_analysis_key = $17
+                next_analysis_key = $17, next_wear_generation = $18, maker_until_ns = $19, changed_from_ns = $20, changed_from_id = $21
              WHERE channel_no = $1",
         )
         .bind(channel.channel_no)
@@ -280,6 +321,10 @@ impl Commit {
         .bind(i64::from(channel.leftovers))
         .bind(channel.next_analysis.as_ref().map(|(generation, _)| *generation))
         .bind(channel.next_analysis.as_ref().map(|(_, key)| key.as_str()))
+        .bind(channel.next_wear)
+        .bind(optional_ns(channel.maker_until)?)
+        .bind(optional_ns(channel.changed_from.as_ref().map(|key| key.start_time))?)
+        .bind(channel.changed_from.as_ref().map(|key| key.id.0.as_str()))
         .execute(&mut *self.transaction)
         .await?;
         Ok(())

@@ -10,15 +10,17 @@ use super::StoreError;
 use super::objects::file_error;
 use super::schema::{self, Dialect};
 
-/// Connections to the database of one data folder.
+/// Connections to the database.
 #[derive(Debug)]
 pub(super) struct Database {
-    /// One connection: writers queue here in order instead of meeting a locked database.
+    /// Which database it is.
+    pub(super) dialect: Dialect,
+    /// Of SQLite one connection: writers queue here in order instead of meeting a locked database.
     pub(super) write: AnyPool,
     /// Readers see the last committed state and never wait for a writer.
     pub(super) read: AnyPool,
     /// Held while the process lives, so that no second one works on the folder.
-    lock: File,
+    lock: Option<File>,
 }
 
 impl Database {
@@ -27,13 +29,15 @@ impl Database {
     pub(super) async fn close(&self) {
         self.read.close().await;
         self.write.close().await;
-        if let Err(error) = self.lock.unlock() {
+        if let Some(lock) = &self.lock
+            && let Err(error) = lock.unlock()
+        {
             tracing::warn!(%error, "the data folder's lock was not given back");
         }
     }
 
     /// Opens `flankwatch.db` in the folder, made where missing, and brings its tables up to date.
-    pub(super) async fn open(folder: &Path) -> Result<Self, StoreError> {
+    pub(super) async fn open_folder(folder: &Path) -> Result<Self, StoreError> {
         fs::create_dir_all(folder).map_err(|source| file_error("create the data folder", folder, source))?;
         let lock_path = folder.join("lock");
         let lock = File::create(&lock_path).map_err(|source| file_error("write to the data folder with", &lock_path, source))?;
@@ -52,8 +56,55 @@ impl Database {
         schema::migrate(&mut connection, Dialect::Sqlite).await?;
         drop(connection);
         let read = pool(&url, 4).await?;
-        Ok(Self { write, read, lock })
+        Ok(Self {
+            dialect: Dialect::Sqlite,
+            write,
+            read,
+            lock: Some(lock),
+        })
     }
+
+    /// Connects to a PostgreSQL database that processes share, and brings its tables up to date.
+    #[cfg(feature = "cluster")]
+    pub(super) async fn connect(settings: &super::SharedSettings) -> Result<Self, StoreError> {
+        sqlx::any::install_default_drivers();
+        let write = shared_pool(settings, settings.write_connections).await?;
+        let mut connection = write.acquire().await?;
+        schema::migrate(&mut connection, Dialect::Postgres).await?;
+        drop(connection);
+        let read = shared_pool(settings, settings.read_connections).await?;
+        Ok(Self {
+            dialect: Dialect::Postgres,
+            write,
+            read,
+            lock: None,
+        })
+    }
+}
+
+/// What every session of PostgreSQL is set to: commits are durable, and a process that is gone, or cut off, holds no lock for long.
+#[cfg(feature = "cluster")]
+const SESSION: &str = "
+    SET application_name = 'flankwatch';
+    SET default_transaction_isolation = 'read committed';
+    SET synchronous_commit = on;
+    SET lock_timeout = '10s';
+    SET statement_timeout = '60s';
+    SET idle_in_transaction_session_timeout = '30s';
+    SET tcp_keepalives_idle = 10;
+    SET tcp_keepalives_interval = 5;
+    SET tcp_keepalives_count = 3;
+    SET client_min_messages = warning";
+
+/// Connections that are made again by themselves when the database was away.
+#[cfg(feature = "cluster")]
+async fn shared_pool(settings: &super::SharedSettings, connections: u32) -> Result<AnyPool, sqlx::Error> {
+    AnyPoolOptions::new()
+        .max_connections(connections.max(1))
+        .acquire_timeout(settings.connect_timeout)
+        .after_connect(|connection, _| Box::pin(async move { sqlx::raw_sql(SESSION).execute(&mut *connection).await.map(|_| ()) }))
+        .connect(&settings.database_url)
+        .await
 }
 
 async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
@@ -98,14 +149,14 @@ mod tests {
     use sqlx::Row;
 
     async fn error_of(folder: &Path) -> StoreError {
-        Database::open(folder).await.unwrap_err()
+        Database::open_folder(folder).await.unwrap_err()
     }
 
     #[tokio::test]
     async fn a_folder_with_odd_characters_holds_a_safe_database() {
         let folder = tempfile::tempdir().unwrap();
         let odd = folder.path().join("a b?c#d%41é");
-        let database = Database::open(&odd).await.unwrap();
+        let database = Database::open_folder(&odd).await.unwrap();
         assert!(odd.join("flankwatch.db").is_file());
         for pool in [&database.write, &database.read] {
             for (pragma, expected) in [("PRAGMA synchronous", 2), ("PRAGMA foreign_keys", 1)] {
@@ -125,7 +176,7 @@ mod tests {
     #[tokio::test]
     async fn a_second_process_and_a_newer_database_are_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let database = Database::open(folder.path()).await.unwrap();
+        let database = Database::open_folder(folder.path()).await.unwrap();
         assert!(matches!(error_of(folder.path()).await, StoreError::InUse(_)));
         sqlx::query("INSERT INTO migrations (version) VALUES (999)")
             .execute(&database.write)
@@ -139,7 +190,7 @@ mod tests {
     #[tokio::test]
     async fn values_of_every_type_come_back_as_they_went() {
         let folder = tempfile::tempdir().unwrap();
-        let database = Database::open(folder.path()).await.unwrap();
+        let database = Database::open_folder(folder.path()).await.unwrap();
         sqlx::query("CREATE TABLE t (i BIGINT, d DOUBLE PRECISION, s TEXT, b BLOB)")
             .execute(&database.write)
             .await

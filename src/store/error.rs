@@ -33,6 +33,19 @@ pub enum StoreError {
     /// The database refused or failed.
     #[error("database: {0}")]
     Database(#[from] sqlx::Error),
+    /// The object store refused or failed.
+    #[error("cannot {action} {name} in the object store: {source}")]
+    Bucket {
+        /// What was tried, for example `"store"`.
+        action: &'static str,
+        /// On which object.
+        name: String,
+        /// What the object store or the way to it said.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// What a transaction rests on was changed by another one meanwhile: it is to be prepared again.
+    #[error("{0} changed meanwhile: try again")]
+    Outdated(&'static str),
     /// A stored text cannot be read as what it should be.
     #[error("stored {what} of {of} is damaged: {source}")]
     Damaged {
@@ -84,6 +97,31 @@ pub enum StoreError {
 }
 
 impl StoreError {
+    /// Whether the database or the object store is away, or too busy: the same request can succeed later.
+    pub fn is_unavailable(&self) -> bool {
+        match self {
+            Self::Database(error) => match error {
+                sqlx::Error::Io(_) | sqlx::Error::Tls(_) => !self.is_full(),
+                sqlx::Error::PoolTimedOut | sqlx::Error::PoolClosed | sqlx::Error::WorkerCrashed => true,
+                // A connection that ended in the middle of an answer.
+                sqlx::Error::Protocol(_) => true,
+                sqlx::Error::Database(error) => error.code().is_some_and(|code| says_unavailable(&code)),
+                _ => false,
+            },
+            Self::Bucket { .. } => true,
+            _ => false,
+        }
+    }
+
+    /// Whether another transaction was in the way: the same one prepared again can succeed at once.
+    pub fn is_conflict(&self) -> bool {
+        match self {
+            Self::Outdated(_) => true,
+            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| says_conflict(&code)),
+            _ => false,
+        }
+    }
+
     /// Whether the disk is full, so that the same request can succeed once there is room.
     pub fn is_full(&self) -> bool {
         match self {
@@ -94,4 +132,15 @@ impl StoreError {
             _ => false,
         }
     }
+}
+
+/// PostgreSQL's states of a connection that was lost, of a server that starts or stops, that has no more room for connections, or that
+/// ended a statement that took too long.
+fn says_unavailable(code: &str) -> bool {
+    code.len() == 5 && (code.starts_with("08") || code.starts_with("57") || code == "53300" || code == "25P03" || code == "25006")
+}
+
+/// PostgreSQL's states of transactions that stood in each other's way; the same key at the same time among them.
+fn says_conflict(code: &str) -> bool {
+    ["40001", "40P01", "55P03", "23505"].contains(&code)
 }

@@ -2,25 +2,44 @@
 //!
 //! Analyses and estimates carry a generation number; a channel says which of each is served. A new generation is written in small
 //! transactions that nobody sees, then one sets the channel's numbers, and the rows of the old generation are removed at leisure.
+//!
+//! Several processes may want to make the same history. A channel says which generation of estimates is being made; only that one may be
+//! added to and served, so that a maker who was taken for dead and comes back changes nothing.
 
+use jiff::{SignedDuration, Timestamp};
+
+use super::commit::Commit;
 use super::fold_states::FoldState;
 use super::rows::{get, to_ns};
 use super::segments::new_segment_of;
-use jiff::Timestamp;
-
 use super::{
     AlarmNotice, Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, FoldedAlarms, NewSegment, RunResult, SegmentKey, Store, StoreError,
     StoredFeatures,
 };
 use crate::asset::SegmentId;
 
+/// How long a maker counts as alive after it last added something, before another process begins in its place.
+const MAKER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
+
+/// What a maker is told whose place was taken.
+const NOT_MADE_HERE: StoreError = StoreError::Outdated("the generation that is being made");
+
 /// A generation of a channel's analyses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AnalysisGeneration(i64);
 
-/// A generation of a channel's estimates.
+/// A generation of a channel's estimates; who has it makes the channel's history.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WearGeneration(i64);
+
+/// What a served history was made from: it is served only where the store still holds the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MadeFrom {
+    /// [`Asset::version`](super::Asset::version).
+    pub asset: i64,
+    /// [`ChannelSummary::version`].
+    pub channel: (i64, i64),
+}
 
 impl ChannelSummary {
     /// The generation of analyses that is served.
@@ -30,10 +49,68 @@ impl ChannelSummary {
 }
 
 impl Store {
-    /// The generation of analyses under `key` that is being made, or a new one; one under another key is dropped.
-    pub async fn next_analyses(&self, channel: &ChannelSummary, keys: &AnalysisKeys) -> Result<AnalysisGeneration, StoreError> {
+    /// Begins to make a channel's history again: a new generation of estimates. None where another process is at it.
+    pub async fn begin_making(&self, channel: &ChannelSummary, now: Timestamp) -> Result<Option<WearGeneration>, StoreError> {
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
+        let is_made_elsewhere = channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
+        // A process that has the store to itself is making nothing else.
+        if is_made_elsewhere && self.is_shared() {
+            return Ok(None);
+        }
+        channel.newest_generation += 1;
+        // Until it is served its rows are left over, whatever happens.
+        channel.leftovers = true;
+        channel.next_wear = Some(channel.newest_generation);
+        channel.maker_until = Some(now.saturating_add(MAKER_ALIVE).unwrap_or(Timestamp::MAX));
+        channel.changed_from = None;
+        commit.set_channel(&mut channel, false).await?;
+        commit.finish().await?;
+        Ok(Some(WearGeneration(channel.newest_generation)))
+    }
+
+    /// Gives up making a history, so that another process need not wait.
+    pub async fn stop_making(&self, channel: &ChannelSummary, wear: WearGeneration) -> Result<(), StoreError> {
+        let mut commit = self.begin().await?;
+        let mut channel = commit.channel_again(channel).await?;
+        if channel.next_wear == Some(wear.0) {
+            channel.next_wear = None;
+            channel.maker_until = None;
+            channel.changed_from = None;
+            commit.set_channel(&mut channel, false).await?;
+            commit.finish().await?;
+        }
+        Ok(())
+    }
+
+    /// The earliest place where a channel's history changed since it began to be made, or since this was asked last, and the channel as it
+    /// is then.
+    ///
+    /// Error: [`StoreError::Outdated`] where another process makes it now.
+    pub async fn take_changes(
+        &self,
+        channel: &ChannelSummary,
+        wear: WearGeneration,
+    ) -> Result<(ChannelSummary, Option<SegmentKey>), StoreError> {
+        let mut commit = self.begin().await?;
+        let mut channel = commit.made_channel(channel, wear).await?;
+        let changed_from = channel.changed_from.take();
+        if changed_from.is_some() {
+            commit.set_channel(&mut channel, false).await?;
+            commit.finish().await?;
+        }
+        Ok((channel, changed_from))
+    }
+
+    /// The generation of analyses under `key` that is being made, or a new one; one under another key is dropped.
+    pub async fn next_analyses(
+        &self,
+        channel: &ChannelSummary,
+        wear: WearGeneration,
+        keys: &AnalysisKeys,
+    ) -> Result<AnalysisGeneration, StoreError> {
+        let mut commit = self.begin().await?;
+        let mut channel = commit.made_channel(channel, wear).await?;
         if let Some((generation, key)) = &channel.next_analysis
             && **key == *keys.analysis
         {
@@ -46,18 +123,6 @@ impl Store {
         commit.set_channel(&mut channel, false).await?;
         commit.finish().await?;
         Ok(AnalysisGeneration(generation))
-    }
-
-    /// A new generation of estimates.
-    pub async fn next_wear(&self, channel: &ChannelSummary) -> Result<WearGeneration, StoreError> {
-        let mut commit = self.begin().await?;
-        let mut channel = commit.channel_again(channel).await?;
-        channel.newest_generation += 1;
-        // Until it is served its rows are left over, whatever happens.
-        channel.leftovers = true;
-        commit.set_channel(&mut channel, false).await?;
-        commit.finish().await?;
-        Ok(WearGeneration(channel.newest_generation))
     }
 
     /// Up to `limit` segments of a channel that have no analysis in a generation, in the order of time, after `after`.
@@ -91,12 +156,23 @@ impl Store {
         rows.iter().map(new_segment_of).collect()
     }
 
-    /// Adds analyses to a generation.
-    pub async fn add_analyses(&self, generation: AnalysisGeneration, analyses: &[(SegmentId, Analysed)]) -> Result<(), StoreError> {
+    /// Adds analyses to a generation while the history is being made.
+    ///
+    /// Error: [`StoreError::Outdated`] where another process makes it now.
+    pub async fn add_analyses(
+        &self,
+        channel: &ChannelSummary,
+        wear: WearGeneration,
+        generation: AnalysisGeneration,
+        analyses: &[(SegmentId, Analysed)],
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
         let mut commit = self.begin().await?;
+        let channel = commit.made_channel(channel, wear).await?;
         for (segment, analysed) in analyses {
             commit.insert_analysis(generation.0, segment, analysed).await?;
         }
+        commit.stay_maker(&channel, now).await?;
         commit.finish().await
     }
 
@@ -112,17 +188,21 @@ impl Store {
     }
 
     /// Adds estimates to a generation, with states of the fold after position `after`.
+    ///
+    /// Error: [`StoreError::Outdated`] where another process makes the history now.
     pub async fn add_wears(
         &self,
         channel: &ChannelSummary,
         generation: WearGeneration,
         wears: &[(SegmentKey, RunResult)],
-        after: u64,
-        states: &[FoldState],
+        (after, states): (u64, &[FoldState]),
+        now: Timestamp,
     ) -> Result<(), StoreError> {
         let mut commit = self.begin().await?;
+        let channel = commit.made_channel(channel, generation).await?;
         commit.set_wears_in(generation.0, wears).await?;
-        commit.set_states_in(channel, generation.0, after, states).await?;
+        commit.set_states_in(&channel, generation.0, after, states).await?;
+        commit.stay_maker(&channel, now).await?;
         commit.finish().await
     }
 
@@ -138,17 +218,28 @@ impl Store {
 
     /// Serves these generations from now on, with the alarms that were folded with them; both must have every segment of the channel.
     /// Returns what is new of the alarms.
+    ///
+    /// Error: [`StoreError::Outdated`] where another process makes the history now, or where something was added to what it was made from.
     pub async fn serve(
         &self,
         channel: &ChannelSummary,
-        analyses: AnalysisGeneration,
-        wear: WearGeneration,
+        from: MadeFrom,
+        (analyses, wear): (AnalysisGeneration, WearGeneration),
         keys: ChannelKeys,
         alarms: FoldedAlarms<'_>,
         now: Timestamp,
     ) -> Result<Vec<AlarmNotice>, StoreError> {
         let mut commit = self.begin().await?;
-        let mut channel = commit.channel_again(channel).await?;
+        if commit.asset(&channel.asset_id).await?.version() != from.asset {
+            return Err(StoreError::Outdated("the asset's description"));
+        }
+        let mut channel = commit.made_channel(channel, wear).await?;
+        if channel.version() != from.channel {
+            return Err(StoreError::Outdated("the channel"));
+        }
+        channel.next_wear = None;
+        channel.maker_until = None;
+        channel.changed_from = None;
         channel.analysis_generation = analyses.0;
         channel.wear_generation = wear.0;
         if channel
@@ -168,15 +259,21 @@ impl Store {
     }
 
     /// Removes the rows of generations that are neither served nor being made, of up to `limit` segments after `after`. Returns where
-    /// to go on; none at the end.
+    /// to go on; none at the end, and where another process makes the history.
     pub async fn remove_leftovers(
         &self,
         channel: &ChannelSummary,
         after: Option<&SegmentKey>,
         limit: u32,
+        now: Timestamp,
     ) -> Result<Option<SegmentKey>, StoreError> {
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
+        if self.is_shared() && channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until) {
+            return Ok(None);
+        }
+        // Its maker is dead: should it live after all, it finds that out before it adds anything.
+        channel.next_wear = None;
         let (after_ns, after_id) = match after {
             Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
             None => (i64::MIN, ""),
@@ -213,10 +310,13 @@ impl Store {
             }
         }
         let next = match rows.last() {
-            Some(row) if rows.len() as u64 >= u64::from(limit) => Some(SegmentKey {
-                start_time: super::rows::get_time(row, "start_time_ns")?,
-                id: SegmentId(get(row, "id")?),
-            }),
+            Some(row) if rows.len() as u64 >= u64::from(limit) => {
+                commit.set_channel(&mut channel, false).await?;
+                Some(SegmentKey {
+                    start_time: super::rows::get_time(row, "start_time_ns")?,
+                    id: SegmentId(get(row, "id")?),
+                })
+            }
             _ => {
                 sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation <> $2")
                     .bind(channel.channel_no)
@@ -230,5 +330,27 @@ impl Store {
         };
         commit.finish().await?;
         Ok(next)
+    }
+}
+
+impl Commit {
+    /// A channel whose history is made with this generation; nobody else changes it before the transaction's end.
+    async fn made_channel(&mut self, channel: &ChannelSummary, wear: WearGeneration) -> Result<ChannelSummary, StoreError> {
+        let channel = self.channel_again(channel).await?;
+        if channel.next_wear == Some(wear.0) {
+            Ok(channel)
+        } else {
+            Err(NOT_MADE_HERE)
+        }
+    }
+
+    /// Says that the maker of a channel's history is alive.
+    async fn stay_maker(&mut self, channel: &ChannelSummary, now: Timestamp) -> Result<(), StoreError> {
+        sqlx::query("UPDATE channels SET maker_until_ns = $2 WHERE channel_no = $1")
+            .bind(channel.channel_no)
+            .bind(to_ns(now.saturating_add(MAKER_ALIVE).unwrap_or(Timestamp::MAX))?)
+            .execute(&mut *self.transaction)
+            .await?;
+        Ok(())
     }
 }

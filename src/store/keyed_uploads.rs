@@ -23,36 +23,38 @@ pub struct KeyedUpload {
 impl Store {
     /// The upload under a key; it is this one where there was none.
     pub async fn begin_upload(&self, asset: &AssetId, key: &str, request_sha256: &str, now: Timestamp) -> Result<KeyedUpload, StoreError> {
-        let find = "SELECT * FROM keyed_uploads WHERE asset_id = $1 AND upload_key = $2";
-        let mut transaction = self.write().begin().await?;
         sqlx::query("DELETE FROM keyed_uploads WHERE received_at_ns < $1")
             .bind(to_ns(now - REMEMBERED)?)
-            .execute(&mut *transaction)
+            .execute(self.write())
             .await?;
-        let known = sqlx::query(find)
-            .bind(asset.as_str())
-            .bind(key)
-            .fetch_optional(&mut *transaction)
-            .await?;
-        if let Some(row) = known {
+        let begun = sqlx::query(
+            "INSERT INTO keyed_uploads (asset_id, upload_key, request_sha256, received_at_ns) VALUES ($1, $2, $3, $4)
+             ON CONFLICT (asset_id, upload_key) DO NOTHING",
+        )
+        .bind(asset.as_str())
+        .bind(key)
+        .bind(request_sha256)
+        .bind(to_ns(now)?)
+        .execute(self.write())
+        .await?;
+        if begun.rows_affected() > 0 {
             return Ok(KeyedUpload {
-                request_sha256: get(&row, "request_sha256")?,
-                received_at: get_time(&row, "received_at_ns")?,
-                answer: get(&row, "answer")?,
+                request_sha256: request_sha256.to_owned(),
+                received_at: now,
+                answer: None,
             });
         }
-        sqlx::query("INSERT INTO keyed_uploads (asset_id, upload_key, request_sha256, received_at_ns) VALUES ($1, $2, $3, $4)")
+        let row = sqlx::query("SELECT * FROM keyed_uploads WHERE asset_id = $1 AND upload_key = $2")
             .bind(asset.as_str())
             .bind(key)
-            .bind(request_sha256)
-            .bind(to_ns(now)?)
-            .execute(&mut *transaction)
+            .fetch_optional(self.read())
             .await?;
-        transaction.commit().await?;
+        // Gone at this very moment: forgotten by another process, or with its asset.
+        let row = row.ok_or(StoreError::Outdated("the upload's key"))?;
         Ok(KeyedUpload {
-            request_sha256: request_sha256.to_owned(),
-            received_at: now,
-            answer: None,
+            request_sha256: get(&row, "request_sha256")?,
+            received_at: get_time(&row, "received_at_ns")?,
+            answer: get(&row, "answer")?,
         })
     }
 

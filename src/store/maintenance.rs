@@ -6,8 +6,8 @@ use sqlx::any::AnyRow;
 
 use super::commit::Commit;
 use super::rows::{get, get_json, to_json, to_ns};
-use super::{ChannelSummary, Store, StoreError};
-use crate::asset::AssetId;
+use super::{ChannelSummary, SegmentKey, Store, StoreError};
+use crate::asset::{AssetId, SegmentId};
 use crate::estimate::MaintenanceEvent;
 
 /// A maintenance event as it is stored.
@@ -73,8 +73,11 @@ impl Store {
 }
 
 impl Commit {
-    /// Adds an event; returns whether it was not there before.
+    /// Adds an event; returns whether it was not there before. No channel is added to the asset before the transaction's end.
+    ///
+    /// Error: [`StoreError::AssetUnknown`].
     pub async fn add_maintenance(&mut self, asset: &AssetId, stored: &StoredEvent) -> Result<bool, StoreError> {
+        self.asset_to_change(asset).await?;
         let added = sqlx::query(
             "INSERT INTO maintenance_events (asset_id, id, time_ns, event) VALUES ($1, $2, $3, $4) ON CONFLICT (asset_id, id) DO NOTHING",
         )
@@ -87,8 +90,11 @@ impl Commit {
         Ok(added.rows_affected() > 0)
     }
 
-    /// Removes an event; returns whether it was there.
+    /// Removes an event; returns whether it was there. No channel is added to the asset before the transaction's end.
+    ///
+    /// Error: [`StoreError::AssetUnknown`].
     pub async fn remove_maintenance(&mut self, asset: &AssetId, id: &str) -> Result<bool, StoreError> {
+        self.asset_to_change(asset).await?;
         let removed = sqlx::query("DELETE FROM maintenance_events WHERE asset_id = $1 AND id = $2")
             .bind(asset.as_str())
             .bind(id)
@@ -100,11 +106,12 @@ impl Commit {
     /// Says that a channel's history is to be folded again where it reaches a time.
     pub async fn fold_again_from(&mut self, channel: &ChannelSummary, time: Timestamp) -> Result<(), StoreError> {
         let mut channel = self.channel_again(channel).await?;
-        if channel.last_start_time.is_some_and(|last| last >= time) {
-            channel.must_fold = true;
-            self.set_channel(&mut channel, false).await?;
-        }
-        Ok(())
+        channel.must_fold |= channel.last_start_time.is_some_and(|last| last >= time);
+        channel.note_change(SegmentKey {
+            start_time: time,
+            id: SegmentId(String::new()),
+        });
+        self.set_channel(&mut channel, false).await
     }
 }
 

@@ -1,7 +1,8 @@
 //! The only SQL and the only raw-object paths.
 //!
 //! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as they came, named by
-//! their hash) and `lock`. All methods speak in domain types; rows and statements do not leave this room.
+//! their hash) and `lock`. Where processes share a store, PostgreSQL and a bucket take their places; statements and methods are the same.
+//! All methods speak in domain types; rows and statements do not leave this room.
 
 mod alarm_commit;
 mod alarms;
@@ -12,6 +13,7 @@ mod error;
 mod fold_states;
 mod generations;
 mod keyed_uploads;
+mod library_builds;
 mod maintenance;
 mod objects;
 mod raw;
@@ -19,12 +21,16 @@ mod replays;
 mod rows;
 mod schema;
 mod segments;
+mod settings;
 mod trend;
+mod upkeep;
 
-use std::path::Path;
 use std::sync::Arc;
 
+use jiff::SignedDuration;
+
 use database::Database;
+use schema::Dialect;
 use trend::TrendShelf;
 
 pub use alarm_commit::{AlarmNotice, FoldedAlarms, PlacedChange};
@@ -33,15 +39,18 @@ pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary};
 pub use commit::Commit;
 pub use error::StoreError;
 pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
-pub use generations::{AnalysisGeneration, WearGeneration};
+pub use generations::{AnalysisGeneration, MadeFrom, WearGeneration};
 pub use keyed_uploads::KeyedUpload;
 pub use maintenance::StoredEvent;
-pub use objects::Objects;
+pub use objects::{ListedObject, Objects};
 pub use raw::GivenUp;
 pub use segments::{Analysed, NewSegment, Order, RunResult, SegmentFilter, SegmentKey, StoredFeatures};
+pub use settings::StoreSettings;
+#[cfg(feature = "cluster")]
+pub use settings::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 pub use trend::{Trend, WearPoint};
 
-/// The store of one data folder; a clone is another handle to the same one.
+/// The store; a clone is another handle to the same one.
 #[derive(Debug, Clone)]
 pub struct Store {
     inner: Arc<Inner>,
@@ -52,25 +61,43 @@ struct Inner {
     database: Database,
     objects: Objects,
     trends: TrendShelf,
+    /// At which age an object that nothing refers to is removed, where others may be storing what refers to it.
+    orphan_age: Option<SignedDuration>,
 }
 
 impl Store {
-    /// Opens a data folder, made where it is missing.
+    /// Opens a store: a data folder, made where it is missing, or what processes share. To be called inside a runtime.
     ///
-    /// Errors: the folder cannot be written, another process works on it, or its database is of a later version.
-    pub async fn open(folder: &Path) -> Result<Self, StoreError> {
-        let database = Database::open(folder).await?;
-        let objects = Objects::open(folder.join("raw"))?;
+    /// Errors: the folder cannot be written, another process works on it, the database cannot be reached or is of a later version.
+    pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
+        let (database, objects, orphan_age) = match settings {
+            StoreSettings::Folder(folder) => (Database::open_folder(folder).await?, Objects::open(folder.join("raw"))?, None),
+            #[cfg(feature = "cluster")]
+            StoreSettings::Shared(shared) => {
+                let objects = match &shared.objects {
+                    ObjectsSettings::Folder(folder) => Objects::open_shared_folder(folder.clone())?,
+                    ObjectsSettings::Bucket(bucket) => Objects::open_bucket(bucket)?,
+                };
+                let age = SignedDuration::try_from(shared.orphan_age).unwrap_or(SignedDuration::MAX);
+                (Database::connect(shared).await?, objects, Some(age))
+            }
+        };
         Ok(Self {
             inner: Arc::new(Inner {
                 database,
                 objects,
                 trends: TrendShelf::default(),
+                orphan_age,
             }),
         })
     }
 
-    /// The raw recordings. Their methods block on the disk.
+    /// At which age an object that nothing refers to is removed; none where this process has the store to itself and can tell.
+    pub fn orphan_age(&self) -> Option<SignedDuration> {
+        self.inner.orphan_age
+    }
+
+    /// The raw recordings. Their methods block on the disk or the network.
     pub fn objects(&self) -> &Objects {
         &self.inner.objects
     }
@@ -84,6 +111,15 @@ impl Store {
     /// Writes what is still in the log into the database and closes it.
     pub async fn close(&self) {
         self.inner.database.close().await;
+    }
+
+    /// Whether other processes work on it as well.
+    pub fn is_shared(&self) -> bool {
+        self.inner.orphan_age.is_some()
+    }
+
+    fn dialect(&self) -> Dialect {
+        self.inner.database.dialect
     }
 
     fn read(&self) -> &sqlx::AnyPool {

@@ -1,43 +1,66 @@
-//! Raw recordings as files named by the hash of their bytes: `ab/abcdef…`.
+//! Raw recordings as immutable objects named by the hash of their bytes, in a folder or in a bucket; and libraries that processes share.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+#[cfg(feature = "cluster")]
+mod bucket;
+mod folder;
 
+use std::path::PathBuf;
+
+use bytes::Bytes;
+use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 
 use super::StoreError;
 
-/// A folder of immutable objects named by the SHA-256 of their bytes.
+pub(super) use folder::file_error;
+
+/// Immutable objects named by the SHA-256 of their bytes.
 ///
-/// Every method blocks on the disk: call from a worker thread, not from an async one.
+/// Every method blocks on the disk or the network: call from a worker thread, not from an async one.
 #[derive(Debug)]
 pub struct Objects {
-    folder: PathBuf,
-    temporary: PathBuf,
-    counter: AtomicU64,
+    place: Place,
+}
+
+#[derive(Debug)]
+enum Place {
+    Folder(folder::Folder),
+    #[cfg(feature = "cluster")]
+    Bucket(bucket::Bucket),
+}
+
+/// An object as it is listed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ListedObject {
+    /// Its name.
+    pub name: String,
+    /// Its size in bytes.
+    pub bytes: u64,
+    /// When it was last written, by the clock of where it is kept.
+    pub written_at: Timestamp,
 }
 
 impl Objects {
-    /// Opens the folder, making it where it is missing and clearing what an interrupted write left behind.
+    /// Opens a folder, making it where it is missing and clearing what an interrupted write left behind.
     pub fn open(folder: impl Into<PathBuf>) -> Result<Self, StoreError> {
-        let folder = folder.into();
-        let temporary = folder.join("tmp");
-        fs::create_dir_all(&temporary).map_err(|source| file_error("create the folder", &temporary, source))?;
-        let mut stale = 0;
-        for entry in fs::read_dir(&temporary).map_err(|source| file_error("list", &temporary, source))? {
-            let path = entry.map_err(|source| file_error("list", &temporary, source))?.path();
-            fs::remove_file(&path).map_err(|source| file_error("remove the unfinished", &path, source))?;
-            stale += 1;
-        }
-        if stale > 0 {
-            tracing::info!(stale, "removed unfinished raw objects of an earlier run");
-        }
         Ok(Self {
-            folder,
-            temporary,
-            counter: AtomicU64::new(0),
+            place: Place::Folder(folder::Folder::open(folder.into())?),
+        })
+    }
+
+    /// Opens a folder that other processes write to as well.
+    #[cfg(feature = "cluster")]
+    pub(super) fn open_shared_folder(folder: PathBuf) -> Result<Self, StoreError> {
+        Ok(Self {
+            place: Place::Folder(folder::Folder::open_shared(folder)?),
+        })
+    }
+
+    /// Opens a bucket. To be called inside the runtime, which then does the requests.
+    #[cfg(feature = "cluster")]
+    pub(super) fn open_bucket(settings: &super::BucketSettings) -> Result<Self, StoreError> {
+        Ok(Self {
+            place: Place::Bucket(bucket::Bucket::open(settings)?),
         })
     }
 
@@ -46,42 +69,22 @@ impl Objects {
         hexadecimal(&Sha256::digest(bytes))
     }
 
-    /// Stores every object; when this returns they are on disk, and so are their names.
-    ///
-    /// `objects` holds (name, bytes) with the names that [`name`](Self::name) gives. One that is there already is left as it is.
-    pub fn put_all<'a>(&self, objects: impl IntoIterator<Item = (&'a str, &'a [u8])>) -> Result<(), StoreError> {
-        let mut touched: Vec<PathBuf> = Vec::new();
-        for (name, bytes) in objects {
-            let path = self.path(name);
-            let folder = path.parent().unwrap_or(&self.folder).to_path_buf();
-            let is_whole = fs::metadata(&path).is_ok_and(|metadata| metadata.len() == bytes.len() as u64);
-            if !is_whole {
-                if !folder.is_dir() {
-                    fs::create_dir_all(&folder).map_err(|source| file_error("create the folder", &folder, source))?;
-                    touched.push(self.folder.clone());
-                }
-                self.write(&path, bytes)?;
-            }
-            // Also for an object that was there: another thread may have renamed it a moment ago.
-            touched.push(folder);
+    /// Stores every object under the name that [`name`](Self::name) gives its bytes; when this returns they are durable, and so are their
+    /// names.
+    pub fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.put_all(objects),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.put_all(objects),
         }
-        touched.sort_unstable();
-        touched.dedup();
-        for folder in touched {
-            File::open(&folder)
-                .and_then(|folder| folder.sync_all())
-                .map_err(|source| file_error("sync the folder", &folder, source))?;
-        }
-        Ok(())
     }
 
     /// The bytes of an object, checked against its name.
-    pub fn get(&self, name: &str) -> Result<Vec<u8>, StoreError> {
-        let path = self.path(name);
-        let bytes = match fs::read(&path) {
-            Ok(bytes) => bytes,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(StoreError::ObjectMissing(name.to_string())),
-            Err(source) => return Err(file_error("read", &path, source)),
+    pub fn get(&self, name: &str) -> Result<Bytes, StoreError> {
+        let bytes = match &self.place {
+            Place::Folder(folder) => folder.get(name)?,
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.get(name)?,
         };
         let found = Self::name(&bytes);
         if found == name {
@@ -96,60 +99,53 @@ impl Objects {
 
     /// Removes an object; one that is not there is no error.
     pub fn remove(&self, name: &str) -> Result<(), StoreError> {
-        let path = self.path(name);
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("remove", &path, error)),
-            _ => Ok(()),
+        match &self.place {
+            Place::Folder(folder) => folder.remove(name),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.remove(name),
         }
     }
 
-    /// Names and sizes of the objects whose names begin with this byte.
-    pub fn list(&self, shard: u8) -> Result<Vec<(String, u64)>, StoreError> {
-        let folder = self.folder.join(format!("{shard:02x}"));
-        let entries = match fs::read_dir(&folder) {
-            Ok(entries) => entries,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(source) => return Err(file_error("list", &folder, source)),
-        };
-        let mut found = Vec::new();
-        for entry in entries {
-            let entry = entry.map_err(|source| file_error("list", &folder, source))?;
-            let Ok(name) = entry.file_name().into_string() else { continue };
-            let is_object = name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
-            if let Ok(metadata) = entry.metadata()
-                && is_object
-            {
-                found.push((name, metadata.len()));
-            }
+    /// When an object was last written; none where it is not there.
+    pub fn written_at(&self, name: &str) -> Result<Option<Timestamp>, StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.written_at(name),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.written_at(name),
         }
-        Ok(found)
     }
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(name.get(..2).unwrap_or("xx")).join(name)
+    /// Keeps the file of a library under the library's name, for every process.
+    pub fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.put_library(id, &bytes),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.put_library(id, bytes),
+        }
     }
 
-    fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
-        let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
-        let written = File::create(&temporary).and_then(|mut file| {
-            file.write_all(bytes)?;
-            file.sync_all()
-        });
-        if let Err(source) = written {
-            // A full disk must not also keep the part that fitted.
-            let _ = fs::remove_file(&temporary);
-            return Err(file_error("write", &temporary, source));
+    /// The file of a library that a process keeps under its name; none where there is none.
+    pub fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.library(id),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.library(id),
         }
-        fs::rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
+    }
+
+    /// The objects whose names begin with this byte.
+    pub fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.list(shard),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.list(shard),
+        }
     }
 }
 
-pub(super) fn file_error(action: &'static str, path: &Path, source: io::Error) -> StoreError {
-    StoreError::File {
-        action,
-        path: path.to_path_buf(),
-        source,
-    }
+/// Whether a text can be the name of an object.
+fn is_name(text: &str) -> bool {
+    text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit())
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {
@@ -160,12 +156,6 @@ fn hexadecimal(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    fn put(objects: &Objects, bytes: &[u8]) -> String {
-        let name = Objects::name(bytes);
-        objects.put_all([(name.as_str(), bytes)]).unwrap();
-        name
-    }
-
     #[test]
     fn an_object_is_named_by_its_sha256() {
         // FIPS 180-2, appendix B.1
@@ -173,39 +163,5 @@ mod tests {
             Objects::name(b"abc"),
             "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
         );
-    }
-
-    #[test]
-    fn what_is_put_is_got_and_a_repeat_changes_nothing() {
-        let folder = tempfile::tempdir().unwrap();
-        let objects = Objects::open(folder.path()).unwrap();
-        let name = put(&objects, b"abc");
-        assert_eq!(put(&objects, b"abc"), name);
-        assert_eq!(objects.get(&name).unwrap(), b"abc");
-        objects.remove(&name).unwrap();
-        objects.remove(&name).unwrap();
-        assert!(matches!(objects.get(&name), Err(StoreError::ObjectMissing(_))));
-    }
-
-    #[test]
-    fn damage_is_found_and_a_shortened_object_is_written_again() {
-        let folder = tempfile::tempdir().unwrap();
-        let objects = Objects::open(folder.path()).unwrap();
-        let name = put(&objects, b"abcdef");
-        let path = folder.path().join(&name[..2]).join(&name);
-        fs::write(&path, b"abcdex").unwrap();
-        assert!(matches!(objects.get(&name), Err(StoreError::ObjectDamaged { .. })));
-        fs::write(&path, b"abc").unwrap();
-        put(&objects, b"abcdef");
-        assert_eq!(objects.get(&name).unwrap(), b"abcdef");
-    }
-
-    #[test]
-    fn an_unfinished_write_is_cleared_on_opening() {
-        let folder = tempfile::tempdir().unwrap();
-        drop(Objects::open(folder.path()).unwrap());
-        fs::write(folder.path().join("tmp/7"), b"half").unwrap();
-        drop(Objects::open(folder.path()).unwrap());
-        assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
     }
 }

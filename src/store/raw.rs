@@ -63,11 +63,15 @@ impl Store {
             }
             let (name, of): (String, String) = (get(&row, "sha256")?, get(&row, "asset_id")?);
             let size: i64 = get(&row, "bytes")?;
-            sqlx::query("DELETE FROM raw_objects WHERE sha256 = $1 AND asset_id = $2")
+            let deleted = sqlx::query("DELETE FROM raw_objects WHERE sha256 = $1 AND asset_id = $2")
                 .bind(name.as_str())
                 .bind(of.as_str())
                 .execute(&mut *transaction)
                 .await?;
+            if deleted.rows_affected() == 0 {
+                // Another process was first.
+                continue;
+            }
             sqlx::query("UPDATE raw_volumes SET bytes = bytes - $2 WHERE asset_id = $1")
                 .bind(of.as_str())
                 .bind(size)

@@ -10,21 +10,70 @@ use super::StoreError;
 /// Which database speaks behind the `Any` driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Dialect {
-    /// SQLite.
+    /// SQLite: one connection writes, so that a transaction has all rows to itself.
     Sqlite,
+    /// PostgreSQL: many processes write, so that a transaction locks the rows that it changes.
+    #[cfg(feature = "cluster")]
+    Postgres,
 }
 
 impl Dialect {
-    /// The type of a column of bytes.
-    fn bytes(self) -> &'static str {
+    /// A migration's statement with the types of this database.
+    fn statement(self, text: &str) -> String {
         match self {
-            Self::Sqlite => "BLOB",
+            Self::Sqlite => text.replace("{bytes}", "BLOB"),
+            // Texts are in the order of their bytes, as everywhere in the program, whatever the database's language.
+            #[cfg(feature = "cluster")]
+            Self::Postgres => text.replace("{bytes}", "BYTEA").replace(" TEXT", " TEXT COLLATE \"C\""),
+        }
+    }
+
+    /// Behind a SELECT of rows that are going to be changed, or whose dependents are: nobody else changes them before the transaction's end.
+    pub(super) fn to_change(self) -> &'static str {
+        match self {
+            Self::Sqlite => "",
+            // Not FOR UPDATE, which would keep out the foreign keys of rows that refer to these.
+            #[cfg(feature = "cluster")]
+            Self::Postgres => " FOR NO KEY UPDATE",
+        }
+    }
+
+    /// Behind a SELECT of rows that are to stay as they are until the transaction's end.
+    pub(super) fn to_rest_on(self) -> &'static str {
+        match self {
+            Self::Sqlite => "",
+            #[cfg(feature = "cluster")]
+            Self::Postgres => " FOR SHARE",
+        }
+    }
+
+    /// Begins a transaction that sees the database as it is at its first statement.
+    pub(super) fn begin_snapshot(self) -> &'static str {
+        match self {
+            Self::Sqlite => "BEGIN",
+            #[cfg(feature = "cluster")]
+            Self::Postgres => "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY",
+        }
+    }
+
+    /// Whether a statement may stay prepared whose optional doubles are sometimes missing. sqlx tells PostgreSQL another type for a missing
+    /// one, and would bind the next value under that.
+    pub(super) fn keeps_optional_doubles(self) -> bool {
+        self == Self::Sqlite
+    }
+
+    /// Waits, to the transaction's end, until no other process brings the tables up to date; the number is "flankwat" in ASCII.
+    fn lock_migrations(self) -> Option<&'static str> {
+        match self {
+            Self::Sqlite => None,
+            #[cfg(feature = "cluster")]
+            Self::Postgres => Some("SELECT pg_advisory_xact_lock(7380381016230682996)"),
         }
     }
 }
 
 /// Each migration's statements; a migration that has been released is never changed.
-const MIGRATIONS: &[&[&str]] = &[FIRST, RUN_INDICATORS, KEYED_UPLOADS, GENERATIONS, ALARMS];
+const MIGRATIONS: &[&[&str]] = &[FIRST, RUN_INDICATORS, KEYED_UPLOADS, GENERATIONS, ALARMS, SHARING];
 
 /// Assets, channels, segments with everything about them.
 const FIRST: &[&str] = &[
@@ -260,13 +309,36 @@ const ALARMS: &[&str] = &[
     )",
 ];
 
+/// What several processes need to work on the same channels: what tells that something changed, and who makes what.
+const SHARING: &[&str] = &[
+    // Grows with every change of a description or of an asset's maintenance events; never given out twice.
+    "ALTER TABLE assets ADD COLUMN revision BIGINT NOT NULL DEFAULT 0",
+    "INSERT INTO counters (name, value) VALUES ('asset_revision', 0)",
+    // The revision at which all histories of an asset were found as they are asked for.
+    "ALTER TABLE assets ADD COLUMN settled_revision BIGINT NOT NULL DEFAULT -1",
+    "INSERT INTO counters (name, value) VALUES ('swept_at_ns', 0)",
+    // The generation of estimates that is being made, which alone may be served next; and until when its maker counts as alive.
+    "ALTER TABLE channels ADD COLUMN next_wear_generation BIGINT",
+    "ALTER TABLE channels ADD COLUMN maker_until_ns BIGINT",
+    // The earliest place where the history changed since that one was begun.
+    "ALTER TABLE channels ADD COLUMN changed_from_ns BIGINT",
+    "ALTER TABLE channels ADD COLUMN changed_from_id TEXT",
+    // Which libraries are being built, and until when their builders count as alive.
+    "CREATE TABLE library_builds (library_id TEXT NOT NULL PRIMARY KEY, builder_until_ns BIGINT NOT NULL)",
+];
+
 /// Brings the tables up to date; a database from a later program is refused.
 pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) -> Result<(), StoreError> {
+    // All or nothing; of several processes the first one does it, and the others find it done.
+    let mut transaction = connection.begin().await?;
+    if let Some(lock) = dialect.lock_migrations() {
+        sqlx::query(lock).execute(&mut *transaction).await?;
+    }
     sqlx::query("CREATE TABLE IF NOT EXISTS migrations (version BIGINT NOT NULL PRIMARY KEY)")
-        .execute(&mut *connection)
+        .execute(&mut *transaction)
         .await?;
     let found: i64 = sqlx::query("SELECT COALESCE(MAX(version), 0) FROM migrations")
-        .fetch_one(&mut *connection)
+        .fetch_one(&mut *transaction)
         .await?
         .try_get(0)?;
     let known = MIGRATIONS.len() as i64;
@@ -274,17 +346,15 @@ pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) ->
         return Err(StoreError::Newer { found, known });
     }
     for (version, statements) in (1..).zip(MIGRATIONS).skip(usize::try_from(found).unwrap_or(0)) {
-        let mut transaction = connection.begin().await?;
         for statement in *statements {
-            let statement = statement.replace("{bytes}", dialect.bytes());
+            let statement = dialect.statement(statement);
             sqlx::query(AssertSqlSafe(statement)).execute(&mut *transaction).await?;
         }
         sqlx::query("INSERT INTO migrations (version) VALUES ($1)")
             .bind(version as i64)
             .execute(&mut *transaction)
             .await?;
-        transaction.commit().await?;
         tracing::info!(version, "database migrated");
     }
-    Ok(())
+    Ok(transaction.commit().await?)
 }

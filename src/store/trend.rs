@@ -193,7 +193,7 @@ impl Store {
 
     async fn append(&self, trend: &mut Trend, channel: &ChannelSummary) -> Result<(), StoreError> {
         // One snapshot of the database for all pieces: a history that is swapped meanwhile is seen whole, the old one or the new.
-        let mut snapshot = self.read().begin().await?;
+        let mut snapshot = self.read().begin_with(self.dialect().begin_snapshot()).await?;
         let row = sqlx::query("SELECT * FROM channels WHERE channel_no = $1")
             .bind(channel.channel_no)
             .fetch_optional(&mut *snapshot)

@@ -18,7 +18,12 @@ pub(crate) struct Received {
 
 impl EventStream {
     pub(crate) fn open(service: &Service, query: &str, last: Option<&str>) -> Self {
-        let address = service.url("").trim_start_matches("http://").to_string();
+        Self::open_at(&service.url(""), query, last)
+    }
+
+    /// Of whatever listens at an address.
+    pub(crate) fn open_at(url: &str, query: &str, last: Option<&str>) -> Self {
+        let address = url.trim_start_matches("http://").to_string();
         let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
         let last = last.map_or_else(String::new, |last| format!("last-event-id: {last}\r\n"));

@@ -6,6 +6,8 @@ mod alarms;
 mod architecture;
 mod assets;
 mod browser;
+#[cfg(feature = "cluster")]
+mod cluster;
 mod command_line;
 mod dashboard;
 mod durability;
@@ -20,6 +22,8 @@ mod integrations;
 mod killed;
 mod left_out;
 mod libraries;
+#[cfg(feature = "cluster")]
+mod many_workers;
 mod openapi;
 mod problems;
 mod real_bearing;
@@ -29,6 +33,8 @@ mod recomputing;
 mod recordings;
 mod running;
 mod segments;
+#[cfg(feature = "cluster")]
+mod shared_store;
 mod trends;
 mod uploads;
 mod views;

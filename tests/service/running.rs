@@ -43,6 +43,9 @@ pub(crate) struct Service {
     elsewhere: Option<PathBuf>,
     change: fn(&mut ServiceConfig),
     agent: ureq::Agent,
+    /// The database, where the tests are to use one that is not in the folder.
+    #[cfg(feature = "cluster")]
+    database: Option<crate::shared_store::TestDatabase>,
 }
 
 /// An answer of the service.
@@ -123,6 +126,8 @@ impl Service {
             elsewhere,
             change,
             agent: agent.into(),
+            #[cfg(feature = "cluster")]
+            database: crate::shared_store::TestDatabase::named(),
         };
         service.launch();
         service
@@ -133,6 +138,10 @@ impl Service {
         config.http.grace = Duration::from_secs(30);
         // What a test sees does not depend on when a build in the background ends.
         config.ingest.neighbours = EnsembleSettings::described_alone();
+        #[cfg(feature = "cluster")]
+        if let Some(database) = &self.database {
+            config.store = Some(flankwatch::store::StoreSettings::Shared(database.settings(self.folder())));
+        }
         (self.change)(&mut config);
         let clock = Arc::clone(&self.clock);
         self.running = Some(self.runtime.block_on(start(config, clock)).unwrap());

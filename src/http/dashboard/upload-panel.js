@@ -112,7 +112,7 @@ export class UploadPanel {
   }
 
   #accepted(file, answer) {
-    this.#result.dataset.kind = !answer.refused_count ? "good" : answer.stored + answer.repeated > 0 ? "part" : "bad";
+    this.#result.dataset.kind = !answer.refused_count ? "good" : answer.stored + answer.repeated + (answer.queued ?? 0) > 0 ? "part" : "bad";
     setChildren(this.#result, ...words(file, answer).map((text) => h("p", {}, text)));
   }
 
@@ -127,11 +127,13 @@ export class UploadPanel {
 
 function words(file, answer) {
   if (answer.records !== undefined) {
-    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored, ${answer.repeated} already known, ${answer.refused_count} refused.`;
+    const queued = answer.queued ? `, ${answer.queued} waiting to be analysed` : "";
+    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored${queued}, ${answer.repeated} already known, ${answer.refused_count} refused.`;
     return [counts, ...answer.refused.slice(0, 5).map(({ record, channel, reason }) => `Record ${record}${channel ? `, channel ${channel}` : ""}: ${reason}.`)];
   }
   const segments = answer.segments ?? [answer];
-  return segments.map(({ channel, start_time: start, wear }) => {
+  return segments.map(({ channel, start_time: start, wear, state }) => {
+    if (state === "queued") return `${file.name}: channel ${channel} taken as the record of ${utc(start)}; it waits to be analysed.`;
     const estimate = wear.median_um == null ? wear.reason : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
     return `${file.name}: channel ${channel} stored as the record of ${utc(start)}; ${estimate}.`;
   });

@@ -1,0 +1,66 @@
+-- Fills the tables of a PostgreSQL store with many records and measures the service's own statements on them.
+--
+--   psql postgres://127.0.0.1/test -v schema=rows -v channels=1000 -v records=10000 -f benches/rows.sql
+--
+-- The schema's tables are made by flankwatch: start it once on `postgres://…?options[search_path]=rows`, and stop it.
+-- Rows come in the order of time over all channels, as records do; texts are as long as those of real records.
+\set ON_ERROR_STOP on
+\timing on
+SET search_path TO :schema;
+SET synchronous_commit = off;
+
+\echo '--- assets and channels'
+INSERT INTO assets (id, spec, created_at_ns, updated_at_ns)
+    SELECT 'machine-' || n, '{}', 0, 0 FROM generate_series(1, :channels) n;
+INSERT INTO channels (channel_no, asset_id, name, segments, first_start_ns, last_start_ns, revision, rewritten_revision)
+    SELECT n, 'machine-' || n, '1', :records, 0, (:records - 1) * 60000000000::bigint, 1, 0 FROM generate_series(1, :channels) n;
+
+\echo '--- segments, then analyses, then wear estimates'
+INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate_hz, samples, unit, operating_point, raw_sha256, raw_bytes,
+        raw_media_type, raw_channel_index)
+    SELECT left(md5(t || '/' || c) || md5(c || '/' || t), 24), c, t * 60000000000::bigint, t * 60000000000::bigint, 25600, 25600, 'm/s2',
+        '{"shaft_speed_hz":24.9,"torque_nm":118.4}', md5(t || ':' || c) || md5(c || ':' || t), 102512, 'application/x-protobuf', 0
+    FROM generate_series(0, :records - 1) t, generate_series(1, :channels) c;
+INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
+    SELECT id, 0, md5('analysis'), md5('feature'), '{"shaft_speed_hz":24.9,"source":"mesh_comb","confidence":0.98}', '{"revolutions":24}',
+        (SELECT '{"values":{' || string_agg('"indicator_' || k || '":' || round((hashint8(start_time_ns / 7919 + channel_no * 31 + k) / 2147483648.0)::numeric, 15), ',') || '}}'
+            FROM generate_series(1, :indicators) k),
+        (SELECT '{"values":{' || string_agg('"f' || k || '":' || round((hashint8(start_time_ns / 7919 + channel_no * 37 + k) / 2147483648.0)::numeric, 15), ',') || '}}'
+            FROM generate_series(1, :features) k)
+    FROM segments;
+INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, p05_um, p95_um, log_evidence, estimate, run_indicators)
+    SELECT id, 0, 'tracking', 'explained by wear', 12.5, 12.6, 9.8, 15.9, -31.4, '{"status":"tracking","reason":"explained by wear","median_um":12.5,"mean_um":12.6,"p05_um":9.8,"p95_um":15.9,"method":"grid"}',
+        '{"values":{"na4":2.913451231,"nb4":3.012312314}}'
+    FROM segments;
+ANALYZE segments;
+ANALYZE analyses;
+ANALYZE wear_estimates;
+
+\echo '--- sizes'
+SELECT relname, reltuples::bigint AS rows, pg_size_pretty(pg_relation_size(oid)) AS heap, pg_size_pretty(pg_indexes_size(oid)) AS indexes,
+        round(pg_total_relation_size(oid) / greatest(reltuples, 1)::numeric) AS bytes_per_row
+    FROM pg_class WHERE relnamespace = :'schema'::regnamespace AND relname IN ('segments', 'analyses', 'wear_estimates');
+
+\echo '--- one piece of a trend: 4096 records of a channel from a time on (first cold, then again)'
+PREPARE trend (bigint, bigint, text, bigint) AS
+    SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason,
+        w.median_um, w.mean_um, w.p05_um, w.p95_um, w.log_evidence
+    FROM segments s
+    JOIN analyses a ON a.segment_id = s.id AND a.generation = 0
+    JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = 0
+    WHERE s.channel_no = $1 AND (s.start_time_ns, s.id) > ($2, $3) ORDER BY s.start_time_ns, s.id LIMIT $4;
+EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 * 60000000000::bigint, '', 4096);
+EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 * 60000000000::bigint, '', 4096);
+
+\echo '--- the latest wear of an asset'
+PREPARE latest (text) AS
+    SELECT s.*, a.indicators, a.features, w.estimate FROM segments s
+    JOIN channels c ON c.channel_no = s.channel_no
+    JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
+    JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = c.wear_generation
+    WHERE c.asset_id = $1 ORDER BY s.start_time_ns DESC, s.id DESC LIMIT 1;
+EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest('machine-7');
+EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest('machine-8');
+
+\echo '--- a record that was stored before is found'
+EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) SELECT * FROM segments WHERE id IN (left(md5('5/7') || md5('7/5'), 24), left(md5('9/11') || md5('11/9'), 24));

@@ -1,0 +1,65 @@
+//! `flankwatch work`: a worker of a cluster.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::serve::ServeError;
+
+/// Analyse what the API nodes of a cluster take; any number of workers share the work.
+#[derive(Debug, Clone, Args)]
+pub(super) struct WorkArgs {
+    /// Settings file (TOML) with the table `cluster`, the same as for the API nodes.
+    #[arg(long, value_name = "FILE")]
+    pub config: PathBuf,
+    /// Cache of libraries and files under way [default: ./flankwatch-data].
+    #[arg(long, value_name = "DIR")]
+    pub data_dir: Option<PathBuf>,
+    /// Address at which /healthz and /readyz are answered; nowhere where not given.
+    #[arg(long, value_name = "ADDR")]
+    pub health: Option<SocketAddr>,
+}
+
+#[cfg(not(feature = "cluster"))]
+pub(super) fn run(_args: &WorkArgs) -> Result<(), ServeError> {
+    Err(ServeError::WithoutCluster("flankwatch work"))
+}
+
+/// Works until Ctrl-C or SIGTERM.
+#[cfg(feature = "cluster")]
+pub(super) fn run(args: &WorkArgs) -> Result<(), ServeError> {
+    use std::io::Write;
+    use std::time::Duration;
+
+    use super::node;
+    use super::serve::{ServeArgs, asked_to_stop};
+
+    let serve = ServeArgs {
+        config: Some(args.config.clone()),
+        data_dir: args.data_dir.clone(),
+        ..ServeArgs::default()
+    };
+    let resolved = serve.resolve()?;
+    let settings = resolved.cluster.ok_or(ServeError::NoClusterTable)?;
+    let grace = resolved.service.http.grace;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let ended = runtime.block_on(async {
+        let started = tokio::select! {
+            started = node::start_worker(resolved.service, settings, args.health) => started?,
+            asked = asked_to_stop() => return Ok(asked?),
+        };
+        let mut out = std::io::stdout();
+        match started.health() {
+            Some(address) => writeln!(out, "working, health at http://{address}")?,
+            None => writeln!(out, "working")?,
+        }
+        out.flush()?;
+        asked_to_stop().await?;
+        tracing::info!("stopping");
+        started.stop(grace).await;
+        Ok(())
+    });
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    ended
+}

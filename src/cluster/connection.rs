@@ -1,0 +1,227 @@
+//! The connection to NATS, and the streams that the processes of a cluster share.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use async_nats::connection::State;
+use async_nats::jetstream::stream::{Config as StreamConfig, DiscardPolicy, RetentionPolicy, StorageType};
+use async_nats::jetstream::{self, Context, ContextBuilder};
+use async_nats::{Client, ConnectOptions, Event};
+
+use super::ClusterError;
+
+/// How long JetStream has for an answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Messages of one process that wait for JetStream's acknowledgement at once.
+const MOST_UNACKNOWLEDGED: usize = 1024;
+
+/// How long JetStream remembers a record's name: the same one handed over again meanwhile is not queued twice.
+const REMEMBERED: Duration = Duration::from_secs(600);
+
+/// Where NATS is and who asks.
+#[derive(Clone)]
+pub struct NatsSettings {
+    /// Addresses of the servers, `nats://host:4222` or `tls://host:4222`.
+    pub urls: Vec<String>,
+    /// What the names of all streams and subjects of this cluster begin with.
+    pub name: String,
+    /// How the process says who it is.
+    pub credentials: NatsCredentials,
+    /// Certificates (PEM) to trust besides those of the system.
+    pub ca: Option<PathBuf>,
+    /// On how many servers each stream is kept.
+    pub replicas: usize,
+    /// Records that may wait; beyond it further ones are refused until some are done.
+    pub most_records: i64,
+    /// Bytes of messages that may wait.
+    pub most_bytes: i64,
+    /// Events that are kept for clients that lost their connection.
+    pub events_kept: i64,
+    /// How long a record is worked on without a sign of life before another worker gets it.
+    pub ack_wait: Duration,
+}
+
+/// How a process says to NATS who it is.
+#[derive(Clone, Default)]
+pub enum NatsCredentials {
+    /// Not at all.
+    #[default]
+    None,
+    /// By a name and a password.
+    Password {
+        /// The name.
+        user: String,
+        /// The password.
+        password: String,
+    },
+    /// By a token.
+    Token(String),
+    /// By a file with a JWT and a key.
+    File(PathBuf),
+}
+
+impl NatsSettings {
+    /// The defaults for one server and a cluster's name.
+    pub fn new(url: impl Into<String>, name: impl Into<String>) -> Self {
+        Self {
+            urls: vec![url.into()],
+            name: name.into(),
+            credentials: NatsCredentials::None,
+            ca: None,
+            replicas: 1,
+            most_records: 1_000_000,
+            most_bytes: 1 << 30,
+            events_kept: 4096,
+            ack_wait: Duration::from_secs(30),
+        }
+    }
+
+    async fn options(&self) -> Result<ConnectOptions, ClusterError> {
+        let mut options = ConnectOptions::new()
+            .name(format!("flankwatch {}", env!("CARGO_PKG_VERSION")))
+            // A server that is away is waited for; what is asked meanwhile fails by its own time limit.
+            .retry_on_initial_connect()
+            .max_reconnects(None)
+            .reconnect_delay_callback(|attempts| Duration::from_millis(100 << attempts.min(5)))
+            .ping_interval(Duration::from_secs(5))
+            .event_callback(|event| async move {
+                match event {
+                    Event::Connected => tracing::info!("connected to NATS"),
+                    Event::Disconnected => tracing::warn!("connection to NATS lost"),
+                    event => tracing::debug!(%event, "NATS"),
+                }
+            });
+        options = match &self.credentials {
+            NatsCredentials::None => options,
+            NatsCredentials::Password { user, password } => options.user_and_password(user.clone(), password.clone()),
+            NatsCredentials::Token(token) => options.token(token.clone()),
+            NatsCredentials::File(path) => {
+                let read = options.credentials_file(path).await;
+                read.map_err(|source| ClusterError::File {
+                    path: path.clone(),
+                    source,
+                })?
+            }
+        };
+        if let Some(ca) = &self.ca {
+            options = options.add_root_certificates(ca.clone());
+        }
+        Ok(options)
+    }
+}
+
+/// A connection to NATS with the names of what is there; a clone is another handle to the same one.
+#[derive(Clone)]
+pub(super) struct Connection {
+    pub(super) client: Client,
+    pub(super) jetstream: Context,
+    settings: NatsSettings,
+}
+
+impl Connection {
+    /// Connects, and makes the streams where they are missing. Where no server answers, they are made when one does.
+    pub(super) async fn open(settings: NatsSettings) -> Result<Self, ClusterError> {
+        let connected = settings.options().await?.connect(settings.urls.clone()).await;
+        let client = connected.map_err(|source| ClusterError::Connect {
+            urls: settings.urls.join(", "),
+            source,
+        })?;
+        let jetstream = ContextBuilder::new()
+            .timeout(ANSWER_TIMEOUT)
+            .max_ack_inflight(MOST_UNACKNOWLEDGED)
+            .build(client.clone());
+        Ok(Self {
+            client,
+            jetstream,
+            settings,
+        })
+    }
+
+    /// Makes what is missing on the server and brings its limits up to the settings.
+    pub(super) async fn prepare(&self) -> Result<(), ClusterError> {
+        let settings = &self.settings;
+        let common = StreamConfig {
+            storage: StorageType::File,
+            num_replicas: settings.replicas,
+            ..StreamConfig::default()
+        };
+        let work = StreamConfig {
+            name: self.work_stream(),
+            subjects: vec![self.work_subject()],
+            retention: RetentionPolicy::WorkQueue,
+            // What is full refuses: nothing that was acknowledged makes room for something new.
+            discard: DiscardPolicy::New,
+            max_messages: settings.most_records,
+            max_bytes: settings.most_bytes,
+            duplicate_window: REMEMBERED,
+            ..common.clone()
+        };
+        let dead = StreamConfig {
+            name: self.dead_stream(),
+            subjects: vec![self.dead_subject()],
+            retention: RetentionPolicy::Limits,
+            duplicate_window: REMEMBERED,
+            ..common.clone()
+        };
+        let events = StreamConfig {
+            name: self.events_stream(),
+            subjects: vec![self.events_subject()],
+            retention: RetentionPolicy::Limits,
+            discard: DiscardPolicy::Old,
+            max_messages: settings.events_kept,
+            ..common
+        };
+        for stream in [work, dead, events] {
+            let made = self.jetstream.create_or_update_stream(stream).await;
+            made.map_err(|error| ClusterError::jetstream("make a stream")(error.into()))?;
+        }
+        Ok(())
+    }
+
+    /// Why nothing can be asked of NATS now; none where it is connected.
+    pub(super) fn fault(&self) -> Option<&'static str> {
+        (self.client.connection_state() != State::Connected).then_some("not connected")
+    }
+
+    /// The queue's stream as it is.
+    pub(super) async fn work_state(&self) -> Result<jetstream::stream::State, ClusterError> {
+        let failed = ClusterError::jetstream("look at the queue");
+        match self.jetstream.get_stream(self.work_stream()).await {
+            Ok(stream) => Ok(stream.cached_info().state.clone()),
+            Err(error) => Err(failed(error.into())),
+        }
+    }
+
+    pub(super) fn settings(&self) -> &NatsSettings {
+        &self.settings
+    }
+
+    pub(super) fn work_stream(&self) -> String {
+        format!("{}_work", self.settings.name)
+    }
+
+    pub(super) fn work_subject(&self) -> String {
+        format!("{}.work", self.settings.name)
+    }
+
+    pub(super) fn dead_stream(&self) -> String {
+        format!("{}_dead", self.settings.name)
+    }
+
+    pub(super) fn dead_subject(&self) -> String {
+        format!("{}.dead", self.settings.name)
+    }
+
+    pub(super) fn events_stream(&self) -> String {
+        format!("{}_events", self.settings.name)
+    }
+
+    pub(super) fn events_subject(&self) -> String {
+        format!("{}.events", self.settings.name)
+    }
+
+    pub(super) fn changes_subject(&self) -> String {
+        format!("{}.changes", self.settings.name)
+    }
+}

@@ -1,0 +1,63 @@
+//! What can go wrong between the processes of a cluster.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::ingest::IngestError;
+use crate::store::StoreError;
+
+/// Why a process cannot be a part of a cluster.
+#[derive(Debug, Error)]
+pub enum ClusterError {
+    /// A setting cannot be used.
+    #[error("{field} is {value}, expected {expected}")]
+    Setting {
+        /// Which setting.
+        field: String,
+        /// Its value.
+        value: String,
+        /// What would have been right.
+        expected: String,
+    },
+    /// A file with credentials cannot be read.
+    #[error("cannot read {path}: {source}", path = path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// No NATS server can be reached, or it refuses.
+    #[error("cannot connect to NATS at {urls}: {source}")]
+    Connect {
+        /// Where it was tried.
+        urls: String,
+        /// Why not.
+        source: async_nats::ConnectError,
+    },
+    /// JetStream refused or failed.
+    #[error("NATS cannot {action}: {source}")]
+    JetStream {
+        /// What was tried.
+        action: &'static str,
+        /// Why not.
+        source: async_nats::Error,
+    },
+    /// A message of the queue cannot be read.
+    #[error("the message cannot be read: {0}")]
+    Message(String),
+    /// The store cannot be used.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The path of records cannot be started.
+    #[error(transparent)]
+    Ingest(#[from] IngestError),
+}
+
+impl ClusterError {
+    /// An error of JetStream while `action` was tried.
+    pub(super) fn jetstream(action: &'static str) -> impl FnOnce(async_nats::Error) -> Self {
+        move |source| Self::JetStream { action, source }
+    }
+}

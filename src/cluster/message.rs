@@ -1,0 +1,133 @@
+//! A queued record as the message of `proto/flankwatch/v1/work.proto`, and back.
+
+use bytes::Bytes;
+use jiff::Timestamp;
+use prost::Message;
+
+use super::ClusterError;
+use crate::asset::{AssetId, RawReference, SegmentId};
+use crate::ingest::QueuedRecord;
+use crate::signal::OperatingPoint;
+
+#[expect(unreachable_pub, reason = "generated from the schema, which says what each field is")]
+mod generated {
+    include!(concat!(env!("OUT_DIR"), "/work/flankwatch.v1.rs"));
+}
+
+/// The message of a record.
+///
+/// Error: a time outside of what 64-bit nanoseconds hold.
+pub(super) fn encode(record: &QueuedRecord) -> Result<Bytes, ClusterError> {
+    let message = generated::QueuedRecord {
+        segment_id: record.id.0.clone(),
+        asset: record.asset_id.to_string(),
+        asset_created_at_ns: to_ns("asset_created_at", record.asset_created_at)?,
+        channel: record.channel.clone(),
+        start_time_ns: to_ns("start_time", record.start_time)?,
+        received_at_ns: to_ns("received_at", record.received_at)?,
+        unit: record.unit.clone(),
+        shaft_speed_hz: record.operating_point.shaft_speed_hz,
+        torque_nm: record.operating_point.torque_nm,
+        reference_wear_um: record.reference_wear_um,
+        raw_sha256: record.raw.sha256.clone(),
+        raw_bytes: record.raw.bytes,
+        raw_media_type: record.raw.media_type.clone(),
+        raw_channel_index: record.raw.channel_index,
+    };
+    Ok(message.encode_to_vec().into())
+}
+
+/// The record of a message.
+///
+/// Error: [`ClusterError::Message`] with the field at fault.
+pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
+    let message = generated::QueuedRecord::decode(bytes).map_err(|error| ClusterError::Message(error.to_string()))?;
+    let is_hash = message.raw_sha256.len() == 64 && message.raw_sha256.bytes().all(|byte| byte.is_ascii_hexdigit());
+    if !is_hash {
+        let found = &message.raw_sha256;
+        return Err(ClusterError::Message(format!(
+            "raw_sha256 is {found:?}, expected 64 hexadecimal digits"
+        )));
+    }
+    let asset = AssetId::new(message.asset).map_err(|error| ClusterError::Message(format!("asset: {error}")))?;
+    Ok(QueuedRecord {
+        id: SegmentId(message.segment_id),
+        asset_id: asset,
+        asset_created_at: from_ns(message.asset_created_at_ns),
+        channel: message.channel,
+        start_time: from_ns(message.start_time_ns),
+        received_at: from_ns(message.received_at_ns),
+        unit: message.unit,
+        operating_point: OperatingPoint {
+            shaft_speed_hz: message.shaft_speed_hz,
+            torque_nm: message.torque_nm,
+        },
+        reference_wear_um: message.reference_wear_um,
+        raw: RawReference {
+            sha256: message.raw_sha256,
+            bytes: message.raw_bytes,
+            media_type: message.raw_media_type,
+            channel_index: message.raw_channel_index,
+        },
+    })
+}
+
+fn to_ns(field: &str, time: Timestamp) -> Result<i64, ClusterError> {
+    i64::try_from(time.as_nanosecond()).map_err(|_| ClusterError::Setting {
+        field: field.to_owned(),
+        value: time.to_string(),
+        expected: "a time from 1677-09-21 to 2262-04-11".to_owned(),
+    })
+}
+
+fn from_ns(ns: i64) -> Timestamp {
+    // Every 64-bit number of nanoseconds is a time.
+    Timestamp::from_nanosecond(ns.into()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record() -> QueuedRecord {
+        QueuedRecord {
+            id: SegmentId("0123".into()),
+            asset_id: AssetId::new("pump").unwrap(),
+            asset_created_at: from_ns(5),
+            channel: "gearbox/x".into(),
+            start_time: from_ns(-1_000_000_007),
+            received_at: from_ns(1_700_000_000_123_456_789),
+            unit: "m/s2".into(),
+            operating_point: OperatingPoint {
+                shaft_speed_hz: Some(0.1 + 0.2),
+                torque_nm: None,
+            },
+            reference_wear_um: Some(12.5),
+            raw: RawReference {
+                sha256: "ab".repeat(32),
+                bytes: u64::MAX,
+                media_type: "audio/wav".into(),
+                channel_index: 3,
+            },
+        }
+    }
+
+    #[test]
+    fn a_record_comes_back_as_it_was() {
+        let bytes = encode(&record()).unwrap();
+        assert_eq!(decode(&bytes).unwrap(), record());
+        assert!(bytes.len() < 200, "{} bytes", bytes.len());
+    }
+
+    #[test]
+    fn what_is_no_message_is_refused_with_the_field() {
+        assert!(decode(b"\xff\xff").is_err());
+        let mut wrong = record();
+        wrong.raw.sha256 = "../../etc/passwd".into();
+        let error = decode(&encode(&wrong).unwrap()).unwrap_err().to_string();
+        assert!(error.contains("raw_sha256"), "{error}");
+        let mut far = record();
+        far.start_time = "2300-01-01T00:00:00Z".parse().unwrap();
+        assert!(encode(&far).unwrap_err().to_string().contains("start_time"));
+    }
+}

@@ -1,0 +1,99 @@
+//! One service on several machines: API nodes that keep nothing, workers, and NATS JetStream between them.
+//!
+//! ```text
+//! API node ─ raw bytes ─▶ object store
+//!          └ message ───▶ JetStream ─▶ worker ─ analyse, fold, commit ─▶ PostgreSQL
+//!          ◀─ events ──── JetStream ◀─ announced ─┘
+//! ```
+//!
+//! What is done with a record is the code of [`ingest`](crate::ingest); here is only what joins the processes.
+
+mod connection;
+mod dead_letters;
+mod error;
+mod events;
+mod message;
+pub mod mqtt;
+mod queue;
+mod settings;
+mod worker;
+
+use std::sync::Arc;
+
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+use crate::ingest::{Crew, Ingest};
+use connection::Connection;
+
+pub use connection::{NatsCredentials, NatsSettings};
+pub use error::ClusterError;
+pub use events::{Heard, Words};
+pub use queue::Queue;
+pub use settings::{ClusterSecrets, ClusterSettings, ClusterTable};
+pub use worker::WorkerLimits;
+
+/// A process's place in a cluster.
+pub struct Cluster {
+    connection: Connection,
+}
+
+/// A worker at work.
+pub struct RunningWorker {
+    stop: watch::Sender<bool>,
+    task: JoinHandle<()>,
+}
+
+impl Cluster {
+    /// Connects to NATS and makes what is missing there.
+    ///
+    /// Errors: credentials that cannot be read; a server that refuses.
+    pub async fn join(settings: NatsSettings) -> Result<Self, ClusterError> {
+        let connection = Connection::open(settings).await?;
+        if let Err(error) = connection.prepare().await {
+            // Workers and uploads make it when NATS is back.
+            tracing::warn!(%error, "the cluster's streams are not there yet");
+        }
+        Ok(Self { connection })
+    }
+
+    /// What an API node hands records over to.
+    pub fn crew_of_node(&self) -> Arc<dyn Crew> {
+        Arc::new(Queue::new(self.connection.clone(), true))
+    }
+
+    /// What a worker belongs to.
+    pub fn crew_of_worker(&self) -> Arc<dyn Crew> {
+        Arc::new(Queue::new(self.connection.clone(), false))
+    }
+
+    /// Tells all nodes what a process announces, until it ends.
+    pub fn tell(&self, ingest: &Ingest, words: Words) -> JoinHandle<()> {
+        tokio::spawn(events::tell(self.connection.clone(), ingest.follow(), words))
+    }
+
+    /// Hears what all processes tell.
+    pub async fn hear(&self) -> Heard {
+        events::hear(self.connection.clone()).await
+    }
+
+    /// Begins to work on the records of the queue.
+    pub fn start_worker(&self, ingest: Ingest, limits: WorkerLimits) -> RunningWorker {
+        let (stop, stopped) = watch::channel(false);
+        let worker = worker::Worker::new(self.connection.clone(), ingest, limits, stopped);
+        RunningWorker {
+            stop,
+            task: tokio::spawn(worker.run()),
+        }
+    }
+}
+
+impl RunningWorker {
+    /// Takes no more records, and waits until those that were begun are committed and acknowledged.
+    pub async fn stop(self) {
+        self.stop.send_replace(true);
+        if let Err(error) = self.task.await {
+            tracing::error!(%error, "the worker did not end by itself");
+        }
+    }
+}

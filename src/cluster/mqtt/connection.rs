@@ -1,0 +1,257 @@
+//! The connection to the broker: made, kept, made again.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use rumqttc::Outgoing;
+use rumqttc::v5::mqttbytes::QoS;
+use rumqttc::v5::mqttbytes::v5::{Filter, Packet, Publish, RetainForwardRule, SubscribeReasonCode};
+use rumqttc::v5::{AsyncClient, Event, EventLoop};
+use tokio::sync::{Semaphore, watch};
+use tokio::task::{JoinHandle, JoinSet};
+
+use super::delivery::{Delivered, deliver};
+use super::error::MqttError;
+use super::letters::{Letters, Settled};
+use super::message::Message;
+use super::refusal::Refusal;
+use super::settings::MqttSettings;
+use super::topic;
+use crate::ingest::{Feed, FeedCount, Ingest};
+
+/// Waits before the next connection: the first and the longest.
+const FIRST_WAIT: Duration = Duration::from_millis(250);
+const LONGEST_WAIT: Duration = Duration::from_secs(30);
+
+/// Records that come from a broker for as long as this is kept.
+pub struct MqttFeed {
+    feed: Arc<Feed>,
+    stop: watch::Sender<bool>,
+    task: JoinHandle<()>,
+}
+
+/// Why a connection ended.
+enum End {
+    /// The service stops.
+    Stopped,
+    /// It is lost, or could not be made.
+    Lost(String),
+}
+
+impl MqttFeed {
+    /// Begins to take records in the background; connecting may take as long as it needs.
+    ///
+    /// Errors: a file that the settings name cannot be used.
+    pub fn start(settings: MqttSettings, ingest: Ingest) -> Result<Self, MqttError> {
+        settings.options()?;
+        let feed = ingest.add_feed("mqtt");
+        let (stop, stopped) = watch::channel(false);
+        let task = tokio::spawn(keep_connected(settings, ingest, Arc::clone(&feed), stopped));
+        Ok(Self { feed, stop, task })
+    }
+
+    /// Takes no more messages, ends within `grace` what was begun, and says goodbye to the broker, which keeps the rest.
+    pub async fn stop(mut self, grace: Duration) {
+        // An error says that the task has ended by itself.
+        let _ = self.stop.send(true);
+        if !self.feed.is_connected() {
+            self.task.abort();
+        }
+        if tokio::time::timeout(grace, &mut self.task).await.is_err() {
+            tracing::warn!("messages were still under way at the end of the time of grace; the broker keeps them");
+            self.task.abort();
+        }
+        self.feed.lost("stopped".to_owned());
+    }
+}
+
+async fn keep_connected(settings: MqttSettings, ingest: Ingest, feed: Arc<Feed>, mut stop: watch::Receiver<bool>) {
+    let mut wait = FIRST_WAIT;
+    let mut connections = 0_u64;
+    while !*stop.borrow() {
+        let before = connections;
+        let end = match settings.options() {
+            Ok(options) => {
+                // Made anew each time: what was under way on the connection before, the broker sends again.
+                let capacity = 2 * usize::from(settings.in_flight) + 8;
+                let (client, events) = AsyncClient::new(options, capacity);
+                let connection = Connection::new(&settings, &ingest, &feed, client, stop.clone());
+                connection.run(events, &mut connections).await
+            }
+            Err(error) => End::Lost(error.to_string()),
+        };
+        let End::Lost(reason) = end else { return };
+        if connections > before {
+            wait = FIRST_WAIT;
+        }
+        tracing::warn!(broker = settings.broker(), reason, "no connection to the MQTT broker");
+        feed.lost(reason);
+        tokio::select! {
+            () = tokio::time::sleep(spread(wait)) => {}
+            _ = stop.wait_for(|stop| *stop) => return,
+        }
+        wait = (2 * wait).min(LONGEST_WAIT);
+    }
+}
+
+/// Half of the wait to all of it by chance, so that not all nodes come back to a restarted broker at once.
+fn spread(wait: Duration) -> Duration {
+    let chance = getrandom::u32().unwrap_or(u32::MAX);
+    wait.mul_f64(0.5 + 0.5 * f64::from(chance) / f64::from(u32::MAX))
+}
+
+struct Connection<'a> {
+    settings: &'a MqttSettings,
+    ingest: &'a Ingest,
+    feed: &'a Arc<Feed>,
+    client: AsyncClient,
+    stop: watch::Receiver<bool>,
+    places: Arc<Semaphore>,
+    letters: Arc<Letters>,
+    /// Ends with the connection: nobody could acknowledge for them any more.
+    deliveries: JoinSet<()>,
+}
+
+impl<'a> Connection<'a> {
+    fn new(settings: &'a MqttSettings, ingest: &'a Ingest, feed: &'a Arc<Feed>, client: AsyncClient, stop: watch::Receiver<bool>) -> Self {
+        Self {
+            settings,
+            ingest,
+            feed,
+            client,
+            stop,
+            places: Arc::new(Semaphore::new(settings.in_flight.into())),
+            letters: Arc::default(),
+            deliveries: JoinSet::new(),
+        }
+    }
+
+    /// Works until the connection is lost or the service stops. `connections` counts those that could be used.
+    async fn run(mut self, mut events: EventLoop, connections: &mut u64) -> End {
+        self.say_goodbye_when_stopped();
+        loop {
+            // Never left half-way: a packet that is being written would be lost.
+            let event = match events.poll().await {
+                Ok(event) => event,
+                Err(error) => return End::Lost(error.to_string()),
+            };
+            match event {
+                Event::Incoming(Packet::ConnAck(_)) => {
+                    if let Err(error) = self.subscribe().await {
+                        return End::Lost(error);
+                    }
+                }
+                Event::Incoming(Packet::SubAck(answer)) => {
+                    if let Some(code) = answer
+                        .return_codes
+                        .iter()
+                        .find(|code| !matches!(code, SubscribeReasonCode::Success(QoS::AtLeastOnce)))
+                    {
+                        let filter = topic::filter(self.settings);
+                        return End::Lost(format!("the broker refused the subscription to {filter} with QoS 1: {code:?}"));
+                    }
+                    *connections += 1;
+                    if *connections > 1 {
+                        self.feed.count(FeedCount::Reconnected);
+                    }
+                    tracing::info!(broker = self.settings.broker(), "connected to the MQTT broker");
+                    self.feed.connected();
+                }
+                Event::Incoming(Packet::Publish(publish)) => self.receive(publish).await,
+                Event::Outgoing(Outgoing::Publish(packet_id)) => self.letters.sent(packet_id),
+                Event::Incoming(Packet::PubAck(answer)) => {
+                    if let Some((settled, refused)) = self.letters.answered(&answer) {
+                        if let Some(reason) = refused {
+                            let topic = String::from_utf8_lossy(&settled.publish.topic);
+                            tracing::error!(%topic, ?reason, "the broker did not take the refusal of a message");
+                        }
+                        acknowledge(&self.client, settled).await;
+                    }
+                }
+                Event::Outgoing(Outgoing::Disconnect) => return End::Stopped,
+                _ => {}
+            }
+            while let Some(ended) = self.deliveries.try_join_next() {
+                if ended.is_err() {
+                    return End::Lost("a message could not be dealt with: a fault of the program".to_owned());
+                }
+            }
+        }
+    }
+
+    async fn subscribe(&self) -> Result<(), String> {
+        let mut filter = Filter::new(topic::filter(self.settings), QoS::AtLeastOnce);
+        // A kept message was seen when the subscription was made.
+        filter.retain_forward_rule = RetainForwardRule::OnNewSubscribe;
+        self.client.subscribe_many([filter]).await.map_err(|error| error.to_string())
+    }
+
+    /// Deals with a message beside the others. Waits where all places are taken, which only messages that the broker sends at QoS 0 can do: then
+    /// nothing further is read.
+    async fn receive(&mut self, publish: Publish) {
+        if *self.stop.borrow() {
+            return;
+        }
+        self.feed.count(FeedCount::Received);
+        if publish.dup {
+            self.feed.count(FeedCount::Repeated);
+        }
+        let Ok(place) = Arc::clone(&self.places).acquire_owned().await else {
+            return;
+        };
+        let (ingest, feed, client) = (self.ingest.clone(), Arc::clone(self.feed), self.client.clone());
+        let (letters, stop) = (Arc::clone(&self.letters), self.stop.clone());
+        let message = Message::read(self.settings, &publish);
+        self.deliveries.spawn(async move {
+            let delivered = match &message {
+                Ok(message) => deliver(&ingest, &feed, message, stop).await,
+                Err(refusal) => Delivered::Refused(refusal.clone()),
+            };
+            match delivered {
+                Delivered::Safe => {
+                    feed.count(FeedCount::Accepted);
+                    acknowledge(&client, Settled { publish, place }).await;
+                }
+                Delivered::Refused(refusal) => {
+                    feed.count(FeedCount::Refused);
+                    refuse(&ingest, &client, &letters, refusal, Settled { publish, place }).await;
+                }
+                Delivered::LeftBehind => {}
+            }
+        });
+    }
+
+    fn say_goodbye_when_stopped(&mut self) {
+        let (mut stop, client, places) = (self.stop.clone(), self.client.clone(), Arc::clone(&self.places));
+        let all = u32::from(self.settings.in_flight);
+        self.deliveries.spawn(async move {
+            // An error says that nobody is left who could ask for it.
+            if stop.wait_for(|stop| *stop).await.is_ok() && places.acquire_many(all).await.is_ok() {
+                let _ = client.disconnect().await;
+            }
+        });
+    }
+}
+
+/// Tells the sender that its message cannot be used.
+async fn refuse(ingest: &Ingest, client: &AsyncClient, letters: &Letters, refusal: Refusal, mut settled: Settled) {
+    let topic = String::from_utf8_lossy(&settled.publish.topic).into_owned();
+    tracing::warn!(topic, reason = refusal.detail(), "a message was refused");
+    let payload = std::mem::take(&mut settled.publish.payload);
+    let (received_at, of) = (ingest.now(), topic.clone());
+    // The payload's hash takes its time.
+    let letter = tokio::task::spawn_blocking(move || refusal.letter(&of, received_at, &payload));
+    if let Ok(letter) = letter.await
+        && let Err(error) = letters.send(client, topic::rejected(&topic), letter, settled)
+    {
+        // Most often the connection is gone. Not acknowledged, the message comes again.
+        tracing::debug!(%error, topic, "the refusal of a message was not sent");
+    }
+}
+
+/// Acknowledges a message and gives its place free.
+async fn acknowledge(client: &AsyncClient, settled: Settled) {
+    // An error says that the connection is gone: the broker sends the message again.
+    let _ = client.ack(&settled.publish).await;
+    drop(settled.place);
+}

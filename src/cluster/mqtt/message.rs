@@ -1,0 +1,110 @@
+//! One message to what the path of records takes.
+
+use bytes::Bytes;
+use jiff::Timestamp;
+use rumqttc::v5::mqttbytes::v5::Publish;
+
+use super::refusal::Refusal;
+use super::settings::MqttSettings;
+use super::topic::{self, Address};
+use crate::ingest::{Given, RecordFormat};
+
+/// Stands for the time of a message that says none: no record can have it, so that one without a time is refused. The time of receipt will
+/// not do, because the same message sent again would be another record.
+pub(super) const NO_TIME: Timestamp = Timestamp::MIN;
+
+/// A message that can be decoded.
+#[derive(Debug, Clone)]
+pub(super) struct Message {
+    pub(super) address: Address,
+    pub(super) format: RecordFormat,
+    pub(super) payload: Bytes,
+}
+
+impl Message {
+    /// Checks everything but the record itself.
+    pub(super) fn read(settings: &MqttSettings, publish: &Publish) -> Result<Self, Refusal> {
+        let Ok(topic) = std::str::from_utf8(&publish.topic) else {
+            return Err(Refusal::field(400, "topic", &publish.topic.escape_ascii().to_string(), "UTF-8"));
+        };
+        let address = topic::read(&settings.root, topic)?;
+        let most = settings.message_bytes;
+        if publish.payload.len() > most {
+            let detail = format!(
+                "the message has {} bytes, expected at most {most}: cut it into shorter records",
+                publish.payload.len()
+            );
+            return Err(Refusal::new(413, detail));
+        }
+        let content_type = publish
+            .properties
+            .as_ref()
+            .and_then(|properties| properties.content_type.as_deref());
+        Ok(Self {
+            address,
+            format: format(content_type, &publish.payload)?,
+            payload: publish.payload.clone(),
+        })
+    }
+
+    /// What is said of the record beside its bytes.
+    pub(super) fn given(&self) -> Given {
+        Given {
+            start_time: Some(NO_TIME),
+            channel: Some(self.address.point.clone()),
+            channel_names: vec![self.address.point.clone()],
+            ..Given::default()
+        }
+    }
+}
+
+/// How the payload is written. Without a content type its first character tells: no field of a `WaveformBlock` in protobuf begins with white
+/// space or a brace.
+fn format(content_type: Option<&str>, payload: &[u8]) -> Result<RecordFormat, Refusal> {
+    let Some(content_type) = content_type.filter(|content_type| !content_type.is_empty()) else {
+        let is_json = matches!(payload.first(), Some(b'{' | b' ' | b'\t' | b'\r' | b'\n'));
+        return Ok(if is_json { RecordFormat::Json } else { RecordFormat::Protobuf });
+    };
+    let media_type = content_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    match RecordFormat::from_media_type(&media_type) {
+        Some(format @ (RecordFormat::Protobuf | RecordFormat::Json)) => Ok(format),
+        _ => Err(Refusal::field(
+            415,
+            "content type",
+            content_type,
+            "application/x-protobuf or application/json",
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{BlockEncoding, encode_block};
+    use crate::signal::Record;
+
+    #[test]
+    fn encodings_are_told_apart() {
+        let record = Record::new("1", Timestamp::UNIX_EPOCH, 100.0, "g", vec![1.0, 2.0]).unwrap();
+        let protobuf = encode_block(&record, BlockEncoding::Protobuf);
+        let json = encode_block(&record, BlockEncoding::Json);
+        let spaced = [b"\r\n \t", &json[..]].concat();
+        for (payload, expected) in [
+            (&protobuf, RecordFormat::Protobuf),
+            (&json, RecordFormat::Json),
+            (&spaced, RecordFormat::Json),
+            (&Vec::new(), RecordFormat::Protobuf),
+        ] {
+            assert_eq!(format(None, payload).unwrap(), expected);
+            assert_eq!(format(Some(""), payload).unwrap(), expected);
+        }
+        // What the sender says goes before what it looks like.
+        assert_eq!(
+            format(Some("Application/JSON; charset=utf-8"), &protobuf).unwrap(),
+            RecordFormat::Json
+        );
+        for other in ["audio/wav", "text/plain", "application/octet-stream"] {
+            assert!(format(Some(other), &json).unwrap_err().detail().contains(other));
+        }
+    }
+}

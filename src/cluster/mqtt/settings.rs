@@ -1,0 +1,383 @@
+//! The table `[mqtt]` of the settings file, and what follows from it.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::http::Uri;
+use rumqttc::v5::MqttOptions;
+use rumqttc::v5::mqttbytes::v5::ConnectProperties;
+use rumqttc::{NetworkOptions, Transport};
+use serde::Deserialize;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::rustls::{self, ClientConfig, RootCertStore};
+
+use super::MqttError;
+
+/// Longest packet that MQTT knows: one that is too large as a record is still to be read, so that its sender is told.
+const LONGEST_PACKET_BYTES: u32 = 268_435_455 + 5;
+
+/// How long a connection may take to be made.
+const CONNECTION_TIMEOUT_S: u64 = 10;
+
+/// The table `mqtt` of the settings file as it is written.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MqttTable {
+    /// `mqtt://host[:1883]` or `mqtts://host[:8883]`.
+    pub url: Option<String>,
+    /// Name of the persistent session; no two nodes may have the same.
+    pub client_id: Option<String>,
+    /// User at the broker.
+    pub username: Option<String>,
+    /// File with the user's password.
+    pub password_file: Option<PathBuf>,
+    /// Certificate authorities (PEM) that the broker's certificate must rest on; the system's where not given.
+    pub ca_file: Option<PathBuf>,
+    /// Certificate (PEM) to show to the broker; goes with `key`.
+    pub certificate: Option<PathBuf>,
+    /// Private key (PEM) of the certificate.
+    pub key: Option<PathBuf>,
+    /// First levels of the topics.
+    pub root: Option<String>,
+    /// Name of a shared subscription: its nodes share the messages.
+    pub share: Option<String>,
+    /// Messages that are unacknowledged at once.
+    pub in_flight: Option<u16>,
+    /// Bytes of a message.
+    pub message_bytes: Option<usize>,
+    /// How long the broker keeps messages while the service is away, in seconds.
+    pub session_expiry_s: Option<u32>,
+    /// How long the connection may be silent, in seconds.
+    pub keep_alive_s: Option<u16>,
+}
+
+/// What the environment says; it goes before the settings file.
+#[derive(Debug, Clone, Default)]
+pub struct MqttCredentials {
+    /// Name of the persistent session.
+    pub client_id: Option<String>,
+    /// User at the broker.
+    pub username: Option<String>,
+    /// The user's password.
+    pub password: Option<String>,
+}
+
+/// How records come over MQTT.
+#[derive(Clone)]
+pub struct MqttSettings {
+    host: String,
+    port: u16,
+    client_id: String,
+    login: Option<Login>,
+    tls: Option<TlsFiles>,
+    pub(super) root: String,
+    pub(super) share: Option<String>,
+    /// Messages that are unacknowledged at once.
+    pub in_flight: u16,
+    /// Bytes of a message; larger ones are refused.
+    pub message_bytes: usize,
+    session_expiry_s: u32,
+    keep_alive: Duration,
+}
+
+#[derive(Clone)]
+struct Login {
+    username: String,
+    password: Password,
+}
+
+#[derive(Clone)]
+enum Password {
+    Given(String),
+    InFile(PathBuf),
+}
+
+#[derive(Debug, Clone, Default)]
+struct TlsFiles {
+    ca_file: Option<PathBuf>,
+    /// Certificate and key.
+    client: Option<(PathBuf, PathBuf)>,
+}
+
+impl MqttTable {
+    /// The settings that follow. `most_bytes` is the largest record that the service takes.
+    ///
+    /// Errors name the setting, its value and what was expected.
+    pub fn resolve(self, credentials: MqttCredentials, most_bytes: usize) -> Result<MqttSettings, MqttError> {
+        let url = self.url.unwrap_or_default();
+        let (is_tls, host, port) = address(&url)?;
+        let tls = match (self.certificate, self.key) {
+            (None, None) => TlsFiles::default(),
+            (Some(certificate), Some(key)) => TlsFiles {
+                client: Some((certificate, key)),
+                ..TlsFiles::default()
+            },
+            (Some(_), None) => return Err(MqttError::setting("key", "missing", "both certificate and key or none of them")),
+            (None, Some(_)) => {
+                return Err(MqttError::setting(
+                    "certificate",
+                    "missing",
+                    "both certificate and key or none of them",
+                ));
+            }
+        };
+        let tls = TlsFiles {
+            ca_file: self.ca_file,
+            ..tls
+        };
+        if !is_tls && (tls.ca_file.is_some() || tls.client.is_some()) {
+            return Err(MqttError::setting("url", url, "mqtts://…, where certificates are given"));
+        }
+        let share = self.share;
+        let client_id = match (credentials.client_id.or(self.client_id), &share) {
+            (Some(id), _) => id,
+            (None, None) => "flankwatch".to_owned(),
+            (None, Some(_)) => {
+                let expected = "a name of its own for each node that shares the subscription, the same after a restart";
+                return Err(MqttError::setting("client_id", "missing", expected));
+            }
+        };
+        let settings = MqttSettings {
+            host,
+            port,
+            client_id,
+            login: login(credentials.username.or(self.username), credentials.password, self.password_file)?,
+            tls: is_tls.then_some(tls),
+            root: self.root.unwrap_or_else(|| "flankwatch".to_owned()),
+            share,
+            in_flight: self.in_flight.unwrap_or(16),
+            message_bytes: self.message_bytes.unwrap_or(most_bytes.min(16 << 20)),
+            session_expiry_s: self.session_expiry_s.unwrap_or(7 * 24 * 3600),
+            keep_alive: Duration::from_secs(self.keep_alive_s.unwrap_or(30).into()),
+        };
+        settings.check(most_bytes)?;
+        Ok(settings)
+    }
+}
+
+impl MqttSettings {
+    fn check(&self, most_bytes: usize) -> Result<(), MqttError> {
+        let is_level = |name: &str| !name.is_empty() && !name.contains(['+', '#', '\0']);
+        if !is_level(&self.root) || self.root.starts_with('$') {
+            return Err(MqttError::setting("root", &self.root, "levels of a topic without + and #"));
+        }
+        if let Some(share) = self.share.as_deref().filter(|share| !is_level(share) || share.contains('/')) {
+            return Err(MqttError::setting("share", share, "a name without /, + and #"));
+        }
+        if !(1..=1024).contains(&self.in_flight) {
+            return Err(MqttError::setting("in_flight", self.in_flight, "1 to 1024 messages"));
+        }
+        if !(1..=most_bytes).contains(&self.message_bytes) {
+            let expected = "at least 1 and at most limits.record_bytes";
+            return Err(MqttError::setting("message_bytes", self.message_bytes, expected));
+        }
+        if self.session_expiry_s == 0 {
+            let expected = "at least 1: without a session nothing is kept while the service is away";
+            return Err(MqttError::setting("session_expiry_s", 0, expected));
+        }
+        // What the client library takes.
+        if self.keep_alive.as_secs() < 5 {
+            return Err(MqttError::setting("keep_alive_s", self.keep_alive.as_secs(), "at least 5"));
+        }
+        if self.client_id.is_empty() || self.client_id.len() > 128 {
+            return Err(MqttError::setting("client_id", &self.client_id, "a name of 1 to 128 bytes"));
+        }
+        Ok(())
+    }
+
+    /// The broker's address, for messages.
+    pub(super) fn broker(&self) -> String {
+        format!("{}:{}", self.host, self.port)
+    }
+
+    /// How to connect. Reads password and certificates anew, so that a changed file holds from the next connection on.
+    pub(super) fn options(&self) -> Result<MqttOptions, MqttError> {
+        let mut options = MqttOptions::new(&self.client_id, &self.host, self.port);
+        let mut properties = ConnectProperties::new();
+        properties.session_expiry_interval = Some(self.session_expiry_s);
+        properties.receive_maximum = Some(self.in_flight);
+        properties.max_packet_size = Some(LONGEST_PACKET_BYTES);
+        let mut network = NetworkOptions::new();
+        network.set_tcp_nodelay(true);
+        options
+            .set_clean_start(false)
+            .set_manual_acks(true)
+            .set_keep_alive(self.keep_alive)
+            .set_connection_timeout(CONNECTION_TIMEOUT_S)
+            .set_outgoing_inflight_upper_limit(self.in_flight)
+            .set_connect_properties(properties)
+            .set_network_options(network);
+        if let Some(login) = &self.login {
+            options.set_credentials(&login.username, login.password.read()?);
+        }
+        if let Some(tls) = &self.tls {
+            options.set_transport(Transport::tls_with_config(tls.config()?.into()));
+        }
+        Ok(options)
+    }
+}
+
+impl Password {
+    fn read(&self) -> Result<String, MqttError> {
+        match self {
+            Self::Given(password) => Ok(password.clone()),
+            Self::InFile(path) => {
+                let text = fs::read_to_string(path).map_err(|source| MqttError::File {
+                    field: "password_file",
+                    path: path.clone(),
+                    source,
+                })?;
+                Ok(text.trim_end_matches(['\r', '\n']).to_owned())
+            }
+        }
+    }
+}
+
+impl TlsFiles {
+    fn config(&self) -> Result<ClientConfig, MqttError> {
+        let provider = Arc::new(rustls::crypto::ring::default_provider());
+        let place = self.ca_file.clone().unwrap_or_default();
+        let builder = ClientConfig::builder_with_provider(provider)
+            .with_safe_default_protocol_versions()
+            .map_err(|error| MqttError::tls("ca_file", &place, error))?
+            .with_root_certificates(self.authorities()?);
+        let config = match &self.client {
+            None => builder.with_no_client_auth(),
+            Some((certificate, key)) => {
+                let chain: Result<Vec<_>, _> = CertificateDer::pem_file_iter(certificate).and_then(Iterator::collect);
+                let chain = chain.map_err(|error| MqttError::tls("certificate", certificate, error))?;
+                let private = PrivateKeyDer::from_pem_file(key).map_err(|error| MqttError::tls("key", key, error))?;
+                builder
+                    .with_client_auth_cert(chain, private)
+                    .map_err(|error| MqttError::tls("certificate", certificate, error))?
+            }
+        };
+        Ok(config)
+    }
+
+    fn authorities(&self) -> Result<RootCertStore, MqttError> {
+        let mut authorities = RootCertStore::empty();
+        let Some(path) = &self.ca_file else {
+            let found = rustls_native_certs::load_native_certs();
+            authorities.add_parsable_certificates(found.certs);
+            if authorities.is_empty() {
+                let errors: Vec<String> = found.errors.iter().map(ToString::to_string).collect();
+                return Err(MqttError::NoAuthorities(errors.join("; ")));
+            }
+            return Ok(authorities);
+        };
+        let certificates: Result<Vec<_>, _> = CertificateDer::pem_file_iter(path).and_then(Iterator::collect);
+        for certificate in certificates.map_err(|error| MqttError::tls("ca_file", path, error))? {
+            authorities
+                .add(certificate)
+                .map_err(|error| MqttError::tls("ca_file", path, error))?;
+        }
+        if authorities.is_empty() {
+            return Err(MqttError::tls("ca_file", path, "no certificate in it"));
+        }
+        Ok(authorities)
+    }
+}
+
+fn login(username: Option<String>, given: Option<String>, file: Option<PathBuf>) -> Result<Option<Login>, MqttError> {
+    let password = given.map(Password::Given).or(file.map(Password::InFile));
+    match (username, password) {
+        (None, None) => Ok(None),
+        (Some(username), Some(password)) => Ok(Some(Login { username, password })),
+        (Some(_), None) => Err(MqttError::setting("password_file", "missing", "a password for the user")),
+        (None, Some(_)) => Err(MqttError::setting("username", "missing", "the user of the password")),
+    }
+}
+
+/// Whether it is TLS, the host, and the port.
+fn address(url: &str) -> Result<(bool, String, u16), MqttError> {
+    const EXPECTED: &str = "mqtt://host[:port] or mqtts://host[:port]";
+    let unusable = |value: &str| MqttError::setting("url", value, EXPECTED);
+    if url.is_empty() {
+        return Err(unusable("missing"));
+    }
+    let uri: Uri = url.parse().map_err(|_| unusable(url))?;
+    let authority = uri.authority().ok_or_else(|| unusable(url))?;
+    if authority.as_str().contains('@') {
+        // Not repeated in the message: it may hold a password.
+        let expected = "no user in it: FLANKWATCH_MQTT_USERNAME and FLANKWATCH_MQTT_PASSWORD, or username and password_file";
+        return Err(MqttError::setting("url", "one with a user", expected));
+    }
+    let is_tls = match uri.scheme_str() {
+        Some("mqtt") => false,
+        Some("mqtts") => true,
+        _ => return Err(unusable(url)),
+    };
+    if uri.host().is_none_or(str::is_empty) || !matches!(uri.path(), "" | "/") || uri.query().is_some() {
+        return Err(unusable(url));
+    }
+    let port = authority.port_u16().unwrap_or(if is_tls { 8883 } else { 1883 });
+    Ok((is_tls, authority.host().to_owned(), port))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn resolve(text: &str) -> Result<MqttSettings, String> {
+        let table: MqttTable = toml::from_str(text).map_err(|error| error.to_string())?;
+        table
+            .resolve(MqttCredentials::default(), 1 << 20)
+            .map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn an_address_is_enough() {
+        let settings = resolve(r#"url = "mqtt://broker""#).unwrap();
+        assert_eq!((settings.broker().as_str(), settings.root.as_str()), ("broker:1883", "flankwatch"));
+        assert_eq!(settings.message_bytes, 1 << 20, "no more than the service takes");
+        assert_eq!(resolve(r#"url = "mqtts://broker""#).unwrap().broker(), "broker:8883");
+        assert_eq!(resolve(r#"url = "mqtts://10.0.0.1:99/""#).unwrap().broker(), "10.0.0.1:99");
+    }
+
+    #[test]
+    fn the_environment_goes_before_the_file() {
+        let table: MqttTable = toml::from_str("url = \"mqtt://b\"\nusername = \"file\"\nclient_id = \"file\"").unwrap();
+        let credentials = MqttCredentials {
+            client_id: Some("node-2".into()),
+            username: Some("env".into()),
+            password: Some("secret".into()),
+        };
+        let options = table.resolve(credentials, 1 << 20).unwrap().options().unwrap();
+        assert_eq!(options.client_id(), "node-2");
+        let login = options.credentials().unwrap();
+        assert_eq!((login.username.as_str(), login.password.as_str()), ("env", "secret"));
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_named() {
+        for (text, words) in [
+            ("", "mqtt.url is missing"),
+            (r#"url = "http://broker""#, "mqtts://host"),
+            (r#"url = "mqtt://user:secret@broker""#, "no user in it"),
+            (r#"url = "mqtt://broker/topic""#, "mqtt.url"),
+            ("url = \"mqtt://b\"\nca_file = \"ca.pem\"", "mqtts://"),
+            ("url = \"mqtts://b\"\ncertificate = \"c.pem\"", "mqtt.key is missing"),
+            ("url = \"mqtt://b\"\nshare = \"nodes\"", "mqtt.client_id is missing"),
+            ("url = \"mqtt://b\"\nshare = \"a/b\"\nclient_id = \"1\"", "mqtt.share is a/b"),
+            ("url = \"mqtt://b\"\nroot = \"a/+\"", "mqtt.root is a/+"),
+            ("url = \"mqtt://b\"\nin_flight = 0", "mqtt.in_flight is 0"),
+            ("url = \"mqtt://b\"\nmessage_bytes = 2000000", "limits.record_bytes"),
+            ("url = \"mqtt://b\"\nsession_expiry_s = 0", "session_expiry_s"),
+            ("url = \"mqtt://b\"\nkeep_alive_s = 1", "keep_alive_s"),
+            ("url = \"mqtt://b\"\nusername = \"u\"", "password_file"),
+            ("url = \"mqtt://b\"\npassword_file = \"p\"", "mqtt.username is missing"),
+            ("url = \"mqtt://b\"\nqos = 2", "unknown field `qos`"),
+        ] {
+            let error = resolve(text).map(|_| ()).unwrap_err();
+            assert!(error.contains(words), "{text}: {error}");
+            assert!(!error.contains("secret"), "{error}");
+        }
+        let missing = resolve("url = \"mqtts://b\"\nca_file = \"/nowhere/ca.pem\"").unwrap();
+        let error = missing.options().map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("mqtt.ca_file") && error.contains("/nowhere/ca.pem"), "{error}");
+    }
+}

@@ -1,0 +1,131 @@
+//! The queue between those who take records and those who analyse them: a JetStream work-queue stream.
+
+use async_nats::jetstream::context::{PublishAckFuture, PublishError, PublishErrorKind};
+use async_nats::jetstream::message::PublishMessage;
+use sha2::{Digest, Sha256};
+
+use super::connection::Connection;
+use super::message;
+use crate::asset::AssetId;
+use crate::ingest::{Crew, IngestError, Later, PartHealth, QueuedRecord};
+
+const FULL: IngestError = IngestError::Busy {
+    what: "the workers' queue is full",
+    retry_after_s: 5,
+};
+
+const AWAY: IngestError = IngestError::Busy {
+    what: "the workers' queue cannot be reached",
+    retry_after_s: 2,
+};
+
+/// What joins the processes of a cluster: the queue, and the word of changes.
+pub struct Queue {
+    connection: Connection,
+    /// Where records are only taken out, a full queue is no fault.
+    fills: bool,
+}
+
+impl Queue {
+    pub(super) fn new(connection: Connection, fills: bool) -> Self {
+        Self { connection, fills }
+    }
+
+    async fn publish(&self, record: &QueuedRecord) -> Result<PublishAckFuture, IngestError> {
+        let payload = message::encode(record).map_err(|error| IngestError::Field {
+            field: "record",
+            value: error.to_string(),
+            expected: "one that a message can hold",
+        })?;
+        let message = PublishMessage::build().payload(payload).message_id(message_id(record));
+        let sent = self
+            .connection
+            .jetstream
+            .send_publish(self.connection.work_subject(), message)
+            .await;
+        sent.map_err(|error| busy(&error))
+    }
+}
+
+/// The name under which JetStream knows a record; that of an asset made again under an old name is another.
+fn message_id(record: &QueuedRecord) -> String {
+    let mut hash = Sha256::new();
+    hash.update(record.id.0.as_bytes());
+    hash.update(record.asset_created_at.as_nanosecond().to_le_bytes());
+    hash.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn busy(error: &PublishError) -> IngestError {
+    // JetStream says only in words that a stream is full.
+    if error.kind() == PublishErrorKind::Other && error.to_string().contains("maximum") {
+        return FULL;
+    }
+    tracing::warn!(%error, "record not handed over");
+    AWAY
+}
+
+impl Crew for Queue {
+    fn hand_over<'a>(&'a self, records: &'a [QueuedRecord]) -> Later<'a, Result<(), IngestError>> {
+        Box::pin(async move {
+            // What is sent while there is no connection would be kept back and sent later, long after the answer.
+            if self.connection.fault().is_some() {
+                return Err(AWAY);
+            }
+            let mut acknowledgements = Vec::with_capacity(records.len());
+            for record in records {
+                acknowledgements.push(self.publish(record).await?);
+            }
+            for acknowledgement in acknowledgements {
+                match acknowledgement.await {
+                    Ok(acknowledged) => tracing::trace!(acknowledged.sequence, acknowledged.duplicate, "queued"),
+                    Err(error) => {
+                        if error.kind() == PublishErrorKind::StreamNotFound {
+                            self.connection.prepare().await.map_err(|error| {
+                                tracing::error!(%error, "the queue is not there and cannot be made");
+                                AWAY
+                            })?;
+                        }
+                        return Err(busy(&error));
+                    }
+                }
+            }
+            Ok(())
+        })
+    }
+
+    fn tell_of(&self, asset: &AssetId) {
+        let (client, subject) = (self.connection.client.clone(), self.connection.changes_subject());
+        let asset = asset.to_string();
+        tokio::spawn(async move {
+            if let Err(error) = client.publish(subject, asset.into()).await {
+                tracing::debug!(%error, "change not told");
+            }
+        });
+    }
+
+    fn health(&self) -> Later<'_, Vec<PartHealth>> {
+        Box::pin(async {
+            let fault = match self.connection.fault() {
+                Some(fault) => Some(fault.to_owned()),
+                None => self.full_or_away().await,
+            };
+            vec![PartHealth {
+                part: "queue_server",
+                fault,
+            }]
+        })
+    }
+}
+
+impl Queue {
+    async fn full_or_away(&self) -> Option<String> {
+        match self.connection.work_state().await {
+            Err(error) => Some(error.to_string()),
+            Ok(state) => {
+                let most = self.connection.settings().most_records;
+                let is_full = self.fills && state.messages >= most.unsigned_abs();
+                is_full.then(|| format!("full: {} of {most} records wait", state.messages))
+            }
+        }
+    }
+}

@@ -1,0 +1,354 @@
+//! The table `cluster` of the settings file.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::Deserialize;
+
+use super::{ClusterError, NatsCredentials, NatsSettings, WorkerLimits};
+use crate::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
+
+/// Longest name of a cluster, in bytes: it begins the names of streams.
+const MOST_NAME: usize = 64;
+
+/// The table as it is written.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ClusterTable {
+    /// The cluster's name.
+    name: Option<String>,
+    database: DatabaseTable,
+    nats: NatsTable,
+    objects: ObjectsTable,
+    worker: WorkerTable,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct DatabaseTable {
+    url: Option<String>,
+    write_connections: Option<u32>,
+    read_connections: Option<u32>,
+    connect_timeout_s: Option<u64>,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct NatsTable {
+    urls: Vec<String>,
+    user: Option<String>,
+    credentials_file: Option<PathBuf>,
+    ca: Option<PathBuf>,
+    replicas: Option<usize>,
+    most_records: Option<u64>,
+    most_bytes: Option<u64>,
+    events_kept: Option<u64>,
+    ack_wait_s: Option<u64>,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct ObjectsTable {
+    bucket: Option<String>,
+    folder: Option<PathBuf>,
+    endpoint: Option<String>,
+    region: Option<String>,
+    prefix: Option<String>,
+    orphan_age_s: Option<u64>,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct WorkerTable {
+    at_once: Option<usize>,
+    most_deliveries: Option<u32>,
+}
+
+/// What is better not written into a file.
+#[derive(Clone, Default)]
+pub struct ClusterSecrets {
+    /// Address of the database with name and password; goes before the file's.
+    pub database_url: Option<String>,
+    /// Password of the user of NATS.
+    pub nats_password: Option<String>,
+    /// Token for NATS.
+    pub nats_token: Option<String>,
+    /// Key of the object store.
+    pub s3_access_key_id: Option<String>,
+    /// Its secret.
+    pub s3_secret_access_key: Option<String>,
+}
+
+/// What a process of a cluster needs to know.
+#[derive(Clone)]
+pub struct ClusterSettings {
+    /// The store that all processes share.
+    pub store: SharedSettings,
+    /// NATS.
+    pub nats: NatsSettings,
+    /// What a worker takes on.
+    pub worker: WorkerLimits,
+}
+
+impl ClusterTable {
+    /// The settings that follow.
+    ///
+    /// Error: [`ClusterError::Setting`] with the field, its value and what was expected.
+    pub fn resolve(self, secrets: ClusterSecrets) -> Result<ClusterSettings, ClusterError> {
+        let name = self.name.unwrap_or_else(|| "flankwatch".to_owned());
+        let is_usable = |name: &str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
+        if name.is_empty() || name.len() > MOST_NAME || !is_usable(&name) {
+            return Err(wrong("cluster.name", name, "1 to 64 characters of a-z, A-Z, 0-9, - and _"));
+        }
+        let objects = self.objects.resolve(&secrets)?;
+        let mut store = self.database.resolve(secrets.database_url, objects)?;
+        if let Some(age) = self.objects.orphan_age_s {
+            // Younger ones may be those of records that wait in the queue.
+            store.orphan_age = Duration::from_secs(at_least("cluster.objects.orphan_age_s", age, 3600)?);
+        }
+        let nats = self.nats.resolve(name, secrets.nats_password, secrets.nats_token)?;
+        Ok(ClusterSettings {
+            store,
+            nats,
+            worker: self.worker.resolve()?,
+        })
+    }
+}
+
+impl DatabaseTable {
+    fn resolve(self, secret_url: Option<String>, objects: ObjectsSettings) -> Result<SharedSettings, ClusterError> {
+        let missing = "postgres://user:password@host/name, here or in FLANKWATCH_DATABASE_URL";
+        let url = secret_url.or(self.url);
+        let url = url.ok_or_else(|| wrong("cluster.database.url", "missing", missing))?;
+        let is_postgres = url.starts_with("postgres://") || url.starts_with("postgresql://");
+        if !is_postgres {
+            // What stands where a password may be is not repeated.
+            let scheme = url.split("://").next().unwrap_or_default();
+            return Err(wrong(
+                "cluster.database.url",
+                format!("{scheme}://…"),
+                "postgres://user:password@host/name",
+            ));
+        }
+        let mut settings = SharedSettings::new(url, objects);
+        if let Some(connections) = self.write_connections {
+            settings.write_connections = at_least("cluster.database.write_connections", connections, 1)?;
+        }
+        if let Some(connections) = self.read_connections {
+            settings.read_connections = at_least("cluster.database.read_connections", connections, 1)?;
+        }
+        if let Some(timeout) = self.connect_timeout_s {
+            settings.connect_timeout = Duration::from_secs(at_least("cluster.database.connect_timeout_s", timeout, 1)?);
+        }
+        Ok(settings)
+    }
+}
+
+impl NatsTable {
+    fn resolve(self, name: String, password: Option<String>, token: Option<String>) -> Result<NatsSettings, ClusterError> {
+        let expected = "addresses nats://host:4222 or tls://host:4222";
+        if self.urls.is_empty() {
+            return Err(wrong("cluster.nats.urls", "missing", expected));
+        }
+        if let Some(url) = self
+            .urls
+            .iter()
+            .find(|url| !url.starts_with("nats://") && !url.starts_with("tls://"))
+        {
+            return Err(wrong("cluster.nats.urls", url, expected));
+        }
+        let mut settings = NatsSettings::new(String::new(), name);
+        settings.urls = self.urls;
+        settings.ca = self.ca;
+        settings.credentials = match (self.credentials_file, self.user, password, token) {
+            (None, None, None, None) => NatsCredentials::None,
+            (Some(path), None, None, None) => NatsCredentials::File(path),
+            (None, Some(user), Some(password), None) => NatsCredentials::Password { user, password },
+            (None, None, None, Some(token)) => NatsCredentials::Token(token),
+            (None, Some(user), None, None) => {
+                let expected = "a password with it in FLANKWATCH_NATS_PASSWORD";
+                return Err(wrong("cluster.nats.user", user, expected));
+            }
+            _ => {
+                let expected = "one of credentials_file, user with FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN";
+                return Err(wrong("cluster.nats", "several credentials", expected));
+            }
+        };
+        if let Some(replicas) = self.replicas {
+            if !(1..=5).contains(&replicas) {
+                return Err(wrong("cluster.nats.replicas", replicas, "1 to 5"));
+            }
+            settings.replicas = replicas;
+        }
+        let count = |field, given: u64| i64::try_from(at_least(field, given, 1)?).map_err(|_| wrong(field, given, "less than 2^63"));
+        if let Some(most) = self.most_records {
+            settings.most_records = count("cluster.nats.most_records", most)?;
+        }
+        if let Some(most) = self.most_bytes {
+            settings.most_bytes = count("cluster.nats.most_bytes", most)?;
+        }
+        if let Some(kept) = self.events_kept {
+            settings.events_kept = count("cluster.nats.events_kept", kept)?;
+        }
+        if let Some(wait) = self.ack_wait_s {
+            settings.ack_wait = Duration::from_secs(at_least("cluster.nats.ack_wait_s", wait, 2)?);
+        }
+        Ok(settings)
+    }
+}
+
+impl ObjectsTable {
+    fn resolve(&self, secrets: &ClusterSecrets) -> Result<ObjectsSettings, ClusterError> {
+        let credentials = match (&secrets.s3_access_key_id, &secrets.s3_secret_access_key) {
+            (Some(id), Some(secret)) => Some(BucketCredentials {
+                access_key_id: id.clone(),
+                secret_access_key: secret.clone(),
+            }),
+            (None, None) => None,
+            (Some(_), None) => {
+                return Err(wrong(
+                    "FLANKWATCH_S3_SECRET_ACCESS_KEY",
+                    "missing",
+                    "the secret of FLANKWATCH_S3_ACCESS_KEY_ID",
+                ));
+            }
+            (None, Some(_)) => {
+                return Err(wrong(
+                    "FLANKWATCH_S3_ACCESS_KEY_ID",
+                    "missing",
+                    "the key of FLANKWATCH_S3_SECRET_ACCESS_KEY",
+                ));
+            }
+        };
+        match (&self.bucket, &self.folder) {
+            (Some(bucket), None) => Ok(ObjectsSettings::Bucket(BucketSettings {
+                bucket: bucket.clone(),
+                endpoint: self.endpoint.clone(),
+                region: self.region.clone().unwrap_or_else(|| "us-east-1".to_owned()),
+                credentials,
+                prefix: self.prefix.clone().unwrap_or_default(),
+            })),
+            (None, Some(folder)) => Ok(ObjectsSettings::Folder(folder.clone())),
+            (None, None) => Err(wrong(
+                "cluster.objects",
+                "missing",
+                "a bucket, or a folder that every process reaches",
+            )),
+            (Some(_), Some(_)) => Err(wrong("cluster.objects", "a bucket and a folder", "one of both")),
+        }
+    }
+}
+
+impl WorkerTable {
+    fn resolve(self) -> Result<WorkerLimits, ClusterError> {
+        let mut limits = WorkerLimits::default();
+        if let Some(at_once) = self.at_once {
+            limits.at_once = at_least("cluster.worker.at_once", at_once, 1)?;
+        }
+        if let Some(most) = self.most_deliveries {
+            limits.most_deliveries = at_least("cluster.worker.most_deliveries", most, 1)?;
+        }
+        Ok(limits)
+    }
+}
+
+fn at_least<T: PartialOrd + std::fmt::Display>(field: &str, value: T, least: T) -> Result<T, ClusterError> {
+    if value < least {
+        return Err(wrong(field, value, &format!("at least {least}")));
+    }
+    Ok(value)
+}
+
+fn wrong(field: &str, value: impl ToString, expected: &str) -> ClusterError {
+    ClusterError::Setting {
+        field: field.to_owned(),
+        value: value.to_string(),
+        expected: expected.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WHOLE: &str = r#"
+        [database]
+        url = "postgres://flankwatch@db/flankwatch"
+        [nats]
+        urls = ["nats://a:4222", "nats://b:4222"]
+        user = "flankwatch"
+        replicas = 3
+        [objects]
+        bucket = "records"
+        endpoint = "http://minio:9000"
+        [worker]
+        at_once = 3
+    "#;
+
+    fn resolve(text: &str, secrets: ClusterSecrets) -> Result<ClusterSettings, String> {
+        let table: ClusterTable = toml::from_str(text).map_err(|error| error.to_string())?;
+        table.resolve(secrets).map_err(|error| error.to_string())
+    }
+
+    fn with_password() -> ClusterSecrets {
+        ClusterSecrets {
+            nats_password: Some("secret".into()),
+            ..ClusterSecrets::default()
+        }
+    }
+
+    #[test]
+    fn a_whole_table_is_taken() {
+        let settings = resolve(WHOLE, with_password()).unwrap();
+        assert_eq!(
+            (settings.nats.urls.len(), settings.nats.replicas, settings.worker.at_once),
+            (2, 3, 3)
+        );
+        assert_eq!(settings.nats.name, "flankwatch");
+        assert!(matches!(settings.store.objects, ObjectsSettings::Bucket(bucket) if bucket.bucket == "records"));
+    }
+
+    #[test]
+    fn the_environment_goes_before_the_file() {
+        let secrets = ClusterSecrets {
+            database_url: Some("postgres://x:y@elsewhere/z".into()),
+            ..with_password()
+        };
+        assert_eq!(resolve(WHOLE, secrets).unwrap().store.database_url, "postgres://x:y@elsewhere/z");
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_named_with_its_value_and_no_secret() {
+        let without = |line: &str| WHOLE.replace(line, "");
+        for (text, words) in [
+            (
+                without("[database]\n        url = \"postgres://flankwatch@db/flankwatch\""),
+                vec!["cluster.database.url", "missing"],
+            ),
+            (
+                WHOLE.replace("postgres://flankwatch@", "mysql://u:hidden@"),
+                vec!["cluster.database.url", "mysql"],
+            ),
+            (WHOLE.replace("nats://b", "http://b"), vec!["cluster.nats.urls", "http://b:4222"]),
+            (
+                WHOLE.replace("replicas = 3", "replicas = 9"),
+                vec!["cluster.nats.replicas", "9", "1 to 5"],
+            ),
+            (
+                WHOLE.replace("at_once = 3", "at_once = 0"),
+                vec!["cluster.worker.at_once", "0", "at least 1"],
+            ),
+            (without("bucket = \"records\""), vec!["cluster.objects", "missing"]),
+            (WHOLE.replace("at_once", "at_onec"), vec!["at_onec"]),
+            (format!("name = \"a.b\"\n{WHOLE}"), vec!["cluster.name", "a.b"]),
+        ] {
+            let error = resolve(&text, with_password()).map(|_| ()).unwrap_err();
+            for word in words {
+                assert!(error.contains(word), "{word:?} in {error:?}");
+            }
+            assert!(!error.contains("hidden"), "{error}");
+        }
+        let error = resolve(WHOLE, ClusterSecrets::default()).map(|_| ()).unwrap_err();
+        assert!(error.contains("FLANKWATCH_NATS_PASSWORD"), "{error}");
+    }
+}

@@ -1,0 +1,39 @@
+//! Which process builds which library, where several would.
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::rows::to_ns;
+use super::{Store, StoreError};
+
+/// How long a builder counts as alive after it last said so.
+const BUILDER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
+
+impl Store {
+    /// The right to build a library; false where another process has it.
+    pub async fn begin_building(&self, library: &str, now: Timestamp) -> Result<bool, StoreError> {
+        let begun = sqlx::query(
+            "INSERT INTO library_builds (library_id, builder_until_ns) VALUES ($1, $2)
+             ON CONFLICT (library_id) DO UPDATE SET builder_until_ns = excluded.builder_until_ns WHERE library_builds.builder_until_ns < $3",
+        )
+        .bind(library)
+        .bind(alive_until(now)?)
+        .bind(to_ns(now)?)
+        .execute(self.write())
+        .await?;
+        Ok(begun.rows_affected() > 0)
+    }
+
+    /// Says that a library is still being built.
+    pub async fn go_on_building(&self, library: &str, now: Timestamp) -> Result<(), StoreError> {
+        sqlx::query("UPDATE library_builds SET builder_until_ns = $2 WHERE library_id = $1")
+            .bind(library)
+            .bind(alive_until(now)?)
+            .execute(self.write())
+            .await?;
+        Ok(())
+    }
+}
+
+fn alive_until(now: Timestamp) -> Result<i64, StoreError> {
+    to_ns(now.saturating_add(BUILDER_ALIVE).unwrap_or(Timestamp::MAX))
+}

@@ -1,0 +1,178 @@
+//! Objects in a bucket of an S3-compatible store: `raw/ab/abcdef…` and `libraries/….fwlib`.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use futures_util::{StreamExt, TryStreamExt, stream};
+use jiff::Timestamp;
+use object_store::aws::{AmazonS3, AmazonS3Builder};
+use object_store::path::Path;
+use object_store::{BackoffConfig, ClientOptions, Error, ObjectStore, ObjectStoreExt, RetryConfig};
+use tokio::runtime::Handle;
+
+use super::{ListedObject, StoreError, is_name};
+use crate::store::BucketSettings;
+
+/// Requests of one call that are under way at once.
+const REQUESTS_AT_ONCE: usize = 8;
+
+/// No recording is longer; what claims to be is not read.
+const MOST_BYTES: u64 = 1 << 30;
+
+/// How long one request may take, beyond which it is tried again.
+const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// How long a call is tried for before the store counts as away.
+const RETRIED_FOR: Duration = Duration::from_secs(10);
+
+/// A bucket.
+#[derive(Debug)]
+pub(super) struct Bucket {
+    store: Arc<AmazonS3>,
+    prefix: String,
+    runtime: Handle,
+}
+
+impl Bucket {
+    /// Opens a bucket. To be called inside the runtime, which then does the requests.
+    pub(super) fn open(settings: &BucketSettings) -> Result<Self, StoreError> {
+        // The client takes the provider of the process; one that is there already is left.
+        let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
+        let prefix = settings.prefix.trim_matches('/');
+        let is_plain = settings.endpoint.as_deref().is_some_and(|endpoint| endpoint.starts_with("http://"));
+        let client = ClientOptions::new()
+            .with_timeout(REQUEST_TIMEOUT)
+            .with_connect_timeout(Duration::from_secs(5))
+            .with_allow_http(is_plain);
+        let retry = RetryConfig {
+            backoff: BackoffConfig::default(),
+            max_retries: 5,
+            retry_timeout: RETRIED_FOR,
+        };
+        let mut builder = AmazonS3Builder::new()
+            .with_bucket_name(&settings.bucket)
+            .with_region(&settings.region)
+            .with_client_options(client)
+            .with_retry(retry);
+        if let Some(endpoint) = &settings.endpoint {
+            builder = builder.with_endpoint(endpoint);
+        }
+        if let Some(credentials) = &settings.credentials {
+            builder = builder
+                .with_access_key_id(&credentials.access_key_id)
+                .with_secret_access_key(&credentials.secret_access_key);
+        }
+        let store = builder.build().map_err(|error| bucket_error("open", &settings.bucket, error))?;
+        Ok(Self {
+            store: Arc::new(store),
+            prefix: if prefix.is_empty() { String::new() } else { format!("{prefix}/") },
+            runtime: Handle::current(),
+        })
+    }
+
+    /// Stores every object. One that is there already is written again: it then counts as new, so that nobody removes it as an orphan of
+    /// long ago while its results are on their way.
+    pub(super) fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
+        let puts = objects.iter().map(|(name, bytes)| self.put(self.path(name), bytes.clone()));
+        self.runtime.block_on(async {
+            let mut puts = stream::iter(puts).buffer_unordered(REQUESTS_AT_ONCE);
+            while let Some(put) = puts.next().await {
+                put?;
+            }
+            Ok(())
+        })
+    }
+
+    /// The bytes under a name.
+    pub(super) fn get(&self, name: &str) -> Result<Bytes, StoreError> {
+        let found = self.runtime.block_on(self.fetch(self.path(name)))?;
+        found.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))
+    }
+
+    /// When an object was last written; none where it is not there.
+    pub(super) fn written_at(&self, name: &str) -> Result<Option<Timestamp>, StoreError> {
+        match self.runtime.block_on(self.store.head(&self.path(name))) {
+            Ok(found) => Ok(Some(timestamp(&found))),
+            Err(Error::NotFound { .. }) => Ok(None),
+            Err(error) => Err(bucket_error("look at", name, error)),
+        }
+    }
+
+    /// Removes an object; one that is not there is no error.
+    pub(super) fn remove(&self, name: &str) -> Result<(), StoreError> {
+        match self.runtime.block_on(self.store.delete(&self.path(name))) {
+            Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(bucket_error("remove", name, error)),
+        }
+    }
+
+    /// The objects whose names begin with this byte.
+    pub(super) fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
+        let folder = format!("{}raw/{shard:02x}", self.prefix);
+        let listed = self.store.list(Some(&Path::from(folder.as_str())));
+        let listed = self.runtime.block_on(listed.try_collect::<Vec<_>>());
+        let listed = listed.map_err(|error| bucket_error("list", &folder, error))?;
+        let object = |found: object_store::ObjectMeta| {
+            let name = found.location.filename().filter(|name| is_name(name))?;
+            Some(ListedObject {
+                name: name.to_owned(),
+                bytes: found.size,
+                written_at: timestamp(&found),
+            })
+        };
+        Ok(listed.into_iter().filter_map(object).collect())
+    }
+
+    /// Keeps the file of a library.
+    pub(super) fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
+        self.runtime.block_on(self.put(self.library_path(id), bytes))
+    }
+
+    /// The file of a library; none where there is none.
+    pub(super) fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
+        self.runtime.block_on(self.fetch(self.library_path(id)))
+    }
+
+    async fn put(&self, path: Path, bytes: Bytes) -> Result<(), StoreError> {
+        let put = self.store.put(&path, bytes.into()).await;
+        put.map(|_| ()).map_err(|error| bucket_error("store", path.as_ref(), error))
+    }
+
+    async fn fetch(&self, path: Path) -> Result<Option<Bytes>, StoreError> {
+        let failed = |error| bucket_error("read", path.as_ref(), error);
+        let found = match self.store.get(&path).await {
+            Ok(found) => found,
+            Err(Error::NotFound { .. }) => return Ok(None),
+            Err(error) => return Err(failed(error)),
+        };
+        if found.meta.size > MOST_BYTES {
+            return Err(StoreError::Unexpected {
+                what: "size of an object in bytes",
+                value: found.meta.size.to_string(),
+                expected: "at most 1 GiB",
+            });
+        }
+        found.bytes().await.map(Some).map_err(failed)
+    }
+
+    fn library_path(&self, id: &str) -> Path {
+        Path::from(format!("{}libraries/{id}.fwlib", self.prefix))
+    }
+
+    fn path(&self, name: &str) -> Path {
+        Path::from(format!("{}raw/{}/{name}", self.prefix, name.get(..2).unwrap_or("xx")))
+    }
+}
+
+fn timestamp(found: &object_store::ObjectMeta) -> Timestamp {
+    Timestamp::from_second(found.last_modified.timestamp()).unwrap_or(Timestamp::MAX)
+}
+
+fn bucket_error(action: &'static str, name: &str, source: Error) -> StoreError {
+    StoreError::Bucket {
+        action,
+        name: name.to_owned(),
+        source: Box::new(source),
+    }
+}

@@ -1,0 +1,81 @@
+//! A wire that can be cut.
+
+use std::io::{Read, Write};
+use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// How the wire is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wire {
+    /// Everything goes through.
+    Whole,
+    /// Nothing goes through, and nobody is told: a pulled plug.
+    Silent,
+    /// Connections are ended, and new ones too: a server that is down.
+    Closed,
+}
+
+/// A proxy between a process and a server.
+pub(super) struct Proxy {
+    address: SocketAddr,
+    wire: Arc<AtomicU8>,
+    open: Arc<Mutex<Vec<TcpStream>>>,
+}
+
+impl Proxy {
+    pub(super) fn to(server: SocketAddr) -> Self {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let proxy = Self {
+            address: listener.local_addr().unwrap(),
+            wire: Arc::new(AtomicU8::new(Wire::Whole as u8)),
+            open: Arc::default(),
+        };
+        let (wire, open) = (Arc::clone(&proxy.wire), Arc::clone(&proxy.open));
+        std::thread::spawn(move || {
+            for client in listener.incoming().flatten() {
+                if wire.load(Ordering::SeqCst) == Wire::Closed as u8 {
+                    continue;
+                }
+                let Ok(server) = TcpStream::connect(server) else { continue };
+                let mut open = open.lock().unwrap();
+                for (from, to) in [(&client, &server), (&server, &client)] {
+                    let (from, to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
+                    open.push(from.try_clone().unwrap());
+                    let wire = Arc::clone(&wire);
+                    std::thread::spawn(move || copy(from, to, &wire));
+                }
+            }
+        });
+        proxy
+    }
+
+    pub(super) fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    pub(super) fn set(&self, wire: Wire) {
+        self.wire.store(wire as u8, Ordering::SeqCst);
+        if wire == Wire::Closed {
+            for connection in self.open.lock().unwrap().drain(..) {
+                let _ = connection.shutdown(Shutdown::Both);
+            }
+        }
+    }
+}
+
+fn copy(mut from: TcpStream, mut to: TcpStream, wire: &AtomicU8) {
+    let mut piece = vec![0; 1 << 16];
+    while let Ok(count) = from.read(&mut piece)
+        && count > 0
+    {
+        while wire.load(Ordering::SeqCst) == Wire::Silent as u8 {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        if to.write_all(&piece[..count]).is_err() {
+            break;
+        }
+    }
+    let _ = to.shutdown(Shutdown::Both);
+}

@@ -1,0 +1,76 @@
+//! PostgreSQL for tests: a schema for each, which goes with it.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use flankwatch::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
+use sqlx::{AssertSqlSafe, Connection};
+
+static SCHEMAS: AtomicU32 = AtomicU32::new(0);
+
+/// A schema of its own in the database that `FLANKWATCH_TEST_DATABASE` names.
+pub(crate) struct TestDatabase {
+    server: String,
+    schema: String,
+}
+
+impl TestDatabase {
+    /// None where no database is named.
+    pub(crate) fn named() -> Option<Self> {
+        let server = std::env::var("FLANKWATCH_TEST_DATABASE").ok()?;
+        let schema = format!("test_{}_{}", std::process::id(), SCHEMAS.fetch_add(1, Ordering::Relaxed));
+        let database = Self { server, schema };
+        database.run(&format!("DROP SCHEMA IF EXISTS {0} CASCADE; CREATE SCHEMA {0}", database.schema));
+        Some(database)
+    }
+
+    /// Where a store keeps its rows in this schema, and its objects in the folder or in the bucket that `FLANKWATCH_TEST_BUCKET` names:
+    /// `http://host:port/bucket`.
+    pub(crate) fn settings(&self, folder: &Path) -> SharedSettings {
+        let url = format!("{}?options[search_path]={}", self.server, self.schema);
+        let objects = match std::env::var("FLANKWATCH_TEST_BUCKET") {
+            Ok(address) => {
+                let (endpoint, bucket) = address.rsplit_once('/').unwrap();
+                ObjectsSettings::Bucket(BucketSettings {
+                    bucket: bucket.to_owned(),
+                    endpoint: Some(endpoint.to_owned()),
+                    region: "us-east-1".to_owned(),
+                    credentials: Some(BucketCredentials {
+                        access_key_id: "test".to_owned(),
+                        secret_access_key: "test".to_owned(),
+                    }),
+                    prefix: self.schema.clone(),
+                })
+            }
+            Err(_) => ObjectsSettings::Folder(folder.join("raw")),
+        };
+        SharedSettings {
+            write_connections: 2,
+            read_connections: 3,
+            // Nobody else stores here.
+            orphan_age: Duration::ZERO,
+            ..SharedSettings::new(url, objects)
+        }
+    }
+
+    /// Runs statements beside the service's.
+    pub(crate) fn run(&self, statements: &str) {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let outcome = runtime.block_on(async {
+            sqlx::any::install_default_drivers();
+            let mut connection = sqlx::AnyConnection::connect(&self.server).await?;
+            sqlx::raw_sql(AssertSqlSafe(statements.to_owned())).execute(&mut connection).await?;
+            connection.close().await
+        });
+        outcome.unwrap_or_else(|error| panic!("{statements}: {error}"));
+    }
+}
+
+impl Drop for TestDatabase {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            self.run(&format!("DROP SCHEMA {} CASCADE", self.schema));
+        }
+    }
+}
