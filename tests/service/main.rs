@@ -5,6 +5,8 @@ mod access;
 mod alarms;
 mod architecture;
 mod assets;
+#[cfg(feature = "cluster")]
+mod broker;
 mod browser;
 mod command_line;
 mod dashboard;
@@ -20,6 +22,10 @@ mod integrations;
 mod killed;
 mod left_out;
 mod libraries;
+#[cfg(feature = "cluster")]
+mod mqtt;
+#[cfg(feature = "cluster")]
+mod mqtt_faults;
 mod openapi;
 mod problems;
 mod real_bearing;
