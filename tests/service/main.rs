@@ -10,6 +10,8 @@ mod broker;
 mod browser;
 mod command_line;
 mod dashboard;
+mod deploy;
+mod deploy_tools;
 mod durability;
 mod dynamics;
 mod envelopes;

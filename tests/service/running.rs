@@ -150,7 +150,6 @@ impl Service {
     }
 
     /// The path of records, for what works inside the process.
-    #[cfg(feature = "cluster")]
     pub(crate) fn ingest(&self) -> flankwatch::ingest::Ingest {
         self.running.as_ref().unwrap().ingest().clone()
     }
