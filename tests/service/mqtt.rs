@@ -60,7 +60,7 @@ pub(crate) fn topic(root: &str, asset: &str, point: &str) -> String {
     format!("{root}/{asset}/{point}/waveform")
 }
 
-fn metric(service: &Service, name: &str) -> f64 {
+pub(crate) fn metric(service: &Service, name: &str) -> f64 {
     let text = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
     let line = text.lines().find(|line| line.starts_with(name));
     let line = line.unwrap_or_else(|| panic!("no {name} in {text}"));

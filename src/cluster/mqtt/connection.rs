@@ -146,7 +146,11 @@ impl<'a> Connection<'a> {
                 Err(error) => return End::Lost(error.to_string()),
             };
             match event {
-                Event::Incoming(Packet::ConnAck(_)) => {
+                Event::Incoming(Packet::ConnAck(answer)) => {
+                    if answer.session_present {
+                        // What the session kept comes before the answer to the subscription.
+                        self.feed.connected();
+                    }
                     if let Err(error) = self.subscribe().await {
                         return End::Lost(error);
                     }
@@ -204,7 +208,7 @@ impl<'a> Connection<'a> {
     /// Deals with a message beside the others.
     ///
     /// Where all places are taken it waits for one, and nothing further is read meanwhile. Only a broker that sends more than it was told to
-    /// lets it wait: messages at QoS 0, or Mosquitto before 2.0.16 with what a session kept. The connection would not outlive a long wait, so
+    /// lets it wait: messages at QoS 0, or what a session kept (seen with Mosquitto 2.0.11). The connection would not outlive a long wait, so
     /// the message is left behind then.
     async fn receive(&mut self, publish: Publish) {
         if *self.stop.borrow() {
