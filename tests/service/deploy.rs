@@ -332,6 +332,9 @@ fn refusal(settings: &Path, command: &str) -> String {
     let data = tempfile::tempdir().unwrap();
     let mut program = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
     program.args([command, "--config"]).arg(settings).arg("--data-dir").arg(data.path());
+    if command == "serve" {
+        program.args(["--listen", "127.0.0.1:0"]);
+    }
     for name in ["DATABASE_URL", "NATS_PASSWORD", "S3_ACCESS_KEY_ID", "S3_SECRET_ACCESS_KEY"] {
         program.env_remove(format!("FLANKWATCH_{name}"));
     }
