@@ -80,7 +80,7 @@ pub struct MqttSettings {
     /// Bytes of a message; larger ones are refused.
     pub message_bytes: usize,
     session_expiry_s: u32,
-    keep_alive: Duration,
+    pub(super) keep_alive: Duration,
 }
 
 #[derive(Clone)]
