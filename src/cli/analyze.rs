@@ -1,5 +1,6 @@
 //! `flankwatch analyze`: indicators and wear of recordings, without a server.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -292,7 +293,11 @@ impl Analysis<'_> {
             gear_indicators: false,
         };
         let settings = self.asset.as_ref().map_or(unknown, AssetSpec::condition_settings);
-        let Condition { analysis, basis } = self.analyzer.condition(&record, &settings);
+        let seen = self
+            .asset
+            .as_ref()
+            .map_or(Cow::Borrowed(&record), |asset| asset.seen_from_shaft(&record));
+        let Condition { analysis, basis } = self.analyzer.condition(&seen, &settings);
         let envelope = self
             .args
             .envelope

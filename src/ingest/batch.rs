@@ -12,8 +12,9 @@ use serde::Serialize;
 use tokio::sync::mpsc;
 
 use super::accept::{Kept, Named, RecordFormat};
+use super::hearing::Hearers;
 use super::{Ingest, IngestError};
-use crate::asset::{AssetId, AssetSpec, RawReference, SegmentId};
+use crate::asset::{AssetId, AssetSpec, RawReference};
 use crate::recording::{McapReader, RecordDefaults, Recorded, RecordingError};
 use crate::signal::OperatingPoint;
 use crate::store::Objects;
@@ -151,7 +152,7 @@ impl Ingest {
     /// could be read, or where the service itself failed.
     pub async fn accept_mcap(&self, asset: &AssetId, path: &Path) -> Result<BatchSummary, IngestError> {
         let _turn = self.recording_turn()?;
-        let spec = self.inner.store.asset(asset).await?.spec;
+        let spec = self.hearers(asset).await?.spec;
         let defaults = RecordDefaults {
             channel: spec.sensor.channel,
             start_time: self.inner.clock.now(),
@@ -215,7 +216,7 @@ impl Ingest {
         asset: &AssetId,
         batch: Vec<(u64, Result<Recorded, RecordingError>)>,
     ) -> Result<KeptBatch<'_>, IngestError> {
-        let spec = self.inner.store.asset(asset).await?.spec;
+        let Hearers { spec, listeners } = self.hearers(asset).await?;
         let received_at = self.inner.clock.now();
         let named = {
             let spec = spec.clone();
@@ -240,12 +241,14 @@ impl Ingest {
             }
         }
         let taken = fresh.len();
-        let ids: Vec<SegmentId> = fresh.iter().map(|(named, _)| named.id.clone()).collect();
-        let known = self.inner.store.segments_by_id(&ids).await?;
+        let known = {
+            let named: Vec<&Named> = fresh.iter().map(|(named, _)| named).collect();
+            self.known_to_all(&named, &listeners).await?
+        };
         fresh.retain(|(named, _)| !known.iter().any(|segment| segment.id == named.id));
         let mut kept = None;
         if !fresh.is_empty() {
-            self.inner.libraries.tracker(&spec).await?;
+            self.libraries_are_there(&spec, &listeners).await?;
             let (named, raws) = fresh
                 .into_iter()
                 .map(|(named, raw)| {

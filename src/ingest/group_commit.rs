@@ -166,7 +166,7 @@ impl Ingest {
                 continue;
             }
             if !specs.contains_key(asset) {
-                let spec = self.inner.store.asset(asset).await?.spec;
+                let spec = self.asset_spec(asset).await?;
                 let tracker = self.inner.libraries.tracker_now(&spec)?;
                 specs.insert(asset, (spec, tracker));
             }

@@ -187,9 +187,9 @@ impl Ingest {
     }
 
     /// The description of an asset and its tracker, once its library is there.
-    async fn asked_for(&self, asset: &AssetId) -> Result<(AssetSpec, KeyedTracker), IngestError> {
+    pub(super) async fn asked_for(&self, asset: &AssetId) -> Result<(AssetSpec, KeyedTracker), IngestError> {
         loop {
-            let spec = self.inner.store.asset(asset).await?.spec;
+            let spec = self.asset_spec(asset).await?;
             match self.inner.libraries.tracker(&spec).await {
                 // A library that takes its time.
                 Err(IngestError::Busy { retry_after_s, .. }) => tokio::time::sleep(Duration::from_secs(retry_after_s.into())).await,
@@ -225,7 +225,7 @@ impl Ingest {
         while self.fold_piece(tracker, channel, generations, &occurrences, &mut history).await? >= FOLDED_AT_ONCE as usize {}
         // From here on nothing new comes in: what came meanwhile is little.
         let mut slot = slot.lock().await;
-        if analysis_keys(&self.inner.store.asset(asset).await?.spec) != wanted.analysed {
+        if analysis_keys(&self.asset_spec(asset).await?) != wanted.analysed {
             // Changed again meanwhile; what was made is not what is asked for.
             return Ok(());
         }

@@ -169,7 +169,7 @@ impl Ingest {
     ///
     /// Errors: no such asset, a file outside the replay folder, too many recordings being read.
     pub async fn start_replay(&self, request: ReplayRequest) -> Result<Arc<Replay>, IngestError> {
-        let spec = self.inner.store.asset(&request.asset).await?.spec;
+        let spec = self.hearers(&request.asset).await?.spec;
         let path = replay_folder::find(&self.inner.folders.recordings, &request.file)?;
         let turn = self.recording_turn()?;
         let started_at = self.inner.clock.now();
@@ -235,7 +235,7 @@ impl Ingest {
 
     async fn resume_replay(&self, number: u64, mut replay: Replay) {
         let found = async {
-            let spec = self.inner.store.asset(&replay.asset).await?.spec;
+            let spec = self.hearers(&replay.asset).await?.spec;
             let path = replay_folder::find(&self.inner.folders.recordings, &replay.file)?;
             Ok::<_, IngestError>((spec, path, self.recording_turn()?))
         };

@@ -33,6 +33,8 @@ pub enum Absence {
     NoSignal,
     /// The samples' unit is not one of acceleration, so that no velocity follows from them.
     NotAcceleration,
+    /// A line of another mesh that the sensor hears lies there.
+    OtherMesh,
 }
 
 /// The condition indicators of one record by name; those that could not be computed are absent with a reason, never zero.

@@ -7,6 +7,7 @@ use realfft::num_complex::Complex;
 
 use super::angle_record::AngleRecord;
 use super::features::Features;
+use super::speed::MeshContext;
 use super::transform::Transforms;
 
 /// Shaft orders beside each mesh harmonic that are left out on each side: errors of the whole gear modulate the mesh there.
@@ -18,16 +19,16 @@ const LEAST_TEETH: usize = 10;
 /// Below this part of the average's deviation a signal is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Puts down three ratios of a turn that no gain of the sensor changes, as natural logarithms of amplitudes; nothing for a gear with
+/// Puts down, of what lies between the harmonics of this mesh and of others, three ratios of a turn that no gain of the sensor changes, as natural logarithms of amplitudes; nothing for a gear with
 /// fewer than 10 teeth, and where order `teeth` + 1 lies above half the samples of a turn.
 pub(super) fn insert_tooth_checks(
     turned: &AngleRecord,
-    teeth: u32,
+    mesh: &MeshContext,
     harmonics: usize,
     transforms: &mut Transforms,
     features: &mut Features,
 ) {
-    let (teeth, per_turn) = (teeth as usize, turned.samples_per_turn);
+    let (teeth, per_turn) = (mesh.teeth as usize, turned.samples_per_turn);
     if teeth < LEAST_TEETH || 2 * (teeth + 1) >= per_turn {
         return;
     }
@@ -48,7 +49,7 @@ pub(super) fn insert_tooth_checks(
         transforms.forward(signal, &mut bins);
         for (order, bin) in bins.iter_mut().enumerate() {
             let beside = (order % teeth).min(teeth - order % teeth);
-            if beside <= LEFT_OUT || order > highest {
+            if beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0) {
                 *bin = Complex::default();
             }
         }
@@ -105,6 +106,13 @@ mod tests {
     const PER_TURN: usize = 1200;
     const TURNS: usize = 16;
 
+    fn of_teeth(teeth: u32) -> MeshContext {
+        MeshContext {
+            teeth,
+            ..MeshContext::unknown()
+        }
+    }
+
     /// Mesh harmonics of amplitude `mesh`/h, modulated once per turn, and white noise; on one tooth of each turn a burst of amplitude `burst`.
     fn checks(mesh: f64, burst: f64) -> Features {
         let mut random = ChaCha8Rng::seed_from_u64(4);
@@ -131,7 +139,7 @@ mod tests {
             angle: AngleSource::ConstantSpeed,
         };
         let mut features = Features::default();
-        insert_tooth_checks(&turned, TEETH, 10, &mut Transforms::default(), &mut features);
+        insert_tooth_checks(&turned, &of_teeth(TEETH), 10, &mut Transforms::default(), &mut features);
         features
     }
 
@@ -167,7 +175,7 @@ mod tests {
         };
         let mut features = Features::default();
         for teeth in [0, 9, 12, 24, u32::MAX] {
-            insert_tooth_checks(&turned, teeth, 10, &mut Transforms::default(), &mut features);
+            insert_tooth_checks(&turned, &of_teeth(teeth), 10, &mut Transforms::default(), &mut features);
         }
         assert_eq!(features, Features::default());
     }

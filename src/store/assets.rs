@@ -7,7 +7,7 @@ use sqlx::Row;
 use sqlx::any::AnyRow;
 
 use super::rows::{from_ns, get, get_count, get_json, get_time, to_json, to_ns};
-use super::{Store, StoreError, raw};
+use super::{Store, StoreError, heard_through, raw};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// An asset as it is stored.
@@ -96,16 +96,19 @@ impl Store {
     /// Error: [`StoreError::AssetExists`].
     pub async fn insert_asset(&self, spec: &AssetSpec, now: Timestamp) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
+        let mut transaction = self.write().begin().await?;
         let inserted =
             sqlx::query("INSERT INTO assets (id, spec, created_at_ns, updated_at_ns) VALUES ($1, $2, $3, $3) ON CONFLICT (id) DO NOTHING")
                 .bind(id)
                 .bind(to_json(spec, "spec", id)?)
                 .bind(to_ns(now)?)
-                .execute(self.write())
+                .execute(&mut *transaction)
                 .await?;
         if inserted.rows_affected() == 0 {
             return Err(StoreError::AssetExists(spec.id.clone()));
         }
+        heard_through::set(&mut transaction, spec).await?;
+        transaction.commit().await?;
         Ok(Asset {
             spec: spec.clone(),
             created_at: now,
@@ -118,15 +121,18 @@ impl Store {
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn update_asset(&self, spec: &AssetSpec, now: Timestamp) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
+        let mut transaction = self.write().begin().await?;
         let updated = sqlx::query("UPDATE assets SET spec = $2, updated_at_ns = $3 WHERE id = $1")
             .bind(id)
             .bind(to_json(spec, "spec", id)?)
             .bind(to_ns(now)?)
-            .execute(self.write())
+            .execute(&mut *transaction)
             .await?;
         if updated.rows_affected() == 0 {
             return Err(StoreError::AssetUnknown(spec.id.clone()));
         }
+        heard_through::set(&mut transaction, spec).await?;
+        transaction.commit().await?;
         self.asset(&spec.id).await
     }
 

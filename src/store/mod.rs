@@ -11,6 +11,7 @@ mod database;
 mod error;
 mod fold_states;
 mod generations;
+mod heard_through;
 mod keyed_uploads;
 mod maintenance;
 mod objects;

@@ -5,7 +5,7 @@
 
 use sqlx::{AnyConnection, AssertSqlSafe, Connection, Row};
 
-use super::StoreError;
+use super::{StoreError, heard_through};
 
 /// Which database speaks behind the `Any` driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,7 +24,7 @@ impl Dialect {
 }
 
 /// Each migration's statements; a migration that has been released is never changed.
-const MIGRATIONS: &[&[&str]] = &[FIRST, RUN_INDICATORS, KEYED_UPLOADS, GENERATIONS, ALARMS];
+const MIGRATIONS: &[&[&str]] = &[FIRST, RUN_INDICATORS, KEYED_UPLOADS, GENERATIONS, ALARMS, heard_through::TABLE];
 
 /// Assets, channels, segments with everything about them.
 const FIRST: &[&str] = &[
