@@ -197,10 +197,10 @@ impl AngleRecord {
 }
 
 /// Σ x·(cos + i·sin) over one turn, in the processor's widest registers.
-struct TurnBin<'a> {
-    turn: &'a [f64],
-    cos: &'a [f64],
-    sin: &'a [f64],
+pub(super) struct TurnBin<'a> {
+    pub(super) turn: &'a [f64],
+    pub(super) cos: &'a [f64],
+    pub(super) sin: &'a [f64],
 }
 
 impl WithSimd for TurnBin<'_> {

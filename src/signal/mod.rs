@@ -16,6 +16,7 @@ mod condition;
 mod envelope;
 mod faults;
 mod features;
+mod foreign_lines;
 mod gear_indicators;
 #[cfg(test)]
 mod gear_reference;

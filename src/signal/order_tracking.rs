@@ -4,6 +4,7 @@ use super::analyzer::Analyzer;
 use super::angle_record::{AngleRecord, LEAST_TURNS, OrderSpectrum};
 use super::faults::fault;
 use super::features::Features;
+use super::foreign_lines::NEAR_ORDER_BINS;
 use super::gear_indicators::{AngleUsed, GearAnalysis};
 use super::gear_signals::GearSignals;
 use super::indicators::Absence;
@@ -109,7 +110,7 @@ impl Analyzer {
 
     /// The synchronous average of the driving shaft and its parts; arguments and errors as for [`angle_record`](Self::angle_record).
     pub fn gear_signals(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearSignals, Absence> {
-        let turned = self.angle_record(record, mesh, angle)?;
+        let turned = self.angle_record(record, mesh, angle)?.without_lines_of(mesh);
         split(&turned, mesh, &mut self.work.transforms)
     }
 
@@ -122,7 +123,9 @@ impl Analyzer {
     fn try_gear_indicators(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearAnalysis, Absence> {
         let (moments, located) = self.locate(record, mesh);
         let turned = usable(record, &moments).and_then(|()| match angle {
-            Some(angle) => self.resampled(record, mesh, angle).map(|turned| (turned, None)),
+            Some(angle) => self
+                .resampled(record, mesh, angle)
+                .map(|turned| (turned.without_lines_of(mesh), None)),
             None => self.turned(record, mesh, &moments, &located),
         });
         self.give_back(record);
@@ -151,15 +154,15 @@ impl Analyzer {
         }
     }
 
-    /// The record over the best angle there is, and why its tachometer was not used where it was not.
+    /// The record over the best angle there is without the lines of other meshes, and why its tachometer was not used where it was not.
     fn turned(&mut self, record: &Record, mesh: &MeshContext, moments: &Moments, located: &LocatedMesh) -> Turned {
         let refused = match self.by_tachometer(record, mesh) {
-            Some(Ok(turned)) => return Ok((turned, None)),
+            Some(Ok(turned)) => return Ok((turned.without_lines_of(mesh), None)),
             Some(Err(reason)) => Some(reason),
             None => None,
         };
         let angle = self.followed_angle(record, mesh, moments.constant, located.mesh)?;
-        Ok((self.resampled(record, mesh, &angle)?, refused))
+        Ok((self.resampled(record, mesh, &angle)?.without_lines_of(mesh), refused))
     }
 
     fn indicate_turned(&mut self, mesh: &MeshContext, turned: &AngleRecord, refused: Option<String>) -> Result<GearAnalysis, Absence> {
@@ -181,8 +184,8 @@ impl Analyzer {
 /// The average of a record's turns and its parts.
 fn split(turned: &AngleRecord, mesh: &MeshContext, transforms: &mut Transforms) -> Result<GearSignals, Absence> {
     let average = turned.synchronous_average();
-    // A line between two orders is averaged out; one this near to an order is not.
-    let near = 2.0 / turned.turns as f64;
+    // Lines between two orders are taken out before; those near to one cannot be told from it.
+    let near = NEAR_ORDER_BINS / turned.turns as f64;
     let is_foreign = |order: usize| mesh.others.lie_at(order as f64, near);
     GearSignals::split(&average, mesh.teeth, &is_foreign, transforms).ok_or(Absence::AboveNyquist)
 }

@@ -63,6 +63,23 @@ impl OtherMeshes {
         })
     }
 
+    /// The orders up to `highest` of harmonics and of their first two sidebands at the rates of both shafts.
+    pub(super) fn lines_up_to(&self, highest: f64) -> Vec<f64> {
+        let mut lines = Vec::new();
+        for mesh in self.iter() {
+            let [driving, driven] = mesh.shaft_orders;
+            let beside = [0.0, driving, driven, 2.0 * driving, 2.0 * driven].map(|beside| [beside, -beside]);
+            let harmonics = (1..).map(|harmonic| f64::from(harmonic) * mesh.mesh_orders);
+            for harmonic in harmonics.take_while(|harmonic| *harmonic <= highest) {
+                lines.extend(beside.as_flattened().iter().map(|beside| harmonic + beside));
+            }
+        }
+        lines.retain(|line| (0.0..=highest).contains(line));
+        lines.sort_unstable_by(f64::total_cmp);
+        lines.dedup_by(|one, other| (*one - *other).abs() < 1e-9);
+        lines
+    }
+
     /// Whether an order belongs to a harmonic of another mesh: within 3½ rates of its faster shaft and this part of its own order.
     pub(super) fn hold(&self, order: f64, wander: f64) -> bool {
         self.iter().any(|mesh| {
@@ -98,6 +115,8 @@ mod tests {
         }
         // 17 × 19 + 1 = 9 × 36.
         assert!(others.lie_at(9.0 * 24.0, 1e-6));
+        let lines = others.lines_up_to(2.5 * mesh);
+        assert!(lines.len() == 18 && lines.is_sorted() && lines.contains(&mesh), "{lines:?}");
         assert!(others.hold(mesh + 2.0, 0.0) && !others.hold(mesh + 2.5, 0.0));
     }
 

@@ -99,12 +99,15 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    use super::super::AngleSource;
+    use super::super::{AngleSource, OtherMesh, OtherMeshes};
     use super::*;
 
     const TEETH: u32 = 24;
     const PER_TURN: usize = 1200;
     const TURNS: usize = 16;
+
+    /// The second stage of a gearbox, seen from the first.
+    const OTHER_ORDERS: f64 = 19.0 * 24.0 / 26.0;
 
     fn of_teeth(teeth: u32) -> MeshContext {
         MeshContext {
@@ -115,6 +118,11 @@ mod tests {
 
     /// Mesh harmonics of amplitude `mesh`/h, modulated once per turn, and white noise; on one tooth of each turn a burst of amplitude `burst`.
     fn checks(mesh: f64, burst: f64) -> Features {
+        checks_beside(mesh, burst, 0.0, OtherMeshes::NONE)
+    }
+
+    /// The same with a line of another mesh of amplitude `other`.
+    fn checks_beside(mesh: f64, burst: f64, other: f64, others: OtherMeshes) -> Features {
         let mut random = ChaCha8Rng::seed_from_u64(4);
         let pitch = PER_TURN / TEETH as usize;
         let samples = (0..TURNS * PER_TURN).map(|i| {
@@ -129,7 +137,7 @@ mod tests {
                 0.0
             };
             let normal: f64 = StandardNormal.sample(&mut random);
-            lines + hit + 0.3 * normal
+            lines + hit + other * (OTHER_ORDERS * turn).sin() + 0.3 * normal
         });
         let turned = AngleRecord {
             unit: "g".to_owned(),
@@ -139,7 +147,14 @@ mod tests {
             angle: AngleSource::ConstantSpeed,
         };
         let mut features = Features::default();
-        insert_tooth_checks(&turned, &of_teeth(TEETH), 10, &mut Transforms::default(), &mut features);
+        let mesh = MeshContext { others, ..of_teeth(TEETH) };
+        insert_tooth_checks(
+            &turned.without_lines_of(&mesh),
+            &mesh,
+            10,
+            &mut Transforms::default(),
+            &mut features,
+        );
         features
     }
 
@@ -161,6 +176,24 @@ mod tests {
         let (calm, cracked) = (checks(1.0, 0.0).checks, checks(1.0, 0.5).checks);
         for (name, least) in [("ln_tooth_repeated", 0.2), ("ln_tooth_kurtosis", 0.3), ("ln_tooth_worst", 0.5)] {
             assert!(cracked[name] - calm[name] > least, "{name}: {} {}", calm[name], cracked[name]);
+        }
+    }
+
+    #[test]
+    fn another_mesh_that_is_known_is_no_tooth_that_differs() {
+        let others = OtherMeshes::of([OtherMesh {
+            mesh_orders: OTHER_ORDERS,
+            shaft_orders: [24.0 / 26.0, 0.5],
+        }]);
+        let calm = checks_beside(1.0, 0.0, 0.0, others).checks;
+        let loud = checks_beside(1.0, 0.0, 5.0, others).checks;
+        let unknown = checks_beside(1.0, 0.0, 5.0, OtherMeshes::NONE).checks;
+        assert!(
+            (unknown["ln_tooth_repeated"] - calm["ln_tooth_repeated"]).abs() > 0.5,
+            "{unknown:?} {calm:?}"
+        );
+        for (name, value) in &calm {
+            assert!((value - loud[name]).abs() < 0.1, "{name}: {value} {}", loud[name]);
         }
     }
 

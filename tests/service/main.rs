@@ -30,5 +30,6 @@ mod recordings;
 mod running;
 mod segments;
 mod trends;
+mod two_stages;
 mod uploads;
 mod views;
