@@ -13,7 +13,9 @@ export const CHECKS = {
     const box = await page.locator('[data-plot="waterfall"] .nsewdrag').first().boundingBox();
     const [x, y] = [box.x + 0.5 * box.width, box.y + 0.5 * box.height];
     await page.mouse.move(x, y);
-    await page.locator('[data-plot="waterfall"] .hoverlayer .hovertext').first().waitFor();
+    const label = page.locator("[data-plot=\"waterfall\"] .cell-label");
+    await label.waitFor();
+    assert.match(await label.textContent(), /UTC, [\d.]+ order: −?-?[\d.]+ dB$/);
     await page.mouse.click(x, y);
     await page.waitForURL((url) => url.hash.startsWith(`#/assets/${asset}?`) && url.hash.includes("segment="));
     await recordShown(page);
