@@ -25,6 +25,7 @@ mod recompute;
 mod replay;
 mod replay_folder;
 mod retention;
+mod shelvings;
 mod workers;
 
 use std::path::PathBuf;
@@ -315,6 +316,7 @@ impl Ingest {
         }
         self.recompute_in_background(all);
         self.catch_up_in_background(listeners);
+        self.end_shelvings_in_background();
         self.resume_replays().await?;
         let ingest = self.clone();
         tokio::spawn(async move {

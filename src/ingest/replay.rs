@@ -341,6 +341,11 @@ impl Ingest {
         self.replay(id)
     }
 
+    /// Whether the service ends.
+    pub(super) fn is_ending(&self) -> bool {
+        self.inner.replays.is_ending.load(Ordering::SeqCst)
+    }
+
     /// Stops all replays, for the end of the service: they go on at its next start.
     pub async fn stop_replays(&self) {
         self.inner.replays.is_ending.store(true, Ordering::SeqCst);
@@ -411,7 +416,7 @@ impl Ingest {
                 Err(error) => break Err(error.to_string()),
             }
         };
-        if matches!(end, Ok(ReplayState::Stopped)) && self.inner.replays.is_ending.load(Ordering::SeqCst) {
+        if matches!(end, Ok(ReplayState::Stopped)) && self.is_ending() {
             // Still running, for the next start.
             self.save_replay(number, &replay).await;
             return;

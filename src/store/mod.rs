@@ -20,6 +20,7 @@ mod replays;
 mod rows;
 mod schema;
 mod segments;
+mod shelvings;
 mod trend;
 
 use std::path::Path;
