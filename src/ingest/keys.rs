@@ -10,6 +10,9 @@ use crate::library::Ensemble;
 use crate::signal::{GEAR_PREPROCESSING, INDICATORS, PREPROCESSING};
 use crate::store::AnalysisKeys;
 
+/// Identifier of which indicators the fold gives: NA4, NB4 and novelty.
+const RUN_INDICATORS: &str = "run-2";
+
 /// Everything but its raw bytes that the analysis of a record of this asset depends on.
 pub(super) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     let gear = &spec.gear;
@@ -47,6 +50,7 @@ pub(super) fn fold_key(settings: &EstimatorSettings, feature_key: &str, ensemble
     hash(&[
         env!("CARGO_PKG_VERSION"),
         METHOD,
+        RUN_INDICATORS,
         feature_key,
         ensemble.map_or("", Ensemble::id),
         &settings.baseline_records.to_string(),

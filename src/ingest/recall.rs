@@ -4,7 +4,7 @@ use super::accept::RecordFormat;
 use super::{Ingest, IngestError, with_analyzer};
 use crate::asset::{RawReference, Segment};
 use crate::recording::RecordDefaults;
-use crate::signal::{Analyzer, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, Record, Spectrum};
+use crate::signal::{Analyzer, BandError, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, Record, Spectrum};
 use crate::store::{Store, StoreError};
 
 impl Ingest {
@@ -71,13 +71,22 @@ impl Ingest {
                 let band = given.unwrap_or_else(|| analyzer.envelope_band(&record, speed.as_ref(), search));
                 let mesh_lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
                 let [low, high] = band.band_hz;
-                let spectrum = analyzer
-                    .envelope_spectrum(&record, band.band_hz)
-                    .map_err(|error| IngestError::Field {
-                        field: "band_hz",
-                        value: format!("[{low}, {high}] ({error})"),
-                        expected: "a band between 0 and half the sampling rate that the record resolves",
-                    })?;
+                let was_given = matches!(band.source, BandSource::Query | BandSource::Asset);
+                let spectrum = match analyzer.envelope_spectrum(&record, band.band_hz) {
+                    Ok(spectrum) => spectrum,
+                    // Of the band that was looked for nothing is to be had: the record is too short for any.
+                    Err(BandError::TooNarrow { .. }) if !was_given => Spectrum {
+                        amplitude: Vec::new(),
+                        ..analyzer.amplitude_spectrum(&record)
+                    },
+                    Err(error) => {
+                        return Err(IngestError::Field {
+                            field: "band_hz",
+                            value: format!("[{low}, {high}] ({error})"),
+                            expected: "a band between 0 and half the sampling rate that the record resolves",
+                        });
+                    }
+                };
                 Ok(SegmentEnvelope {
                     spectrum,
                     band,
