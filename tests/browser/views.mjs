@@ -35,6 +35,26 @@ export const CHECKS = {
     await close(opened, name);
   },
 
+  "the trend of novelty shows the level of its alarm": async (name) => {
+    const opened = await open(`#/assets/${asset}?trend=novelty`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    const words = page.locator('[data-plot="trends"] .annotation', { hasText: "warning above 4" });
+    await words.first().waitFor();
+    const answer = await json(`assets/${asset}/indicators?names=novelty`);
+    assert.ok(answer.items.some(({ novelty }) => novelty >= 0), "records after the baseline have a novelty");
+    await close(opened, name);
+  },
+
+  "the report tells of alarms": async (name) => {
+    const opened = await open(`v1/assets/${asset}/report`);
+    const { page } = opened;
+    await page.locator("h2", { hasText: "Alarms" }).waitFor();
+    assert.ok((await page.locator("h3", { hasText: "Wear depth" }).textContent()).includes("danger"));
+    assert.ok((await page.locator("svg line.mark").count()) > 0, "alarms are marked on the wear");
+    await close(opened, name);
+  },
+
   "settings are changed, and a wrong one is refused at its field": async (name) => {
     const id = `settings-${Date.now()}`;
     const spec = { id, name: "Before", gear: { teeth: [31, 62], shaft_speed_hz: 10 }, limits: { warning_um: 50, danger_um: 90 } };
