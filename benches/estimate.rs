@@ -10,7 +10,7 @@ use flankwatch::estimate::{EstimatorSettings, Tracker, UNKNOWN_SHAPE};
 use flankwatch::evaluation::{Bank, BankPlan, RunShape, observe};
 use flankwatch::gear::PairSpec;
 use flankwatch::library::{Ensemble, EnsembleSettings, GridSettings};
-use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, Record};
+use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
 use jiff::{SignedDuration, Timestamp};
 
 const RECORDS: usize = 120;
@@ -85,6 +85,7 @@ fn reading() -> Duration {
         nominal_shaft_speed_hz: 16.64,
         tolerance: 0.05,
         nominal_is_exact: false,
+        others: OtherMeshes::NONE,
     };
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let once = |analyzer: &mut Analyzer| {

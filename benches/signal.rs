@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use flankwatch::signal::{AnalysisSettings, Analyzer, ConditionSettings, MeshContext, Record};
+use flankwatch::signal::{AnalysisSettings, Analyzer, ConditionSettings, MeshContext, OtherMeshes, Record};
 use jiff::Timestamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -45,6 +45,7 @@ fn main() {
         nominal_shaft_speed_hz: SHAFT_HZ,
         tolerance: 0.05,
         nominal_is_exact: false,
+        others: OtherMeshes::NONE,
     };
     let analyzer = || Analyzer::new(AnalysisSettings::default());
     let (mut reading, mut of_prime, mut analyzing, mut tracking, mut impulsive) =

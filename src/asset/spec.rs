@@ -1,16 +1,18 @@
-//! An asset: one gear mesh seen by one or more measuring channels.
+//! An asset: one gear mesh seen by one or more measuring channels. Meshes that one sensor hears together are an asset each.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::alarm_rules;
+use super::heard_mesh::{self, OtherMeshSpec};
 use super::operating_bin::{self, OperatingBin};
 use super::place::{self, Location, MeasuringPoint};
 use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
-use crate::signal::{Band, BandSource, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext};
+use crate::signal::{Band, BandSource, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext, Record};
 
 /// An asset's name in addresses and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or digit.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
@@ -96,6 +98,15 @@ pub struct GearSpec {
     pub teeth: [u32; 2],
     /// Nominal rotational frequency of the driving shaft in hertz.
     pub shaft_speed_hz: f64,
+    /// Turns of the driving shaft against turns of the shaft that speed, torque and tachometer of the records are of, for a further stage of a
+    /// gearbox: the teeth that drive, multiplied along the way from that shaft to this one, and those that are driven. Where not given it is that
+    /// shaft itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!([24, 36]))]
+    pub shaft_ratio: Option<[u32; 2]>,
+    /// Other meshes that the sensor hears and no asset watches, at most 7; those that assets watch through the same sensor are known without.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub other_meshes: Vec<OtherMeshSpec>,
     /// How far from nominal the speed is searched, as a fraction.
     #[serde(default = "default_speed_tolerance")]
     pub speed_tolerance: f64,
@@ -121,6 +132,10 @@ pub struct SensorSpec {
     /// The channel whose wear estimate speaks for the asset; the first one seen where not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channel: Option<String>,
+    /// Another asset whose measuring points hear this mesh too: records that come for that one are looked at for this one as well, and none are
+    /// taken for this one alone. It stays what it is once there are records.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of: Option<AssetId>,
 }
 
 /// How the healthy baseline is collected.
@@ -232,6 +247,7 @@ impl AssetSpec {
         if !(0.0..=0.5).contains(&gear.speed_tolerance) {
             return Err(field("gear.speed_tolerance", gear.speed_tolerance, "a fraction from 0 to 0.5"));
         }
+        heard_mesh::validate(self)?;
         self.location.validate()?;
         place::validate(&self.points)?;
         alarm_rules::validate(self.alarms.as_deref().unwrap_or_default())?;
@@ -320,6 +336,14 @@ impl AssetSpec {
         }
     }
 
+    /// A record as the driving shaft of the mesh sees it.
+    pub fn seen_from_shaft<'a>(&self, record: &'a Record) -> Cow<'a, Record> {
+        match self.gear.shaft_ratio {
+            None => Cow::Borrowed(record),
+            Some(_) => Cow::Owned(record.clone().seen_from_shaft(self.gear.driving_shaft_turns())),
+        }
+    }
+
     /// What the signal code needs to know of the mesh.
     pub fn mesh_context(&self) -> MeshContext {
         MeshContext {
@@ -327,6 +351,7 @@ impl AssetSpec {
             nominal_shaft_speed_hz: self.gear.shaft_speed_hz,
             tolerance: self.gear.speed_tolerance,
             nominal_is_exact: self.gear.speed_is_exact,
+            others: self.gear.others(),
         }
     }
 }

@@ -1,5 +1,6 @@
 //! `flankwatch analyze`: indicators and wear of recordings, without a server.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,9 +13,9 @@ use serde::Serialize;
 use super::library::kept_ensemble;
 use super::{CliError, output};
 use crate::asset::AssetSpec;
-use crate::estimate::{EstimatorSettings, Tracker, WearEstimate, shape_deviation};
+use crate::estimate::{AlarmPanel, EstimatorSettings, PanelChange, Tracker, WearEstimate, shape_deviation};
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
-use crate::report::{Report, ReportedRecord, angle_words};
+use crate::report::{Report, ReportedAlarm, ReportedRecord, angle_words};
 use crate::signal::{
     AnalysisSettings, Analyzer, BandError, BandSource, Basis, Condition, ConditionSettings, EnvelopeBand, EnvelopeSearch, Features,
     Indicators, MeshContext, OperatingPoint, Record, RunMeans, ShaftSpeed, Spectrum, SpeedSource,
@@ -202,6 +203,7 @@ pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
         analyzer: Analyzer::new(AnalysisSettings::default()),
         records: Vec::new(),
         last_spectrum: None,
+        alarms: Vec::new(),
     };
     let mut next_start = args.start_time;
     let mut failed = 0;
@@ -243,6 +245,7 @@ struct Analysis<'a> {
     analyzer: Analyzer,
     records: Vec<AnalyzedRecord>,
     last_spectrum: Option<Spectrum>,
+    alarms: Vec<ReportedAlarm>,
 }
 
 impl Analysis<'_> {
@@ -252,6 +255,7 @@ impl Analysis<'_> {
             limits: self.asset.as_ref().map(|asset| asset.limits).unwrap_or_default(),
             records: self.records.iter().map(ReportedRecord::from).collect(),
             last_spectrum: self.last_spectrum.clone(),
+            alarms: self.alarms.clone(),
             ..Report::default()
         }
     }
@@ -292,7 +296,11 @@ impl Analysis<'_> {
             gear_indicators: false,
         };
         let settings = self.asset.as_ref().map_or(unknown, AssetSpec::condition_settings);
-        let Condition { analysis, basis } = self.analyzer.condition(&record, &settings);
+        let seen = self
+            .asset
+            .as_ref()
+            .map_or(Cow::Borrowed(&record), |asset| asset.seen_from_shaft(&record));
+        let Condition { analysis, basis } = self.analyzer.condition(&seen, &settings);
         let envelope = self
             .args
             .envelope
@@ -360,17 +368,25 @@ impl Analysis<'_> {
         let tracker = Tracker::new(settings, ensemble);
         let mut order: Vec<usize> = (0..self.records.len()).collect();
         order.sort_by_key(|&i| self.records[i].start_time);
+        let rules = asset.alarm_rules();
         let mut states = BTreeMap::new();
         for index in order {
             let record = &mut self.records[index];
-            let (state, run_means) = states
+            let (state, run_means, alarms) = states
                 .entry(record.channel.clone())
-                .or_insert_with(|| (tracker.start(), RunMeans::default()));
+                .or_insert_with(|| (tracker.start(), RunMeans::default(), (AlarmPanel::of(&rules), Vec::new())));
             record.indicators.extend(run_means.update(&record.indicators));
             let wear = tracker.update(state, record.start_time, &record.features);
+            record.indicators.extend(wear.indicators());
+            let (panel, changes): &mut (AlarmPanel, Vec<PanelChange>) = alarms;
+            changes.extend(panel.reading(&rules, record.start_time, &wear, [&record.indicators; 2]));
             record.wear_reason = wear.reason.clone();
             record.wear = wear.median_um.is_some().then_some(wear);
         }
+        let reported = states
+            .iter()
+            .flat_map(|(channel, (_, _, (_, changes)))| ReportedAlarm::of_changes(channel, &rules, changes));
+        self.alarms = reported.collect();
         Ok(())
     }
 }

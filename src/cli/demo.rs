@@ -124,6 +124,8 @@ async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), 
         gear: GearSpec {
             teeth: pair.geometry.teeth,
             shaft_speed_hz: pair.operation.shaft_speed_hz,
+            shaft_ratio: None,
+            other_meshes: Vec::new(),
             speed_tolerance: 0.05,
             speed_is_exact: false,
             wear_shape_known: false,

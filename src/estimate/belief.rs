@@ -15,7 +15,7 @@ const LIKELIHOOD_WEIGHT: f64 = 1.0;
 const EVIDENCE_WEIGHT: f64 = 0.0125;
 
 /// Steps to either side, and reach in standard deviations, of the spread over unknown shapes of wear.
-const SHAPE_STEPS: i32 = 12;
+const SHAPE_STEPS: i32 = 48;
 const SHAPE_REACH: f64 = 2.5;
 
 /// No hypothesis falls below this logarithm of a weight: it may come back.

@@ -152,7 +152,7 @@ impl Tracker {
                 meshless,
             } => {
                 let have = records.len() as u32;
-                if self.ensemble.is_some() && !features.values.contains_key("ln_mesh_1") {
+                if self.ensemble.is_some() && !features.has_mesh() {
                     return self.without_mesh(meshless, have, features);
                 }
                 if let Some(reason) = self.unusable(features) {
@@ -213,7 +213,7 @@ impl Tracker {
         if features.fault.is_some() {
             return Some("the samples of this record are not what the sensor felt, so it does not count");
         }
-        let mesh_line = features.values.contains_key("ln_mesh_1");
+        let mesh_line = features.has_mesh();
         if !mesh_line && (self.ensemble.is_some() || features.checks.is_empty()) {
             return Some("the mesh line was not found in this record, so it does not count");
         }

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::novelty::Novelty;
 use super::prognosis::Prognosis;
+use crate::signal::Indicators;
 
 /// What kind of answer a wear estimate is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -111,6 +112,15 @@ pub struct WearEstimate {
 }
 
 impl WearEstimate {
+    /// What of the estimate is followed over time as an indicator: `novelty`, where there is one.
+    pub fn indicators(&self) -> Indicators {
+        let novelty = self.novelty.iter().map(|novelty| ("novelty".to_owned(), novelty.score));
+        Indicators {
+            values: novelty.collect(),
+            ..Indicators::default()
+        }
+    }
+
     /// An answer without a wear depth.
     pub fn without_number(status: WearStatus, reason: String, baseline: BaselineProgress, method: String) -> Self {
         Self {

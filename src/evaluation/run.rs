@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::bank::Bank;
 use super::fault::Fault;
 use super::sensor::{Kernel, Sensor};
-use crate::signal::{AnalysisSettings, Analyzer, Features, MeshContext, OperatingPoint, Record};
+use crate::signal::{AnalysisSettings, Analyzer, Features, MeshContext, OperatingPoint, OtherMeshes, Record};
 use crate::simulation::TransmissionPath;
 
 /// What the runs of one case have in common.
@@ -71,6 +71,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
         nominal_shaft_speed_hz: plan.pair.operation.shaft_speed_hz,
         tolerance: 0.05,
         nominal_is_exact: false,
+        others: OtherMeshes::NONE,
     };
     let mut reached_um: f64 = 0.0;
     (0..settings.drawn.min(settings.records))

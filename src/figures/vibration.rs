@@ -7,7 +7,7 @@ use super::check::Check;
 use super::trend::{range, spearman_with_order};
 use super::{FigureSettings, FiguresError};
 use crate::gear::{FlankWear, GearPair, MeshCycle, RunSettings, simulate};
-use crate::signal::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, Record, Spectrum};
+use crate::signal::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record, Spectrum};
 
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
@@ -117,6 +117,7 @@ pub(super) fn state(
         nominal_shaft_speed_hz: run.shaft_speed_hz,
         tolerance: 0.0,
         nominal_is_exact: true,
+        others: OtherMeshes::NONE,
     };
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let analysis = analyzer.analyze(&record, &mesh);

@@ -171,6 +171,7 @@ impl From<IngestError> for Problem {
             // The description of the asset can be mended, or the cause may pass.
             IngestError::Library { .. } => Self::busy(error.to_string(), 60),
             IngestError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
+            IngestError::HeardThrough { .. } | IngestError::HeardByOthers { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
             IngestError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
             IngestError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
             IngestError::Field { field, value, expected } => Self::content(field, value, expected),

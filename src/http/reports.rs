@@ -11,14 +11,19 @@ use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
 use super::router::App;
 use super::waterfall::evenly;
-use crate::asset::{AssetSpec, Segment, SegmentId};
-use crate::report::{Report, ReportedRecord};
+use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
+use crate::report::{Report, ReportedAlarm, ReportedRecord};
+use crate::store::AlarmFilter;
 
 /// Records that a report draws; of more, some evenly over the life.
 const MOST_RECORDS: usize = 600;
 
 /// Records at the end that are given in any case.
 const LATEST_RECORDS: usize = 100;
+
+/// Alarms of a channel in a report, and entries of each one's history.
+const MOST_ALARMS: u32 = 64;
+const LATEST_ENTRIES: u32 = 200;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -48,7 +53,9 @@ pub(super) async fn show(
         limits: asset.spec.limits,
         ..Report::default()
     };
+    report.maintenance = app.ingest.store().maintenance(&id).await?;
     if let Some(channel) = channel {
+        report.alarms = alarms(&app, &id, &channel.channel).await?;
         let trend = app.ingest.store().trend(&channel).await?;
         let all = trend.segment_id.len();
         let early = all.saturating_sub(LATEST_RECORDS);
@@ -67,6 +74,34 @@ pub(super) async fn show(
     }
     let html = app.ingest.workers().run("write a report", move || report.html()).await?;
     Ok(Html(html))
+}
+
+/// The alarms of a channel with their histories.
+async fn alarms(app: &App, asset: &AssetId, channel: &str) -> Result<Vec<ReportedAlarm>, Problem> {
+    let (store, now) = (app.ingest.store(), app.ingest.now());
+    let filter = AlarmFilter {
+        asset: Some(asset.clone()),
+        channel: Some(channel.to_owned()),
+        ..AlarmFilter::default()
+    };
+    let mut reported = Vec::new();
+    for stored in store.alarms(&filter, now, MOST_ALARMS).await? {
+        let (history, _) = store.alarm_history(&stored.id, LATEST_ENTRIES).await?;
+        reported.push(ReportedAlarm {
+            channel: stored.channel,
+            quantity: stored.quantity,
+            rule: stored.rule,
+            state: stored.alarm.state(now),
+            severity: stored.alarm.severity(),
+            // What the records do not say any more is of no use on paper.
+            history: history
+                .into_iter()
+                .filter(|entry| entry.withdrawn_at.is_none())
+                .map(|entry| entry.change)
+                .collect(),
+        });
+    }
+    Ok(reported)
 }
 
 fn facts(spec: &AssetSpec) -> Vec<(String, String)> {

@@ -1,18 +1,21 @@
 //! `/v1/assets/{asset}/segments` and `/v1/segments/{segment}`.
 
+use std::collections::HashMap;
+
 use axum::Json;
 use axum::extract::State;
 use axum::response::IntoResponse;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::chosen::{self, Chosen};
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
 use super::router::App;
-use crate::asset::{AssetId, RawReference, Segment, SegmentId};
+use crate::asset::{AssetId, OperatingBin, RawReference, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Indicators, OperatingPoint, ShaftSpeed};
-use crate::store::{Order, SegmentFilter, SegmentKey};
+use crate::store::{Order, SegmentFilter, SegmentKey, Store, StoreError};
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -24,6 +27,8 @@ pub(super) struct ListParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
+    /// Only records in this one of the asset's operating bins.
+    operating_bin: Option<String>,
     /// Entries of the page: 1 to 1000, 100 where not given.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
@@ -117,8 +122,12 @@ pub(super) async fn list(
         after: query::segment_cursor(asked.cursor.as_deref())?,
         order: asked.order,
     };
-    app.ingest.store().asset(&asset).await?;
-    let segments = app.ingest.store().segments(&asset, &filter, limit + 1).await?;
+    let store = app.ingest.store();
+    let spec = store.asset(&asset).await?.spec;
+    let segments = match chosen::asked_bin(&spec, asked.operating_bin.as_deref())? {
+        None => store.segments(&asset, &filter, limit + 1).await?,
+        Some(bin) => of_bin(store, &asset, &filter, &bin, limit as usize + 1).await?,
+    };
     let page = Page::new(segments, limit, |segment: &Segment| {
         query::cursor_of(&SegmentKey {
             start_time: segment.start_time,
@@ -126,6 +135,47 @@ pub(super) async fn list(
         })
     });
     Ok(Json(page.map(SegmentRow::from)))
+}
+
+/// Up to `limit` segments of an operating bin, found in the histories of the asset's channels.
+async fn of_bin(
+    store: &Store,
+    asset: &AssetId,
+    filter: &SegmentFilter,
+    bin: &OperatingBin,
+    limit: usize,
+) -> Result<Vec<Segment>, StoreError> {
+    let mut keys: Vec<SegmentKey> = Vec::new();
+    for channel in store.channels(asset).await? {
+        if filter.channel.as_ref().is_some_and(|name| *name != channel.channel) {
+            continue;
+        }
+        let trend = store.trend(&channel).await?;
+        let chosen = Chosen::of(&trend, filter.from, filter.to, Some(bin));
+        let key = |n: usize| SegmentKey {
+            start_time: trend.start_time[chosen.position(n)],
+            id: trend.segment_id[chosen.position(n)].clone(),
+        };
+        let all = 0..chosen.len();
+        let is_after = |key: &SegmentKey| match (&filter.after, filter.order) {
+            (None, _) => true,
+            (Some(after), Order::Asc) => key > after,
+            (Some(after), Order::Desc) => key < after,
+        };
+        match filter.order {
+            Order::Asc => keys.extend(all.map(key).filter(is_after).take(limit)),
+            Order::Desc => keys.extend(all.rev().map(key).filter(is_after).take(limit)),
+        }
+    }
+    keys.sort_unstable();
+    if filter.order == Order::Desc {
+        keys.reverse();
+    }
+    keys.truncate(limit);
+    let ids: Vec<SegmentId> = keys.into_iter().map(|key| key.id).collect();
+    let found = store.segments_by_id(&ids).await?;
+    let mut found: HashMap<SegmentId, Segment> = found.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
+    Ok(ids.iter().filter_map(|id| found.remove(id)).collect())
 }
 
 /// One segment, whole

@@ -192,6 +192,8 @@ pub(super) struct EnvelopeView {
 }
 
 /// Envelope spectrum of a segment
+///
+/// Empty where the record is too short for any band, and none was asked for.
 #[utoipa::path(
     get,
     path = "/v1/segments/{segment}/envelope",

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use tokio::sync::RwLockReadGuard;
 
 use super::group_commit::Stored;
+use super::hearing::Hearers;
 use super::keys::analysis_keys;
 use super::{Ingest, IngestError, Part, QueuedRecord, Ticket, with_analyzer};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
@@ -109,7 +110,7 @@ impl Accepted {
 /// A record with its name and its raw bytes' name, before anything is kept.
 pub(super) struct Named {
     pub(super) id: SegmentId,
-    pub(super) record: Record,
+    pub(super) record: Arc<Record>,
     pub(super) raw: RawReference,
     pub(super) reference_wear_um: Option<f64>,
 }
@@ -159,10 +160,30 @@ impl Named {
         }
         Ok(Self {
             id: SegmentId::derive(asset, channel, record.start_time(), &raw),
-            record,
+            record: Arc::new(record),
             raw,
             reference_wear_um,
         })
+    }
+
+    /// One that is stored for another asset, as `asset` hears it.
+    pub(super) fn of_stored(asset: &AssetId, record: Record, raw: RawReference) -> Self {
+        Self {
+            id: SegmentId::derive(asset, record.channel(), record.start_time(), &raw),
+            record: Arc::new(record),
+            raw,
+            reference_wear_um: None,
+        }
+    }
+
+    /// The same record as another asset hears it; a depth that is known is not that of its mesh.
+    pub(super) fn heard_by(&self, listener: &AssetSpec) -> Self {
+        Self {
+            id: SegmentId::derive(&listener.id, self.record.channel(), self.record.start_time(), &self.raw),
+            record: Arc::clone(&self.record),
+            raw: self.raw.clone(),
+            reference_wear_um: None,
+        }
     }
 
     /// The segment of the record, with everything that the record says by itself. To be called on a worker thread.
@@ -187,7 +208,8 @@ impl Named {
 
 /// Everything that a record says by itself. To be called on a worker thread.
 pub(super) fn analyse(record: &Record, spec: &AssetSpec) -> Analysed {
-    let Condition { analysis, basis } = with_analyzer(|analyzer| analyzer.condition(record, &spec.condition_settings()));
+    let Condition { analysis, basis } =
+        with_analyzer(|analyzer| analyzer.condition(&spec.seen_from_shaft(record), &spec.condition_settings()));
     Analysed {
         keys: analysis_keys(spec),
         shaft_speed: analysis.shaft_speed,
@@ -224,7 +246,7 @@ impl Ingest {
     }
 
     async fn accept_here(&self, asset: &AssetId, format: RecordFormat, bytes: Bytes, given: Given) -> Result<Vec<Accepted>, IngestError> {
-        let asset = self.inner.store.asset(asset).await?;
+        let Hearers { asset, listeners } = self.hearers(asset).await?;
         let spec = asset.spec.clone();
         let received_at = self.inner.clock.now();
         let named = {
@@ -232,9 +254,8 @@ impl Ingest {
             let decode = move || decode_and_name(&spec, format, &bytes, &given, received_at);
             self.inner.workers.run("decode a record", decode).await??
         };
-        let ids: Vec<SegmentId> = named.iter().map(|named| named.id.clone()).collect();
-        let mut known = self.inner.store.segments_by_id(&ids).await?;
-        if known.len() == ids.len() {
+        let mut known = self.known_to_all(&named.iter().collect::<Vec<_>>(), &listeners).await?;
+        if known.len() == named.len() {
             known.sort_by_key(|segment| segment.raw.channel_index);
             self.count(0, known.len(), 0);
             return Ok(known.into_iter().map(|segment| Accepted::Stored(Box::new(segment))).collect());
@@ -243,7 +264,7 @@ impl Ingest {
             return self.hand_over(crew, &asset, named, bytes, known, received_at).await;
         }
         // Before anything is kept: a record that has to come again leaves nothing behind.
-        self.inner.libraries.tracker(&spec).await?;
+        self.libraries_are_there(&spec, &listeners).await?;
         let name = named.first().map(|named| named.raw.sha256.clone()).unwrap_or_default();
         let kept = self.analyse_and_keep(spec, named, vec![(name, bytes)], received_at).await?;
         let stored = self.store_kept(kept).await?;
@@ -301,25 +322,52 @@ impl Ingest {
     /// Stores the segments of what is kept. Answers in the order given.
     pub(super) async fn store_kept(&self, kept: Kept<'_>) -> Result<Vec<Stored>, IngestError> {
         let Kept {
-            mut spec,
+            spec,
             named,
-            mut analysed,
+            analysed,
             received_at,
             _keeping,
         } = kept;
+        let of = spec.id.clone();
+        let stored = self.store_analysed(spec, &named, analysed, received_at).await?;
+        self.let_hear(&of, &named, received_at).await?;
+        Ok(stored)
+    }
+
+    /// Stores segments that are analysed; where the asset's description changed meanwhile, they are analysed again.
+    pub(super) async fn store_analysed(
+        &self,
+        mut spec: AssetSpec,
+        named: &Arc<Vec<Named>>,
+        mut analysed: Vec<NewSegment>,
+        received_at: Timestamp,
+    ) -> Result<Vec<Stored>, IngestError> {
         let mut tries = 0;
         loop {
             match self.store_segments(&spec.id, analysed).await {
                 Err(IngestError::DescriptionChanged(_)) if tries < ANALYSED_AGAIN => tries += 1,
                 done => return done,
             }
-            spec = self.inner.store.asset(&spec.id).await?.spec;
+            spec = self.asset_spec(&spec.id).await?;
             self.inner.libraries.tracker(&spec).await?;
-            analysed = self.analyse(&spec, &named, received_at).await?;
+            analysed = self.analyse(&spec, named, received_at).await?;
         }
     }
 
-    async fn analyse(&self, spec: &AssetSpec, named: &Arc<Vec<Named>>, received_at: Timestamp) -> Result<Vec<NewSegment>, IngestError> {
+    /// Waits for the libraries of an asset and of those that hear through it.
+    pub(super) async fn libraries_are_there(&self, spec: &AssetSpec, listeners: &[AssetSpec]) -> Result<(), IngestError> {
+        for spec in std::iter::once(spec).chain(listeners) {
+            self.inner.libraries.tracker(spec).await?;
+        }
+        Ok(())
+    }
+
+    pub(super) async fn analyse(
+        &self,
+        spec: &AssetSpec,
+        named: &Arc<Vec<Named>>,
+        received_at: Timestamp,
+    ) -> Result<Vec<NewSegment>, IngestError> {
         let (spec, named) = (spec.clone(), Arc::clone(named));
         let analyse = move || named.par_iter().map(|named| named.analyse(&spec, received_at)).collect();
         self.inner.workers.run("analyse records", analyse).await

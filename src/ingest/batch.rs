@@ -13,8 +13,9 @@ use serde::Serialize;
 use tokio::sync::mpsc;
 
 use super::accept::{Kept, Named, RecordFormat};
+use super::hearing::Hearers;
 use super::{Crew, Ingest, IngestError, Part, QueuedRecord};
-use crate::asset::{AssetId, AssetSpec, RawReference, SegmentId};
+use crate::asset::{AssetId, AssetSpec, RawReference};
 use crate::recording::{McapReader, RecordDefaults, Recorded, RecordingError};
 use crate::signal::OperatingPoint;
 use crate::store::Objects;
@@ -159,7 +160,7 @@ impl Ingest {
     /// could be read, or where the service itself failed.
     pub async fn accept_mcap(&self, asset: &AssetId, path: &Path) -> Result<BatchSummary, IngestError> {
         let _turn = self.recording_turn()?;
-        let spec = self.inner.store.asset(asset).await?.spec;
+        let spec = self.hearers(asset).await?.asset.spec;
         let defaults = RecordDefaults {
             channel: spec.sensor.channel,
             start_time: self.inner.clock.now(),
@@ -223,7 +224,7 @@ impl Ingest {
         asset: &AssetId,
         batch: Vec<(u64, Result<Recorded, RecordingError>)>,
     ) -> Result<KeptBatch<'_>, IngestError> {
-        let asset = self.inner.store.asset(asset).await?;
+        let Hearers { asset, listeners } = self.hearers(asset).await?;
         let received_at = self.inner.clock.now();
         let named = {
             let spec = asset.spec.clone();
@@ -248,8 +249,10 @@ impl Ingest {
             }
         }
         let taken = fresh.len();
-        let ids: Vec<SegmentId> = fresh.iter().map(|(named, _)| named.id.clone()).collect();
-        let known = self.inner.store.segments_by_id(&ids).await?;
+        let known = {
+            let named: Vec<&Named> = fresh.iter().map(|(named, _)| named).collect();
+            self.known_to_all(&named, &listeners).await?
+        };
         fresh.retain(|(named, _)| !known.iter().any(|segment| segment.id == named.id));
         let mut kept = KeptRecords::None;
         if !fresh.is_empty() {
@@ -264,7 +267,7 @@ impl Ingest {
                 let records = self.keep_for_others(&asset, &named, raws, received_at).await?;
                 KeptRecords::ForOthers(crew, records)
             } else {
-                self.inner.libraries.tracker(&asset.spec).await?;
+                self.libraries_are_there(&asset.spec, &listeners).await?;
                 KeptRecords::Analysed(self.analyse_and_keep(asset.spec, named, raws, received_at).await?)
             };
         }

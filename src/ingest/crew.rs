@@ -9,6 +9,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 
 use super::accept::{Accepted, Named};
+use super::hearing::Hearers;
 use super::recall::recall_here;
 use super::{Ingest, IngestError};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
@@ -171,18 +172,22 @@ impl Ingest {
     /// Errors: those of the store, which may pass; [`IngestError::Busy`] while the asset's library is simulated; a record whose raw bytes are
     /// damaged, or are not the record that was handed over, will never do.
     pub async fn take_over(&self, record: &QueuedRecord) -> Result<TakenOver, IngestError> {
-        let store = &self.inner.store;
-        let asset = match store.asset(&record.asset_id).await {
-            Ok(asset) if asset.created_at == record.asset_created_at => asset,
-            Ok(_) | Err(StoreError::AssetUnknown(_)) => return Ok(TakenOver::AssetGone),
-            Err(error) => return Err(error.into()),
+        let Hearers { asset, listeners } = match self.hearers(&record.asset_id).await {
+            Ok(hearers) if hearers.asset.created_at == record.asset_created_at => hearers,
+            Ok(_) | Err(IngestError::Store(StoreError::AssetUnknown(_))) => return Ok(TakenOver::AssetGone),
+            Err(error) => return Err(error),
         };
-        if !store.segments_by_id(std::slice::from_ref(&record.id)).await?.is_empty() {
+        let stored = self.inner.store.segments_by_id(std::slice::from_ref(&record.id)).await?;
+        if !stored.is_empty() && listeners.is_empty() {
             self.count(0, 1, 0);
             return Ok(TakenOver::Repeated);
         }
-        self.inner.libraries.tracker(&asset.spec).await?;
+        self.libraries_are_there(&asset.spec, &listeners).await?;
         let named = self.name_again(asset.spec.clone(), record.clone()).await?;
+        if !self.known_to_all(&[&named], &listeners).await?.is_empty() {
+            self.count(0, 1, 0);
+            return Ok(TakenOver::Repeated);
+        }
         let kept = self.analyse_kept(asset.spec, vec![named], record.received_at).await?;
         let stored = match self.store_kept(kept).await {
             Err(IngestError::Store(StoreError::AssetUnknown(_))) => return Ok(TakenOver::AssetGone),
@@ -228,6 +233,9 @@ impl Ingest {
         match self.inner.store.asset(asset).await {
             Ok(asset) => {
                 self.inner.libraries.prepare(&asset.spec);
+                if asset.spec.sensor.of.is_some() {
+                    self.catch_up_in_background(vec![asset.spec.id.clone()]);
+                }
                 self.recompute_in_background(vec![asset.spec.id]);
                 Ok(())
             }

@@ -46,6 +46,22 @@ pub enum IngestError {
     /// The asset's description changed again and again while a record was analysed.
     #[error("the description of asset {0} changed while the record was analysed: try again")]
     DescriptionChanged(AssetId),
+    /// Records of an asset come with those of another one.
+    #[error("asset {asset} hears through the measuring points of {of}: send its records there")]
+    HeardThrough {
+        /// The asset.
+        asset: AssetId,
+        /// The one that its records come for.
+        of: AssetId,
+    },
+    /// Other assets hear through the measuring points of this one.
+    #[error("the measuring points of asset {asset} are those of {others} too: delete those first, or have them hear through another")]
+    HeardByOthers {
+        /// The asset.
+        asset: AssetId,
+        /// Those that hear through it.
+        others: String,
+    },
     /// The raw bytes of a record were given up for others.
     #[error("the raw recording of segment {0} is not kept any more: it was the oldest when the quota was reached; its results are")]
     RawGivenUp(SegmentId),

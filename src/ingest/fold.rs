@@ -52,10 +52,10 @@ impl ChannelState {
 
     fn take(&mut self, tracker: &KeyedTracker, input: &FoldInput) -> (RunResult, Vec<PanelChange>) {
         let FoldInput { key, features, indicators } = input;
-        let result = RunResult {
-            indicators: self.run_means.update(indicators),
-            wear: tracker.tracker.update(&mut self.tracker, key.start_time, features),
-        };
+        let wear = tracker.tracker.update(&mut self.tracker, key.start_time, features);
+        let mut of_run = self.run_means.update(indicators);
+        of_run.extend(wear.indicators());
+        let result = RunResult { indicators: of_run, wear };
         let indicators = [indicators, &result.indicators];
         let changes = self.alarms.reading(&tracker.rules, key.start_time, &result.wear, indicators);
         (result, changes)

@@ -193,7 +193,8 @@ impl Ingest {
         let mut assets: HashMap<&AssetId, Asset> = HashMap::new();
         for (asset, ..) in &slots {
             if !assets.contains_key(*asset) {
-                assets.insert(*asset, commit.asset(asset).await?);
+                let described = commit.asset(asset).await?;
+                assets.insert(*asset, self.among_others(described).await?);
             }
         }
         let mut locked = Vec::with_capacity(slots.len());

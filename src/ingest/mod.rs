@@ -17,6 +17,7 @@ mod error;
 mod feed;
 mod fold;
 mod group_commit;
+mod hearing;
 mod keys;
 mod libraries;
 mod library_source;
@@ -28,6 +29,7 @@ mod recompute;
 mod replay;
 mod replay_folder;
 mod retention;
+mod shelvings;
 mod upkeep;
 mod workers;
 
@@ -188,6 +190,10 @@ struct Inner {
     feeds: feed::Feeds,
     replays: replay::Replays,
     recordings: Arc<Semaphore>,
+    /// Held while descriptions are changed, since assets of one sensor depend on each other.
+    describing: tokio::sync::Mutex<()>,
+    /// Held while an asset gets what it lacks of the records of its sensor.
+    catching_up: tokio::sync::Mutex<()>,
     /// Held for reading between keeping raw bytes and committing the rows that refer to them; for writing while objects that
     /// nothing refers to are removed.
     keeping: RwLock<()>,
@@ -233,6 +239,8 @@ impl Ingest {
                 feeds: feed::Feeds::default(),
                 replays: replay::Replays::default(),
                 recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
+                describing: tokio::sync::Mutex::default(),
+                catching_up: tokio::sync::Mutex::default(),
                 keeping: RwLock::new(()),
                 store,
                 part,
@@ -272,30 +280,51 @@ impl Ingest {
         self.inner.announcements.subscribe()
     }
 
-    /// Makes an asset and starts its library.
+    /// Makes an asset and starts its library; what came before through the sensor that it hears through is looked at in the background.
+    ///
+    /// Error: the asset that it is to hear through is not there or hears through another one.
     pub async fn create_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
+        let _turn = self.inner.describing.lock().await;
+        self.check_sensor(spec, None).await?;
         let asset = self.inner.store.insert_asset(spec, self.inner.clock.now()).await?;
         self.inner.libraries.prepare(spec);
         if let Part::Entrance(crew) = &self.inner.part {
             crew.tell_of(&spec.id);
         }
         self.announce(Announcement::AssetChanged(spec.id.clone()));
+        if spec.sensor.of.is_some() {
+            self.recompute_in_background(self.ids_of_sensor(&spec.id).await?);
+            self.catch_up_in_background(vec![spec.id.clone()]);
+        }
         Ok(asset)
     }
 
     /// Replaces an asset's description; its history is computed again in the background where it depends on what changed.
     pub async fn update_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
+        let _turn = self.inner.describing.lock().await;
+        let beside = self.ids_of_sensor(&spec.id).await?;
+        let before = self.inner.store.asset(&spec.id).await?.spec;
+        self.check_sensor(spec, Some(&before)).await?;
         let asset = self.inner.store.update_asset(spec, self.inner.clock.now()).await?;
         self.inner.libraries.prepare(spec);
         self.announce(Announcement::AssetChanged(spec.id.clone()));
-        self.recompute_in_background(vec![spec.id.clone()]);
+        self.recompute_in_background(beside);
+        self.recompute_in_background(self.ids_of_sensor(&spec.id).await?);
+        if spec.sensor.of.is_some() {
+            self.catch_up_in_background(vec![spec.id.clone()]);
+        }
         Ok(asset)
     }
 
     /// Removes an asset, its rows, and the raw recordings that no other asset has.
+    ///
+    /// Error: [`IngestError::HeardByOthers`].
     pub async fn delete_asset(&self, id: &AssetId) -> Result<(), IngestError> {
+        let _turn = self.inner.describing.lock().await;
+        let beside = self.ids_beside(id).await?;
         let _nobody_keeps = self.inner.keeping.write().await;
         let orphans = self.inner.store.delete_asset(id).await?;
+        self.recompute_in_background(beside);
         self.inner.channels.forget(id);
         self.forget_recomputations(id);
         self.announce(Announcement::AssetRemoved(id.clone()));
@@ -315,17 +344,22 @@ impl Ingest {
             return Ok(());
         }
         let mut after: Option<String> = None;
-        let mut all = Vec::new();
+        let (mut all, mut listeners) = (Vec::new(), Vec::new());
         loop {
             let assets = self.inner.store.assets(after.as_deref(), 500).await?;
             let Some(last) = assets.last() else { break };
             after = Some(last.spec.id.to_string());
             for asset in assets {
                 self.inner.libraries.prepare(&asset.spec);
+                if asset.spec.sensor.of.is_some() {
+                    listeners.push(asset.spec.id.clone());
+                }
                 all.push(asset.spec.id);
             }
         }
         self.recompute_in_background(all);
+        self.catch_up_in_background(listeners);
+        self.end_shelvings_in_background();
         if self.inner.store.is_shared() {
             self.look_after_in_background();
             return Ok(());

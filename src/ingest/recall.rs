@@ -1,12 +1,10 @@
 //! Stored records again: their samples and their spectra, from the raw bytes.
 
-use std::sync::Arc;
-
 use super::accept::RecordFormat;
 use super::{Ingest, IngestError, with_analyzer};
 use crate::asset::{RawReference, Segment};
 use crate::recording::RecordDefaults;
-use crate::signal::{Analyzer, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, Record, Spectrum};
+use crate::signal::{Analyzer, BandError, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, Record, Spectrum};
 use crate::store::{Store, StoreError};
 
 impl Ingest {
@@ -35,19 +33,19 @@ impl Ingest {
         task: &'static str,
         analyse: impl FnOnce(&mut Analyzer, &Record, &MeshContext) -> T + Send + 'static,
     ) -> Result<T, IngestError> {
-        let mesh = self.inner.store.asset(&segment.asset_id).await?.spec.mesh_context();
+        let spec = self.asset_spec(&segment.asset_id).await?;
         let record = self.recall(segment).await?;
-        let analyse = move || with_analyzer(|analyzer| analyse(analyzer, &record, &mesh));
+        let analyse = move || with_analyzer(|analyzer| analyse(analyzer, &spec.seen_from_shaft(&record), &spec.mesh_context()));
         self.inner.workers.run(task, analyse).await
     }
 
     /// The amplitude spectrum of a segment and its mesh harmonics.
     pub async fn spectrum(&self, segment: &Segment) -> Result<(Spectrum, Vec<MeshLine>), IngestError> {
-        let mesh = self.inner.store.asset(&segment.asset_id).await?.spec.mesh_context();
-        let record = Arc::new(self.recall(segment).await?);
+        let spec = self.asset_spec(&segment.asset_id).await?;
+        let record = self.recall(segment).await?;
         let analyse = move || {
             with_analyzer(|analyzer| {
-                let lines = analyzer.analyze(&record, &mesh).mesh_lines;
+                let lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
                 (analyzer.amplitude_spectrum(&record), lines)
             })
         };
@@ -56,7 +54,7 @@ impl Ingest {
 
     /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found in the record.
     pub async fn envelope(&self, segment: &Segment, asked: AskedBand) -> Result<SegmentEnvelope, IngestError> {
-        let spec = self.inner.store.asset(&segment.asset_id).await?.spec;
+        let spec = self.asset_spec(&segment.asset_id).await?;
         let record = self.recall(segment).await?;
         let speed = segment.shaft_speed;
         let analyse = move || {
@@ -71,15 +69,24 @@ impl Ingest {
                     _ => spec.envelope_band,
                 };
                 let band = given.unwrap_or_else(|| analyzer.envelope_band(&record, speed.as_ref(), search));
-                let mesh_lines = analyzer.analyze(&record, &spec.mesh_context()).mesh_lines;
+                let mesh_lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
                 let [low, high] = band.band_hz;
-                let spectrum = analyzer
-                    .envelope_spectrum(&record, band.band_hz)
-                    .map_err(|error| IngestError::Field {
-                        field: "band_hz",
-                        value: format!("[{low}, {high}] ({error})"),
-                        expected: "a band between 0 and half the sampling rate that the record resolves",
-                    })?;
+                let was_given = matches!(band.source, BandSource::Query | BandSource::Asset);
+                let spectrum = match analyzer.envelope_spectrum(&record, band.band_hz) {
+                    Ok(spectrum) => spectrum,
+                    // Of the band that was looked for nothing is to be had: the record is too short for any.
+                    Err(BandError::TooNarrow { .. }) if !was_given => Spectrum {
+                        amplitude: Vec::new(),
+                        ..analyzer.amplitude_spectrum(&record)
+                    },
+                    Err(error) => {
+                        return Err(IngestError::Field {
+                            field: "band_hz",
+                            value: format!("[{low}, {high}] ({error})"),
+                            expected: "a band between 0 and half the sampling rate that the record resolves",
+                        });
+                    }
+                };
                 Ok(SegmentEnvelope {
                     spectrum,
                     band,

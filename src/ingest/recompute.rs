@@ -246,9 +246,9 @@ impl Ingest {
     }
 
     /// The description of an asset and its tracker, once its library is there.
-    async fn asked_for(&self, asset: &AssetId) -> Result<(Asset, KeyedTracker), IngestError> {
+    pub(super) async fn asked_for(&self, asset: &AssetId) -> Result<(Asset, KeyedTracker), IngestError> {
         loop {
-            let described = self.inner.store.asset(asset).await?;
+            let described = self.described(asset).await?;
             match self.inner.libraries.tracker(&described.spec).await {
                 // A library that takes its time.
                 Err(IngestError::Busy { retry_after_s, .. }) => tokio::time::sleep(Duration::from_secs(retry_after_s.into())).await,
@@ -288,7 +288,7 @@ impl Ingest {
         let mut slot = slot.lock().await;
         let mut turns = 0;
         let (notices, now) = loop {
-            let described = store.asset(asset).await?;
+            let described = self.described(asset).await?;
             if analysis_keys(&described.spec) != wanted.analysed {
                 // Changed again meanwhile; what was made is not what is asked for.
                 return Ok(store.stop_making(channel, wear).await?);

@@ -176,7 +176,7 @@ impl Ingest {
                 reason: "is in no folder that all API nodes have: `flankwatch replay` sends recordings to them",
             });
         }
-        let spec = self.inner.store.asset(&request.asset).await?.spec;
+        let spec = self.hearers(&request.asset).await?.asset.spec;
         let path = replay_folder::find(&self.inner.folders.recordings, &request.file)?;
         let turn = self.recording_turn()?;
         let started_at = self.inner.clock.now();
@@ -242,7 +242,7 @@ impl Ingest {
 
     async fn resume_replay(&self, number: u64, mut replay: Replay) {
         let found = async {
-            let spec = self.inner.store.asset(&replay.asset).await?.spec;
+            let spec = self.hearers(&replay.asset).await?.asset.spec;
             let path = replay_folder::find(&self.inner.folders.recordings, &replay.file)?;
             Ok::<_, IngestError>((spec, path, self.recording_turn()?))
         };
@@ -352,6 +352,11 @@ impl Ingest {
         self.replay(id)
     }
 
+    /// Whether the service ends.
+    pub(super) fn is_ending(&self) -> bool {
+        self.inner.replays.is_ending.load(Ordering::SeqCst)
+    }
+
     /// Stops all replays, for the end of the service: they go on at its next start.
     pub async fn stop_replays(&self) {
         self.inner.replays.is_ending.store(true, Ordering::SeqCst);
@@ -422,7 +427,7 @@ impl Ingest {
                 Err(error) => break Err(error.to_string()),
             }
         };
-        if matches!(end, Ok(ReplayState::Stopped)) && self.inner.replays.is_ending.load(Ordering::SeqCst) {
+        if matches!(end, Ok(ReplayState::Stopped)) && self.is_ending() {
             // Still running, for the next start.
             self.save_replay(number, &replay).await;
             return;

@@ -14,7 +14,7 @@ use super::file::{FORMAT_VERSION, hex};
 use super::operating::{FeatureCurves, curves, state_curves};
 use super::{CycleTable, GridSettings, Library, LibraryError, LibraryState, Manifest};
 use crate::gear::{self, ContactRule, ElasticBodies, FlankWear, GearPair, MODEL_VERSION, MeshCycle, PairSpec, RunSettings};
-use crate::signal::{Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, PREPROCESSING, Record, RecordError};
+use crate::signal::{Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, PREPROCESSING, Record, RecordError};
 
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
@@ -246,6 +246,7 @@ pub(super) fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, re
         nominal_shaft_speed_hz: run.shaft_speed_hz,
         tolerance: 0.0,
         nominal_is_exact: true,
+        others: OtherMeshes::NONE,
     };
     Ok(analyzer.analyze(&record, &mesh))
 }

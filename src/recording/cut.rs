@@ -5,8 +5,10 @@ use jiff::{SignedDuration, Timestamp};
 use super::{RecordDefaults, RecordingError};
 use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
 
-/// Longest recording that stays one record a channel where no cut is asked for, in seconds.
-const WHOLE_SECONDS: f64 = 600.0;
+/// Longest recording that stays one record a channel where no cut is asked for, in seconds, and in samples of a channel: its analysis takes some
+/// 85 bytes a sample.
+const WHOLE_SECONDS: f64 = 120.0;
+const WHOLE_SAMPLES: u64 = 1 << 22;
 
 /// Length of the records of a longer recording where no cut is asked for, in seconds.
 const DEFAULT_SECONDS: f64 = 10.0;
@@ -40,7 +42,7 @@ impl CutPlan {
         let frames = match cut {
             Some(Cut::Samples(frames)) => frames as f64,
             Some(Cut::Seconds(seconds)) => (seconds * sample_rate_hz).round(),
-            None if total_frames <= most as u64 && total_frames as f64 <= WHOLE_SECONDS * sample_rate_hz => {
+            None if total_frames <= WHOLE_SAMPLES.min(most as u64) && total_frames as f64 <= WHOLE_SECONDS * sample_rate_hz => {
                 return Ok(Self {
                     frames: most,
                     default_seconds: None,
@@ -164,13 +166,14 @@ mod tests {
 
     #[test]
     fn long_recordings_are_cut_by_default_and_short_ones_are_not() {
-        let whole = CutPlan::new(None, 600 * 20_000, 20_000.0, 1).unwrap();
+        let whole = CutPlan::new(None, 120 * 20_000, 20_000.0, 1).unwrap();
         assert_eq!(whole.default_seconds, None);
-        assert!(whole.frames >= 600 * 20_000);
-        let cut = CutPlan::new(None, 600 * 20_000 + 1, 20_000.0, 1).unwrap();
+        assert!(whole.frames >= 120 * 20_000);
+        let cut = CutPlan::new(None, 120 * 20_000 + 1, 20_000.0, 1).unwrap();
         assert_eq!((cut.frames, cut.default_seconds), (200_000, Some(10.0)));
-        // 16 channels of 10 minutes would be 0.7 GiB.
-        assert_eq!(CutPlan::new(None, 12_000_000, 20_000.0, 16).unwrap().frames, 200_000);
+        // At a high rate it is the samples that are too many, and those of all channels.
+        assert_eq!(CutPlan::new(None, (1 << 22) + 1, 100_000.0, 1).unwrap().frames, 1_000_000);
+        assert_eq!(CutPlan::new(None, 1 << 22, 100_000.0, 17).unwrap().frames, 1_000_000);
     }
 
     #[test]

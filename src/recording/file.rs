@@ -50,7 +50,7 @@ impl Format {
 
 /// The records of a WAV or MCAP file, read as they are asked for.
 ///
-/// A WAV up to 10 minutes is one record a channel; a longer one is cut into records of 10 s, or as `cut` says. MCAP records come as they were recorded.
+/// A WAV up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records of 10 s, or as `cut` says. MCAP records come as they were recorded.
 pub struct RecordingFile {
     records: Records,
     read: Arc<AtomicU64>,

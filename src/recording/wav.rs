@@ -59,7 +59,7 @@ pub struct WavBlocks<R> {
 impl<R: Read> WavBlocks<R> {
     /// Reads the header of a file of `file_bytes` bytes.
     ///
-    /// Without a cut, up to 10 minutes are one record a channel, and more is cut into records of 10 s.
+    /// Without a cut, up to 2 minutes (and 4 194 304 samples) are one record a channel, and more is cut into records of 10 s.
     pub fn new(reader: R, file_bytes: u64, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
         let frames = WavFrames::new(reader)?;
         let format = frames.format();

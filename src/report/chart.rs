@@ -41,7 +41,15 @@ pub(super) struct Level {
     pub(super) class: &'static str,
 }
 
-/// A chart with curves, a band and levels.
+/// Something that happened at one place across.
+#[derive(Debug)]
+pub(super) struct Mark {
+    pub(super) x: f64,
+    pub(super) class: &'static str,
+    pub(super) name: String,
+}
+
+/// A chart with curves, a band, levels and marks.
 #[derive(Debug)]
 pub(super) struct Chart {
     pub(super) horizontal: Horizontal,
@@ -51,6 +59,8 @@ pub(super) struct Chart {
     /// Lower and upper edge over x.
     pub(super) band: Vec<(f64, f64, f64)>,
     pub(super) levels: Vec<Level>,
+    /// Drawn where they lie within the curves' stretch.
+    pub(super) marks: Vec<Mark>,
     /// Whether the vertical axis begins at 0.
     pub(super) from_zero: bool,
 }
@@ -103,6 +113,17 @@ impl Chart {
                 escape(&level.name)
             );
         }
+        let within = |mark: &&Mark| frame.x[0] <= mark.x && mark.x <= frame.x[1];
+        for mark in self.marks.iter().filter(within) {
+            let x = frame.across(mark.x);
+            let _ = write!(
+                svg,
+                "<line class=\"mark {}\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{}\"><title>{}</title></line>",
+                mark.class,
+                HEIGHT - BOTTOM,
+                escape(&mark.name)
+            );
+        }
         for series in &self.series {
             for stretch in series.points.split(|(_, y)| y.is_none()).filter(|stretch| !stretch.is_empty()) {
                 let kept = thin(stretch, &frame);
@@ -117,7 +138,16 @@ impl Chart {
     pub(super) fn legend(&self, band: Option<&str>) -> String {
         let band = band.filter(|_| !self.band.is_empty()).map(|name| ("band", name));
         let names = self.series.iter().map(|series| (series.class, series.name.as_str())).chain(band);
-        let entries: String = names.map(|(class, name)| entry(class, name)).collect();
+        let mut entries: String = names.map(|(class, name)| entry(class, name)).collect();
+        for (class, words) in [
+            ("warning", "warning raised"),
+            ("danger", "danger raised"),
+            ("maintenance", "maintenance"),
+        ] {
+            if self.marks.iter().any(|mark| mark.class == class) {
+                entries += &entry(&format!("mark {class}"), words);
+            }
+        }
         format!("<ul class=\"legend\">{entries}</ul>")
     }
 
@@ -182,6 +212,8 @@ impl Chart {
 fn entry(class: &str, name: &str) -> String {
     let swatch = if class == "band" {
         "<rect class=\"band\" width=\"24\" height=\"12\"/>".to_owned()
+    } else if class.starts_with("mark") {
+        format!("<line class=\"{class}\" x1=\"12\" x2=\"12\" y1=\"0\" y2=\"12\"/>")
     } else {
         format!("<polyline class=\"{class}\" points=\"0,6 24,6\"/>")
     };
@@ -246,6 +278,7 @@ mod tests {
             }],
             band: Vec::new(),
             levels: Vec::new(),
+            marks: Vec::new(),
             from_zero: true,
         }
     }

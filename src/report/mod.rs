@@ -3,14 +3,17 @@
 //! Everything is in the page: drawings are SVG, so that it can be kept, sent and printed without a script or a server.
 
 mod chart;
+mod occurrences;
 mod page;
 mod ticks;
 
 use jiff::Timestamp;
 
 use crate::asset::WearLimits;
-use crate::estimate::WearEstimate;
+use crate::estimate::{MaintenanceEvent, WearEstimate};
 use crate::signal::{AngleSource, AngleUsed, Indicators, Spectrum};
+
+pub use occurrences::ReportedAlarm;
 
 /// What a report tells of.
 #[derive(Debug, Default)]
@@ -23,6 +26,10 @@ pub struct Report {
     pub limits: WearLimits,
     /// The records in time order.
     pub records: Vec<ReportedRecord>,
+    /// Alarms that anything happened to.
+    pub alarms: Vec<ReportedAlarm>,
+    /// What was done to the machine, in time order.
+    pub maintenance: Vec<MaintenanceEvent>,
     /// How many records there are in all, where not all of them are given.
     pub all_records: Option<usize>,
     /// The spectrum of the last record.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::chart::{Chart, Horizontal, Level, Series};
-use super::{Report, ReportedRecord, angle_words};
+use super::{Report, ReportedRecord, angle_words, occurrences};
 
 /// Indicators that are drawn: name, heading and caption.
 const INDICATORS: [(&str, &str, &str); 7] = [
@@ -68,6 +68,7 @@ pub(super) fn html(report: &Report) -> String {
         indicator_section(indicator, &channels, &mut body);
     }
     spectrum_section(report, &mut body);
+    occurrences::sections(report, &mut body);
     table(report, &mut body);
     format!(
         "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
@@ -75,7 +76,7 @@ pub(super) fn html(report: &Report) -> String {
     )
 }
 
-const MINUTES: &str = "%Y-%m-%d %H:%M UTC";
+pub(super) const MINUTES: &str = "%Y-%m-%d %H:%M UTC";
 
 /// The latest estimate and what is known of the asset.
 fn verdict(report: &Report, body: &mut String) {
@@ -136,6 +137,7 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
                 })
             })
             .collect(),
+        marks: occurrences::marks(report, channel),
         from_zero: true,
     };
     let caption = format!("Channel {channel}: median, and the interval that holds the wear depth with 90 % probability.");
@@ -160,6 +162,7 @@ fn indicator_section((name, heading, caption): (&str, &str, &str), channels: &BT
         series: series.collect(),
         band: Vec::new(),
         levels: Vec::new(),
+        marks: Vec::new(),
         from_zero: false,
     };
     section(heading, caption, &chart, None, body);
@@ -179,6 +182,7 @@ fn spectrum_section(report: &Report, body: &mut String) {
         }],
         band: Vec::new(),
         levels: Vec::new(),
+        marks: Vec::new(),
         from_zero: true,
     };
     let caption = format!(

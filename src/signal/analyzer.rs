@@ -125,11 +125,12 @@ impl Analyzer {
             features.values.insert("ln_kurtosis".to_owned(), kurtosis.ln());
         }
 
-        let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh.teeth));
+        let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh));
         let mut mesh_lines = Vec::new();
         for order in 1..=self.settings.harmonics {
             let line = lines.and_then(|lines| lines.read(work, order as f64).ok_or(Absence::AboveNyquist));
-            let amplitude = line.map(|(line, _)| line.amplitude);
+            let is_own = lines.is_ok_and(|lines| lines.is_own(order as f64, 0.0));
+            let amplitude = line.and_then(|(line, _)| if is_own { Ok(line.amplitude) } else { Err(Absence::OtherMesh) });
             indicators.insert(format!("mesh_{order}"), amplitude);
             if order == 1 {
                 indicators.insert("omx", amplitude);
@@ -143,7 +144,7 @@ impl Analyzer {
         }
         let mut speed = located.speed;
         if let Ok(deviation) = deviation {
-            let comb = located.mesh.ok().map(|mesh_bins| (mesh_bins, mesh.teeth));
+            let comb = located.mesh.ok().map(|mesh_bins| (mesh_bins, mesh));
             insert_checks(work, comb, deviation, &mut features);
         }
         if let (Ok(mesh_bins), Ok(deviation)) = (located.mesh, deviation) {
@@ -159,8 +160,8 @@ impl Analyzer {
                 found.mesh_frequency_hz = steadied.mesh_bins * resolution_hz;
                 found.shaft_speed_hz = found.mesh_frequency_hz / f64::from(mesh.teeth);
             }
-            let lines = MeshPositions::new(steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins), mesh.teeth);
-            for order in 1..=self.settings.harmonics {
+            let lines = MeshPositions::new(steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins), mesh);
+            for order in (1..=self.settings.harmonics).filter(|order| lines.is_own(*order as f64, 0.0)) {
                 if let Some((line, noise)) = lines.read(work, order as f64) {
                     features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
                 }
@@ -264,7 +265,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    use super::super::{OperatingPoint, SpeedSource};
+    use super::super::{OperatingPoint, OtherMeshes, SpeedSource};
     use super::*;
 
     const RATE_HZ: f64 = 20_000.0;
@@ -275,6 +276,7 @@ mod tests {
         nominal_shaft_speed_hz: 16.64,
         tolerance: 0.05,
         nominal_is_exact: false,
+        others: OtherMeshes::NONE,
     };
 
     /// Harmonics of amplitude 1/h, once-per-turn amplitude modulation of depth 0.2, and white noise of this deviation.

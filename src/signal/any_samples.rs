@@ -3,7 +3,9 @@
 use jiff::Timestamp;
 use proptest::prelude::*;
 
-use super::{AnalysisSettings, Analyzer, ConditionSettings, EnvelopeSearch, MeshContext, Quality, Record, RunMeans, Tachometer};
+use super::{
+    AnalysisSettings, Analyzer, ConditionSettings, EnvelopeSearch, MeshContext, OtherMeshes, Quality, Record, RunMeans, Tachometer,
+};
 
 const RATE_HZ: f64 = 1000.0;
 
@@ -12,6 +14,7 @@ const MESH: MeshContext = MeshContext {
     nominal_shaft_speed_hz: 10.0,
     tolerance: 0.05,
     nominal_is_exact: false,
+    others: OtherMeshes::NONE,
 };
 
 fn record(samples: Vec<f32>) -> Record {
@@ -141,6 +144,7 @@ fn ten_million_samples_read_as_few_do() {
         nominal_shaft_speed_hz: 123.4 / 12.0,
         tolerance: 0.01,
         nominal_is_exact: false,
+        others: OtherMeshes::NONE,
     };
     for length in [20_000, 199_999, 9_999_991] {
         let got = analyzer.read(&sine(length), &mesh, None);

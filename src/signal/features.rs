@@ -28,8 +28,8 @@ pub const PREPROCESSING: &str = "steadied-lines-3";
 /// too. That is why the envelopes are those of single harmonics: a band over several has lines that depend on the path's phase
 /// between them. `ln_rms` and `ln_kurtosis` mix all frequencies and keep this property only for a path without colour.
 ///
-/// A feature that the record cannot give (a harmonic above half the sampling rate, sidebands closer than 8 bins) is missing
-/// from the map.
+/// A feature that the record cannot give (a harmonic above half the sampling rate, sidebands closer than 8 bins, a line where one of another
+/// mesh lies) is missing from the map.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Features {
     /// Value by feature name, for example `ln_mesh_1`.
@@ -67,6 +67,11 @@ pub struct Features {
 const AMPLITUDE_FLOOR: f64 = 1e-9;
 
 impl Features {
+    /// Whether a harmonic of the mesh could be read.
+    pub fn has_mesh(&self) -> bool {
+        self.values.keys().any(|name| name.starts_with("ln_mesh_"))
+    }
+
     /// Puts down one line feature: its `amplitude` and that of the noise in it, for a record of this `deviation`.
     pub(super) fn insert_line(&mut self, name: String, amplitude: f64, noise: Option<f64>, deviation: f64) {
         let floor = AMPLITUDE_FLOOR * deviation;

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::Deserialize;
 
-use super::{AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, Record, RunMean, RunMeans, ShaftAngle};
+use super::{AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, OtherMeshes, Record, RunMean, RunMeans, ShaftAngle};
 
 #[derive(Deserialize)]
 struct Vectors {
@@ -50,6 +50,7 @@ impl Case {
             nominal_shaft_speed_hz: 10.0,
             tolerance: 0.05,
             nominal_is_exact: false,
+            others: OtherMeshes::NONE,
         }
     }
 }
@@ -154,6 +155,7 @@ fn gaussian_noise_has_its_normal_moments() {
         nominal_shaft_speed_hz: 5.0,
         tolerance: 0.0,
         nominal_is_exact: true,
+        others: OtherMeshes::NONE,
     };
     let pulses: Vec<f64> = (0..12).map(|pulse| f64::from(pulse) / 5.0).collect();
     let angle = ShaftAngle::from_pulses(&pulses, 1).unwrap();

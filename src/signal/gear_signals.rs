@@ -16,7 +16,7 @@ const SIDEBANDS: usize = 6;
 pub struct GearSignals {
     /// The average, its mean removed.
     pub average: Vec<f64>,
-    /// Shaft orders 1 and 2 and all mesh harmonics below half the sampling rate.
+    /// Shaft orders 1 and 2, all mesh harmonics below half the sampling rate, and the orders of other meshes that are known of.
     pub regular: Vec<f64>,
     /// The average without the regular signal.
     pub residual: Vec<f64>,
@@ -30,8 +30,9 @@ pub struct GearSignals {
 }
 
 impl GearSignals {
-    /// Splits `average`, one turn of a shaft with this many teeth; `None` unless order `teeth` + 1 lies below half its samples.
-    pub(super) fn split(average: &[f64], teeth: u32, transforms: &mut Transforms) -> Option<Self> {
+    /// Splits `average`, one turn of a shaft with this many teeth; `None` unless order `teeth` + 1 lies below half its samples. Orders that are
+    /// foreign, those of other meshes, count as regular.
+    pub(super) fn split(average: &[f64], teeth: u32, is_foreign: &dyn Fn(usize) -> bool, transforms: &mut Transforms) -> Option<Self> {
         let (samples, teeth) = (average.len(), teeth as usize);
         if teeth == 0 || 2 * (teeth + 1) >= samples {
             return None;
@@ -57,7 +58,7 @@ impl GearSignals {
             output
         };
         let one = Complex::new(1.0, 0.0);
-        let regular = |k: usize| k <= SHAFT_ORDERS || k.is_multiple_of(teeth);
+        let regular = |k: usize| k <= SHAFT_ORDERS || k.is_multiple_of(teeth) || is_foreign(k);
         let sideband = |k: usize| k > teeth / 2 && (k % teeth == 1 || k % teeth == teeth - 1);
         let band = teeth.saturating_sub(SIDEBANDS).max(1)..=(teeth + SIDEBANDS).min(2 * teeth - 1).min((samples - 1) / 2);
         let real = signal(&|k| band.contains(&k), one);
@@ -128,13 +129,15 @@ mod tests {
         let sidebands = [(19.0, 0.2), (21.0, 0.25), (41.0, 0.05), (99.0, 0.03)];
         let others = [(3.0, 0.07), (18.0, 0.06), (55.0, 0.04), (115.0, 0.02)];
         let average = turn(&[&regular[..], &sidebands, &others, &[(0.0, 5.0)]].concat());
-        let got = GearSignals::split(&average, 20, &mut Transforms::default()).unwrap();
+        let got = GearSignals::split(&average, 20, &|_| false, &mut Transforms::default()).unwrap();
         assert_equal(&got.regular, &turn(&regular));
         assert_equal(&got.residual, &turn(&[&sidebands[..], &others].concat()));
         assert_equal(&got.difference, &turn(&others));
         assert_equal(&got.average, &turn(&[&regular[..], &sidebands, &others].concat()));
         assert!((got.mesh_line(2).unwrap() - 0.5).abs() < 1e-12);
         assert_eq!(got.mesh_line(6), None);
+        let of_another = GearSignals::split(&average, 20, &|k| k == 18 || k == 55, &mut Transforms::default()).unwrap();
+        assert_equal(&of_another.difference, &turn(&[others[0], others[3]]));
         assert!((got.sideband_sum().unwrap() - (0.2 + 0.25 + 0.06)).abs() < 1e-12);
         assert!((got.first_sidebands().unwrap() - 0.45).abs() < 1e-12);
     }
@@ -148,7 +151,7 @@ mod tests {
                 (1.0 + 0.3 * angle.cos()) * (20.0 * angle).cos()
             })
             .collect();
-        let got = GearSignals::split(&average, 20, &mut Transforms::default()).unwrap();
+        let got = GearSignals::split(&average, 20, &|_| false, &mut Transforms::default()).unwrap();
         assert_equal(
             &got.mesh_envelope,
             &turn(&[(1.0, 0.0)])
@@ -162,7 +165,10 @@ mod tests {
     #[test]
     fn a_turn_without_room_for_its_mesh_is_refused() {
         for (samples, teeth) in [(0, 20), (42, 20), (240, 0), (240, u32::MAX)] {
-            assert_eq!(GearSignals::split(&vec![1.0; samples], teeth, &mut Transforms::default()), None);
+            assert_eq!(
+                GearSignals::split(&vec![1.0; samples], teeth, &|_| false, &mut Transforms::default()),
+                None
+            );
         }
     }
 }

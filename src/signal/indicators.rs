@@ -33,6 +33,8 @@ pub enum Absence {
     NoSignal,
     /// The samples' unit is not one of acceleration, so that no velocity follows from them.
     NotAcceleration,
+    /// A line of another mesh that the sensor hears lies there.
+    OtherMesh,
 }
 
 /// The condition indicators of one record by name; those that could not be computed are absent with a reason, never zero.
@@ -61,6 +63,7 @@ pub enum Absence {
 /// | `energy_ratio` | σ(d)/σ(g); some authors divide by the sidebands too | none |
 /// | `residual_variance`, `residual_fourth_moment` | E\[r²\], E\[r⁴\]: what NA4 is made of (see [`RunMean`](super::RunMean)) | the record's², ⁴ |
 /// | `na4`, `nb4` | E\[r⁴\] over the squared mean of E\[r²\] of all records of the channel up to this one (Zakrajsek 1994), of the residual and of the mesh line's envelope: by [`RunMeans`](super::RunMeans), not from one record alone | none |
+/// | `novelty` | −log₁₀ of the probability that a record of the best wear state deviates as much as this one: from the estimate, not from one record alone | none |
 /// | `mesh_envelope_variance`, `mesh_envelope_fourth_moment` | the same of the envelope of orders z − 6 to z + 6, its mean removed: what NB4 is made of | the record's², ⁴ |
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Indicators {
@@ -99,7 +102,8 @@ impl Indicators {
 
     /// The unit of an indicator of a record in `unit`: `"1"` where it has none. `bands` are those that the user defined.
     pub fn unit(name: &str, unit: &str, bands: &[Band]) -> String {
-        const DIMENSIONLESS: [&str; 11] = [
+        const DIMENSIONLESS: [&str; 12] = [
+            "novelty",
             "kurtosis",
             "crest_factor",
             "sideband_energy_ratio",

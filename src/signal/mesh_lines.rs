@@ -3,9 +3,11 @@
 use serde::Serialize;
 
 use super::features::Features;
-use super::line::{LineReading, background, fits, read_line, read_mesh_line};
+use super::line::{LineReading, MAIN_LOBE_BINS, background, fits, read_line, read_mesh_line, search_reach};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
+use super::other_meshes::OtherMeshes;
 use super::record_spectrum::RecordSpectrum;
+use super::speed::MeshContext;
 
 /// Mesh harmonics whose sidebands and envelopes are features.
 const SIDEBAND_HARMONICS: usize = 4;
@@ -33,15 +35,33 @@ pub(super) struct MeshPositions {
     mesh_bins: f64,
     /// The shaft rate, where the record resolves it.
     shaft_bins: Option<f64>,
+    teeth: f64,
+    others: OtherMeshes,
 }
 
 impl MeshPositions {
-    pub(super) fn new(mesh_bins: f64, teeth: u32) -> Self {
-        let shaft_bins = mesh_bins / f64::from(teeth);
+    pub(super) fn new(mesh_bins: f64, mesh: &MeshContext) -> Self {
+        let teeth = f64::from(mesh.teeth);
+        let shaft_bins = mesh_bins / teeth;
         Self {
             mesh_bins,
             shaft_bins: (shaft_bins >= SHAFT_RESOLVED_BINS).then_some(shaft_bins),
+            teeth,
+            others: mesh.others,
         }
+    }
+
+    /// Whether the line `sideband` shaft rates beside mesh harmonic `order` is this mesh's alone: no line of another one that is known of is read
+    /// in its place.
+    pub(super) fn is_own(&self, order: f64, sideband: f64) -> bool {
+        if self.others.is_empty() {
+            return true;
+        }
+        let shaft_orders = order * self.teeth + sideband;
+        let bins_per_order = self.mesh_bins / self.teeth;
+        // What is searched, and the main lobes of both lines.
+        let reach = search_reach(shaft_orders * bins_per_order) + 2.0 * MAIN_LOBE_BINS;
+        !self.others.lie_at(shaft_orders, reach / bins_per_order)
     }
 
     /// Mesh harmonic `order` and the noise in one bin beside it; `None` where it does not lie below half the sampling rate.
@@ -57,9 +77,14 @@ impl MeshPositions {
         background(&work.amplitude, order * self.mesh_bins, self.shaft_bins, reach, &mut work.sorting)
     }
 
+    fn has_own_sidebands(&self, order: usize) -> bool {
+        let reach = SIDEBANDS as i32;
+        (-reach..=reach).all(|sideband| self.is_own(order as f64, f64::from(sideband)))
+    }
+
     pub(super) fn sidebands(&self, work: &mut RecordSpectrum, deviation: f64, features: &mut Features) {
         let Some(shaft_bins) = self.shaft_bins else { return };
-        for order in 1..=SIDEBAND_HARMONICS {
+        for order in (1..=SIDEBAND_HARMONICS).filter(|order| self.has_own_sidebands(*order)) {
             let centre = order as f64 * self.mesh_bins;
             let sidebands = (1..=SIDEBANDS).flat_map(|k| [centre - k as f64 * shaft_bins, centre + k as f64 * shaft_bins]);
             let energy: Option<f64> = sidebands
@@ -74,7 +99,7 @@ impl MeshPositions {
     pub(super) fn envelopes(&self, work: &mut RecordSpectrum, deviation: f64, features: &mut Features) {
         let Some(shaft_bins) = self.shaft_bins else { return };
         let reach = FEATURE_BAND_SHAFTS * shaft_bins;
-        for order in 1..=SIDEBAND_HARMONICS {
+        for order in (1..=SIDEBAND_HARMONICS).filter(|order| self.has_own_sidebands(*order)) {
             let centre = order as f64 * self.mesh_bins;
             if centre <= reach + 1.0 || !fits(centre + reach, work.bins.len()) {
                 return;

@@ -4,6 +4,7 @@ use super::analyzer::Analyzer;
 use super::angle_record::{AngleRecord, OrderSpectrum};
 use super::faults::fault;
 use super::features::Features;
+use super::foreign_lines::NEAR_ORDER_BINS;
 use super::gear_indicators::{AngleUsed, GearAnalysis};
 use super::gear_signals::GearSignals;
 use super::indicators::Absence;
@@ -14,6 +15,7 @@ use super::resampling::LEAST_TURNS;
 use super::shaft_angle::ShaftAngle;
 use super::speed::{LocatedMesh, MeshContext, given_speed};
 use super::tooth_contrast;
+use super::transform::Transforms;
 
 /// A record over its shaft's angle, and why its tachometer was not used where it has one that was not; or why there is no angle.
 pub(super) type Turned = Result<(AngleRecord, Option<String>), Absence>;
@@ -92,9 +94,7 @@ impl Analyzer {
 
     /// A record over the angle of its tachometer, or why its pulses cannot be used; none where it has no tachometer.
     fn by_tachometer(&mut self, record: &Record, mesh: &MeshContext) -> Option<Result<AngleRecord, String>> {
-        let tachometer = record.tachometer()?;
-        let angle = ShaftAngle::from_pulses(&tachometer.pulse_times_s, tachometer.pulses_per_revolution);
-        Some(match angle {
+        Some(match record.tachometer_angle()? {
             Ok(angle) => self.resampled(record, mesh, &angle).map_err(|absence| match absence {
                 Absence::TooFewTurns => format!("its pulses leave fewer than {LEAST_TURNS} whole turns of the record"),
                 Absence::AboveNyquist => "at its speed the mesh lies above half the sampling rate".to_owned(),
@@ -112,9 +112,8 @@ impl Analyzer {
 
     /// The synchronous average of the driving shaft and its parts; arguments and errors as for [`angle_record`](Self::angle_record).
     pub fn gear_signals(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearSignals, Absence> {
-        let turned = self.angle_record(record, mesh, angle)?;
-        let average = turned.synchronous_average();
-        GearSignals::split(&average, mesh.teeth, &mut self.work.transforms).ok_or(Absence::AboveNyquist)
+        let turned = self.angle_record(record, mesh, angle)?.without_lines_of(mesh);
+        split(&turned, mesh, &mut self.work.transforms)
     }
 
     /// The indicators over the driving shaft's angle (see [`Indicators`](super::Indicators)); arguments as for
@@ -126,7 +125,9 @@ impl Analyzer {
     fn try_gear_indicators(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearAnalysis, Absence> {
         let (moments, located) = self.locate(record, mesh);
         let turned = usable(record, &moments).and_then(|()| match angle {
-            Some(angle) => self.resampled(record, mesh, angle).map(|turned| (turned, None)),
+            Some(angle) => self
+                .resampled(record, mesh, angle)
+                .map(|turned| (turned.without_lines_of(mesh), None)),
             None => self.turned(record, mesh, &moments, &located),
         });
         self.give_back(record);
@@ -169,21 +170,21 @@ impl Analyzer {
     /// Puts down whether the teeth are alike, where the record has an angle and its mesh was found.
     pub(super) fn insert_tooth_checks(&mut self, mesh: &MeshContext, turned: &Turned, features: &mut Features) {
         if let Ok((turned, _)) = turned
-            && features.values.contains_key("ln_mesh_1")
+            && features.has_mesh()
         {
-            tooth_contrast::insert_tooth_checks(turned, mesh.teeth, self.settings.harmonics, &mut self.work.transforms, features);
+            tooth_contrast::insert_tooth_checks(turned, mesh, self.settings.harmonics, &mut self.work.transforms, features);
         }
     }
 
-    /// The record over the best angle there is, and why its tachometer was not used where it was not.
+    /// The record over the best angle there is without the lines of other meshes, and why its tachometer was not used where it was not.
     fn turned(&mut self, record: &Record, mesh: &MeshContext, moments: &Moments, located: &LocatedMesh) -> Turned {
         let refused = match self.by_tachometer(record, mesh) {
-            Some(Ok(turned)) => return Ok((turned, None)),
+            Some(Ok(turned)) => return Ok((turned.without_lines_of(mesh), None)),
             Some(Err(reason)) => Some(reason),
             None => None,
         };
         let angle = self.followed_angle(record, mesh, moments.constant, located.mesh)?;
-        Ok((self.resampled(record, mesh, &angle)?, refused))
+        Ok((self.resampled(record, mesh, &angle)?.without_lines_of(mesh), refused))
     }
 
     fn indicate_turned(&mut self, mesh: &MeshContext, turned: &AngleRecord, refused: Option<String>) -> Result<GearAnalysis, Absence> {
@@ -192,8 +193,7 @@ impl Analyzer {
             .mesh_line(mesh.teeth, transforms)
             .map(|line| line.amplitude)
             .ok_or(Absence::AboveNyquist);
-        let average = turned.synchronous_average();
-        let signals = GearSignals::split(&average, mesh.teeth, transforms).ok_or(Absence::AboveNyquist)?;
+        let signals = split(turned, mesh, transforms)?;
         let angle = AngleUsed {
             source: turned.angle,
             turns: turned.turns,
@@ -201,6 +201,15 @@ impl Analyzer {
         };
         Ok(GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics))
     }
+}
+
+/// The average of a record's turns and its parts.
+fn split(turned: &AngleRecord, mesh: &MeshContext, transforms: &mut Transforms) -> Result<GearSignals, Absence> {
+    let average = turned.synchronous_average();
+    // Lines between two orders are taken out before; those near to one cannot be told from it.
+    let near = NEAR_ORDER_BINS / turned.turns as f64;
+    let is_foreign = |order: usize| mesh.others.lie_at(order as f64, near);
+    GearSignals::split(&average, mesh.teeth, &is_foreign, transforms).ok_or(Absence::AboveNyquist)
 }
 
 /// Whether a record's shape is the machine's: not that of a converter's limit or of missing samples.
@@ -221,7 +230,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    use super::super::{AnalysisSettings, AngleSource, OperatingPoint};
+    use super::super::{AnalysisSettings, AngleSource, OperatingPoint, OtherMeshes};
     use super::*;
 
     const RATE_HZ: f64 = 20_000.0;
@@ -234,6 +243,7 @@ mod tests {
         nominal_shaft_speed_hz: SHAFT_HZ,
         tolerance: 0.05,
         nominal_is_exact: false,
+        others: OtherMeshes::NONE,
     };
 
     /// Revolutions after `t` seconds at 16.64 Hz·(1 + s·sin(2π·0.13·t)).

@@ -37,7 +37,7 @@ impl Analyzer {
     pub fn read(&mut self, record: &Record, mesh: &MeshContext, band_hz: Option<[f64; 2]>) -> Reading<'_> {
         let (moments, located) = self.locate(record, mesh);
         let resolution_hz = self.work.resolution_hz(record);
-        let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh.teeth));
+        let lines = located.mesh.map(|mesh_bins| MeshPositions::new(mesh_bins, mesh));
         self.lines.clear();
         let mut omx = lines.map(|_| 0.0);
         for order in 1..=self.settings.harmonics {
@@ -82,7 +82,7 @@ mod tests {
 
     use jiff::Timestamp;
 
-    use super::super::{AnalysisSettings, EnvelopeSearch};
+    use super::super::{AnalysisSettings, EnvelopeSearch, OtherMeshes};
     use super::*;
 
     /// The same bits as the methods that give each by itself, also after a record of another length.
@@ -93,6 +93,7 @@ mod tests {
             nominal_shaft_speed_hz: 16.64,
             tolerance: 0.05,
             nominal_is_exact: false,
+            others: OtherMeshes::NONE,
         };
         let mut analyzer = Analyzer::new(AnalysisSettings::default());
         for samples in [20_000, 7919, 20_000, 50] {
@@ -124,6 +125,7 @@ mod tests {
             nominal_shaft_speed_hz: 16.64,
             tolerance: 0.05,
             nominal_is_exact: false,
+            others: OtherMeshes::NONE,
         };
         let record = |n: u32| {
             let signal = (0..20_000u32).map(|i| {

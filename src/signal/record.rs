@@ -4,6 +4,8 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::shaft_angle::{PulseError, ShaftAngle};
+
 /// The longest record taken: 2²⁴ samples, 14 minutes at 20 kHz and 64 MiB of `f32`.
 pub const MAX_RECORD_SAMPLES: usize = 1 << 24;
 
@@ -51,6 +53,8 @@ pub struct Record {
     operating_point: OperatingPoint,
     quality: Quality,
     tachometer: Option<Tachometer>,
+    /// Turns of the shaft that the record is looked at over while the one with the tachometer makes one.
+    shaft_turns: f64,
 }
 
 /// Why a stretch of samples is not a record.
@@ -143,6 +147,7 @@ impl Record {
             operating_point: OperatingPoint::default(),
             quality: Quality::default(),
             tachometer: None,
+            shaft_turns: 1.0,
         })
     }
 
@@ -189,6 +194,16 @@ impl Record {
         self
     }
 
+    /// The same record as seen from another shaft, which makes this many `turns` (above 0) while the one that speed, torque and tachometer are of
+    /// makes one: the speed is multiplied by it, the torque divided (teeth lose little of it), and pulses are counted in its turns.
+    pub fn seen_from_shaft(mut self, turns: f64) -> Self {
+        let point = &mut self.operating_point;
+        point.shaft_speed_hz = point.shaft_speed_hz.map(|speed| speed * turns);
+        point.torque_nm = point.torque_nm.map(|torque| torque / turns);
+        self.shaft_turns *= turns;
+        self
+    }
+
     /// The measuring channel, for example `"gearbox/x"` or `"1"`.
     pub fn channel(&self) -> &str {
         &self.channel
@@ -229,6 +244,19 @@ impl Record {
         self.tachometer.as_ref()
     }
 
+    /// The angle of the shaft that the record is looked at over by the tachometer's pulses, or why they give none; none without a tachometer.
+    pub(super) fn tachometer_angle(&self) -> Option<Result<ShaftAngle, PulseError>> {
+        let Tachometer {
+            pulse_times_s,
+            pulses_per_revolution,
+        } = self.tachometer.as_ref()?;
+        Some(ShaftAngle::from_geared_pulses(
+            pulse_times_s,
+            *pulses_per_revolution,
+            self.shaft_turns,
+        ))
+    }
+
     /// The record's length in seconds.
     pub fn duration_s(&self) -> f64 {
         self.samples.len() as f64 / self.sample_rate_hz
@@ -246,6 +274,24 @@ mod tests {
     #[test]
     fn one_sample_is_a_record() {
         assert_eq!(record(vec![1.0]).unwrap().duration_s(), 5e-5);
+    }
+
+    #[test]
+    fn a_geared_shaft_turns_at_its_own_speed() {
+        let point = OperatingPoint {
+            shaft_speed_hz: Some(30.0),
+            torque_nm: Some(100.0),
+        };
+        let tachometer = Tachometer {
+            pulse_times_s: (0..40).map(|pulse| f64::from(pulse) / 60.0).collect(),
+            pulses_per_revolution: 2,
+        };
+        let record = record(vec![1.0]).unwrap().with_operating_point(point).unwrap();
+        let geared = record.with_tachometer(Some(tachometer)).seen_from_shaft(24.0 / 36.0);
+        let OperatingPoint { shaft_speed_hz, torque_nm } = geared.operating_point();
+        assert!((shaft_speed_hz.unwrap() - 20.0).abs() < 1e-12 && (torque_nm.unwrap() - 150.0).abs() < 1e-12);
+        let angle = geared.tachometer_angle().unwrap().unwrap();
+        assert!((angle.mean_speed_hz() - 20.0).abs() < 1e-9);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use serde::Deserialize;
 
-use super::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, Record};
+use super::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record};
 
 #[derive(Deserialize)]
 struct Vectors {
@@ -66,6 +66,7 @@ fn indicators_and_lines_equal_scipy() {
             nominal_shaft_speed_hz: 1.0,
             tolerance: 0.05,
             nominal_is_exact: false,
+            others: OtherMeshes::NONE,
         };
         let point = OperatingPoint {
             shaft_speed_hz: case.mesh_bins.map(|bins| bins / 12.0),

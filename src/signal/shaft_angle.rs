@@ -69,6 +69,11 @@ impl ShaftAngle {
     /// The angle of a shaft with a tachometer, zero at the first pulse. `pulse_times_s` are seconds after the record's first
     /// sample, rising, some of them possibly before it or after its end. Between pulses, time is a monotone cubic of the angle.
     pub fn from_pulses(pulse_times_s: &[f64], pulses_per_revolution: u32) -> Result<Self, PulseError> {
+        Self::from_geared_pulses(pulse_times_s, pulses_per_revolution, 1.0)
+    }
+
+    /// The same of a shaft that makes this many `turns` while the one with the tachometer makes one.
+    pub(super) fn from_geared_pulses(pulse_times_s: &[f64], pulses_per_revolution: u32, turns: f64) -> Result<Self, PulseError> {
         if pulses_per_revolution == 0 {
             return Err(PulseError::PulsesPerRevolution);
         }
@@ -93,7 +98,7 @@ impl ShaftAngle {
                 });
             }
         }
-        let per_revolution = f64::from(pulses_per_revolution);
+        let per_revolution = f64::from(pulses_per_revolution) / turns;
         let revolutions = (0..pulse_times_s.len()).map(|pulse| pulse as f64 / per_revolution).collect();
         let source = AngleSource::Tachometer {
             pulses: pulse_times_s.len(),

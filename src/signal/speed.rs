@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::indicators::Absence;
 use super::line::{MAIN_LOBE_BINS, fits};
 use super::mesh_comb::{self, MESH_RESOLVED_BINS};
+use super::other_meshes::OtherMeshes;
 use super::record::Record;
-use super::shaft_angle::ShaftAngle;
 
 /// What is known of the mesh before a record is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +19,8 @@ pub struct MeshContext {
     pub tolerance: f64,
     /// Whether the nominal speed is exact, so that no search is needed.
     pub nominal_is_exact: bool,
+    /// Other meshes that the sensor hears.
+    pub others: OtherMeshes,
 }
 
 impl MeshContext {
@@ -29,6 +31,7 @@ impl MeshContext {
             nominal_shaft_speed_hz: 0.0,
             tolerance: 0.0,
             nominal_is_exact: false,
+            others: OtherMeshes::NONE,
         }
     }
 }
@@ -77,8 +80,7 @@ pub(super) struct LocatedMesh {
 pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
     let own = record.operating_point().shaft_speed_hz.map(|speed| (speed, SpeedSource::Record));
     own.or_else(|| {
-        let tachometer = record.tachometer()?;
-        let angle = ShaftAngle::from_pulses(&tachometer.pulse_times_s, tachometer.pulses_per_revolution).ok()?;
+        let angle = record.tachometer_angle()?.ok()?;
         Some((angle.mean_speed_hz(), SpeedSource::Tachometer))
     })
 }

@@ -252,7 +252,7 @@ impl Wander {
 mod tests {
     use jiff::Timestamp;
 
-    use super::super::{AnalysisSettings, Analyzer, MeshContext, Record};
+    use super::super::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
     use super::*;
 
     /// Harmonics of amplitude 1/h with once-per-turn modulation of depth 0.2; the speed swings by this part at 0.7 Hz.
@@ -273,6 +273,7 @@ mod tests {
             nominal_shaft_speed_hz: 16.64,
             tolerance: 0.05,
             nominal_is_exact: false,
+            others: OtherMeshes::NONE,
         };
         Analyzer::new(AnalysisSettings::default()).analyze(&record, &mesh).features
     }

@@ -7,6 +7,7 @@ use realfft::num_complex::Complex;
 
 use super::angle_record::AngleRecord;
 use super::features::Features;
+use super::speed::MeshContext;
 use super::transform::Transforms;
 
 /// Shaft orders beside each mesh harmonic that are left out on each side: errors of the whole gear modulate the mesh there.
@@ -18,16 +19,16 @@ const LEAST_TEETH: usize = 10;
 /// Below this part of the average's deviation a signal is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Puts down three ratios of a turn that no gain of the sensor changes, as natural logarithms of amplitudes; nothing for a gear with
+/// Puts down, of what lies between the harmonics of this mesh and of others, three ratios of a turn that no gain of the sensor changes, as natural logarithms of amplitudes; nothing for a gear with
 /// fewer than 10 teeth, and where order `teeth` + 1 lies above half the samples of a turn.
 pub(super) fn insert_tooth_checks(
     turned: &AngleRecord,
-    teeth: u32,
+    mesh: &MeshContext,
     harmonics: usize,
     transforms: &mut Transforms,
     features: &mut Features,
 ) {
-    let (teeth, per_turn) = (teeth as usize, turned.samples_per_turn);
+    let (teeth, per_turn) = (mesh.teeth as usize, turned.samples_per_turn);
     if teeth < LEAST_TEETH || 2 * (teeth + 1) >= per_turn {
         return;
     }
@@ -45,7 +46,7 @@ pub(super) fn insert_tooth_checks(
         transforms.forward(signal, &mut bins);
         for (order, bin) in bins.iter_mut().enumerate() {
             let beside = (order % teeth).min(teeth - order % teeth);
-            if beside <= LEFT_OUT || order > highest {
+            if beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0) {
                 *bin = Complex::default();
             }
         }
@@ -95,15 +96,30 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    use super::super::AngleSource;
+    use super::super::{AngleSource, OtherMesh, OtherMeshes};
     use super::*;
 
     const TEETH: u32 = 24;
     const PER_TURN: usize = 1200;
     const TURNS: usize = 16;
 
+    /// The second stage of a gearbox, seen from the first.
+    const OTHER_ORDERS: f64 = 19.0 * 24.0 / 26.0;
+
+    fn of_teeth(teeth: u32) -> MeshContext {
+        MeshContext {
+            teeth,
+            ..MeshContext::unknown()
+        }
+    }
+
     /// Mesh harmonics of amplitude `mesh`/h, modulated once per turn, and white noise; on one tooth of each turn a burst of amplitude `burst`.
     fn checks(mesh: f64, burst: f64) -> Features {
+        checks_beside(mesh, burst, 0.0, OtherMeshes::NONE)
+    }
+
+    /// The same with a line of another mesh of amplitude `other`.
+    fn checks_beside(mesh: f64, burst: f64, other: f64, others: OtherMeshes) -> Features {
         let mut random = ChaCha8Rng::seed_from_u64(4);
         let pitch = PER_TURN / TEETH as usize;
         let samples = (0..TURNS * PER_TURN).map(|i| {
@@ -118,7 +134,7 @@ mod tests {
                 0.0
             };
             let normal: f64 = StandardNormal.sample(&mut random);
-            lines + hit + 0.3 * normal
+            lines + hit + other * (OTHER_ORDERS * turn).sin() + 0.3 * normal
         });
         let turned = AngleRecord {
             unit: "g".to_owned(),
@@ -128,7 +144,14 @@ mod tests {
             angle: AngleSource::ConstantSpeed,
         };
         let mut features = Features::default();
-        insert_tooth_checks(&turned, TEETH, 10, &mut Transforms::default(), &mut features);
+        let mesh = MeshContext { others, ..of_teeth(TEETH) };
+        insert_tooth_checks(
+            &turned.without_lines_of(&mesh),
+            &mesh,
+            10,
+            &mut Transforms::default(),
+            &mut features,
+        );
         features
     }
 
@@ -154,6 +177,24 @@ mod tests {
     }
 
     #[test]
+    fn another_mesh_that_is_known_is_no_tooth_that_differs() {
+        let others = OtherMeshes::of([OtherMesh {
+            mesh_orders: OTHER_ORDERS,
+            shaft_orders: [24.0 / 26.0, 0.5],
+        }]);
+        let calm = checks_beside(1.0, 0.0, 0.0, others).checks;
+        let loud = checks_beside(1.0, 0.0, 5.0, others).checks;
+        let unknown = checks_beside(1.0, 0.0, 5.0, OtherMeshes::NONE).checks;
+        assert!(
+            (unknown["ln_tooth_repeated"] - calm["ln_tooth_repeated"]).abs() > 0.5,
+            "{unknown:?} {calm:?}"
+        );
+        for (name, value) in &calm {
+            assert!((value - loud[name]).abs() < 0.1, "{name}: {value} {}", loud[name]);
+        }
+    }
+
+    #[test]
     fn few_teeth_and_few_samples_say_nothing() {
         let turned = AngleRecord {
             unit: "g".to_owned(),
@@ -164,7 +205,7 @@ mod tests {
         };
         let mut features = Features::default();
         for teeth in [0, 9, 12, 24, u32::MAX] {
-            insert_tooth_checks(&turned, teeth, 10, &mut Transforms::default(), &mut features);
+            insert_tooth_checks(&turned, &of_teeth(teeth), 10, &mut Transforms::default(), &mut features);
         }
         assert_eq!(features, Features::default());
     }

@@ -7,7 +7,7 @@ use sqlx::Row;
 use sqlx::any::AnyRow;
 
 use super::rows::{from_ns, get, get_count, get_json, get_time, to_json, to_ns};
-use super::{SegmentKey, Store, StoreError, raw};
+use super::{SegmentKey, Store, StoreError, heard_through, raw};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// An asset as it is stored.
@@ -131,6 +131,7 @@ impl Store {
         if inserted.rows_affected() == 0 {
             return Err(StoreError::AssetExists(spec.id.clone()));
         }
+        heard_through::set(&mut transaction, spec).await?;
         transaction.commit().await?;
         self.asset(&spec.id).await
     }
@@ -148,6 +149,7 @@ impl Store {
             .bind(to_ns(now)?)
             .execute(&mut *commit.transaction)
             .await?;
+        heard_through::set(&mut commit.transaction, spec).await?;
         commit.finish().await?;
         self.asset(&spec.id).await
     }
@@ -185,6 +187,7 @@ impl Store {
         commit.asset_to_change(id).await?;
         let channels = self.channels(id).await?;
         let transaction = &mut commit.transaction;
+        heard_through::change_others(transaction, id).await?;
         let mine = "SELECT sha256 FROM raw_objects WHERE asset_id = $1";
         let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut **transaction).await?;
         let objects: Vec<String> = objects.iter().map(|row| get(row, "sha256")).collect::<Result<_, _>>()?;

@@ -12,6 +12,7 @@ mod database;
 mod error;
 mod fold_states;
 mod generations;
+mod heard_through;
 mod keyed_uploads;
 mod library_builds;
 mod maintenance;
@@ -22,6 +23,7 @@ mod rows;
 mod schema;
 mod segments;
 mod settings;
+mod shelvings;
 mod trend;
 mod upkeep;
 

@@ -5,7 +5,7 @@
 
 use sqlx::{AnyConnection, AssertSqlSafe, Connection, Row};
 
-use super::StoreError;
+use super::{StoreError, heard_through};
 
 /// Which database speaks behind the `Any` driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,7 +73,15 @@ impl Dialect {
 }
 
 /// Each migration's statements; a migration that has been released is never changed.
-const MIGRATIONS: &[&[&str]] = &[FIRST, RUN_INDICATORS, KEYED_UPLOADS, GENERATIONS, ALARMS, SHARING];
+const MIGRATIONS: &[&[&str]] = &[
+    FIRST,
+    RUN_INDICATORS,
+    KEYED_UPLOADS,
+    GENERATIONS,
+    ALARMS,
+    SHARING,
+    heard_through::TABLE,
+];
 
 /// Assets, channels, segments with everything about them.
 const FIRST: &[&str] = &[

@@ -49,7 +49,7 @@ export const CHECKS = {
     }
     const depths = [...seen].sort(([a], [b]) => a - b).map(([, depth]) => depth).filter((depth) => !Number.isNaN(depth));
     assert.ok(depths.length > 300 && depths.every((depth, n) => n === 0 || depth <= depths[n - 1]), "the deepest first");
-    await page.getByPlaceholder("Name or id").fill("line 3,");
+    await page.getByPlaceholder("Name, id or place").fill("line 3,");
     await page.getByText(`of ${COUNT} assets`).waitFor();
     assert.equal(await total(page), Array.from({ length: COUNT }, (_, n) => n % 7).filter((line) => line === 2).length);
     await page.getByRole("button", { name: /^Danger \d/ }).click();

@@ -13,7 +13,9 @@ export const CHECKS = {
     const box = await page.locator('[data-plot="waterfall"] .nsewdrag').first().boundingBox();
     const [x, y] = [box.x + 0.5 * box.width, box.y + 0.5 * box.height];
     await page.mouse.move(x, y);
-    await page.locator('[data-plot="waterfall"] .hoverlayer .hovertext').first().waitFor();
+    const label = page.locator("[data-plot=\"waterfall\"] .cell-label");
+    await label.waitFor();
+    assert.match(await label.textContent(), /UTC, [\d.]+ order: −?-?[\d.]+ dB$/);
     await page.mouse.click(x, y);
     await page.waitForURL((url) => url.hash.startsWith(`#/assets/${asset}?`) && url.hash.includes("segment="));
     await recordShown(page);
@@ -30,6 +32,26 @@ export const CHECKS = {
     assert.equal(await page.locator(".tooth svg").count(), 2);
     const labels = await page.locator('[data-plot="features"] .ytick').allTextContents();
     assert.equal(labels.length, match.features.length, `${labels}`);
+    await close(opened, name);
+  },
+
+  "the trend of novelty shows the level of its alarm": async (name) => {
+    const opened = await open(`#/assets/${asset}?trend=novelty`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    const words = page.locator('[data-plot="trends"] .annotation', { hasText: "warning above 4" });
+    await words.first().waitFor();
+    const answer = await json(`assets/${asset}/indicators?names=novelty`);
+    assert.ok(answer.items.some(({ novelty }) => novelty >= 0), "records after the baseline have a novelty");
+    await close(opened, name);
+  },
+
+  "the report tells of alarms": async (name) => {
+    const opened = await open(`v1/assets/${asset}/report`);
+    const { page } = opened;
+    await page.locator("h2", { hasText: "Alarms" }).waitFor();
+    assert.ok((await page.locator("h3", { hasText: "Wear depth" }).textContent()).includes("danger"));
+    assert.ok((await page.locator("svg line.mark").count()) > 0, "alarms are marked on the wear");
     await close(opened, name);
   },
 

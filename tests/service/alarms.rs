@@ -126,6 +126,14 @@ fn an_alarm_goes_from_records_to_people_and_back() {
         alarm["id"]
     );
     service.clock.advance(3601);
+    // Told although no record comes.
+    let address = format!("/v1/alarms/{}", alarm["id"].as_str().unwrap());
+    let shown = service.wait_for(&address, |alarm| {
+        let last = alarm["history"].as_array().unwrap().last().unwrap().clone();
+        last["action"] == "shelving_over"
+    });
+    let over = shown["history"].as_array().unwrap().last().unwrap();
+    assert_eq!((&over["state"], &over["by"]), (&json!("acknowledged"), &Value::Null));
     let back = only_alarm(&service, "pump");
     assert_eq!((&back["state"], &back["shelved_until"]), (&json!("acknowledged"), &Value::Null));
 
@@ -420,6 +428,12 @@ fn trends_are_asked_by_operating_bin() {
     service
         .get("/v1/assets/pump/indicators?operating_bin=half")
         .expect_problem(400, &["operating_bin", "half"]);
+    let segments = "/v1/assets/pump/segments?operating_bin=full%20load";
+    assert_eq!(minutes(segments), [minute(1), minute(3)]);
+    assert_eq!(minutes(&format!("{segments}&order=desc")), [minute(3), minute(1)]);
+    let page = service.get(&format!("{segments}&limit=1")).expect(200).json();
+    let next = page["next_cursor"].as_str().unwrap();
+    assert_eq!(minutes(&format!("{segments}&limit=1&cursor={next}")), [minute(3)]);
     asset["operating_bins"][1]["torque_nm"] = json!([5, 100]);
     service.put_json("/v1/assets/pump", &asset).expect_problem(422, &["overlap"]);
 }

@@ -44,5 +44,6 @@ mod segments;
 #[cfg(feature = "cluster")]
 mod shared_store;
 mod trends;
+mod two_stages;
 mod uploads;
 mod views;

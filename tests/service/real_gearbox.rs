@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 
-use flankwatch::signal::{AnalysisSettings, Analyzer, AngleSource, ConditionSettings, MeshContext, Record};
+use flankwatch::signal::{AnalysisSettings, Analyzer, AngleSource, ConditionSettings, MeshContext, OtherMeshes, Record};
 use flate2::read::GzDecoder;
 use jiff::Timestamp;
 use serde_json::{Value, json};
@@ -97,6 +97,7 @@ fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
         nominal_shaft_speed_hz: 29.7,
         tolerance: 0.05,
         nominal_is_exact: false,
+        others: OtherMeshes::NONE,
     };
     let settings = ConditionSettings {
         mesh,

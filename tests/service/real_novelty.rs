@@ -10,7 +10,7 @@ use flankwatch::estimate::{
 use flankwatch::gear::PairSpec;
 use flankwatch::library::{BuildControl, Ensemble, GridSettings, build};
 use flankwatch::recording::{Cut, RecordDefaults, WavBlocks};
-use flankwatch::signal::{AnalysisSettings, Analyzer, Features, MeshContext, Record};
+use flankwatch::signal::{AnalysisSettings, Analyzer, Features, MeshContext, OtherMeshes, Record};
 use flate2::read::GzDecoder;
 use jiff::{SignedDuration, Timestamp};
 
@@ -49,6 +49,7 @@ fn mesh(pair: &PairSpec) -> MeshContext {
         nominal_shaft_speed_hz: pair.operation.shaft_speed_hz,
         tolerance: 0.05,
         nominal_is_exact: false,
+        others: OtherMeshes::NONE,
     }
 }
 

@@ -65,6 +65,8 @@ pub enum AlarmAction {
     Unshelve,
     /// They have something to say.
     Comment,
+    /// Nobody: the time that it was put aside until has come.
+    ShelvingOver,
 }
 
 /// What a person did, with its place among the readings.

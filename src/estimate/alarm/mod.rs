@@ -130,7 +130,7 @@ impl Alarm {
                     self.outstanding = false;
                 }
                 AlarmAction::Shelve { until } => self.shelved_until = Some(until),
-                AlarmAction::Unshelve => self.shelved_until = None,
+                AlarmAction::Unshelve | AlarmAction::ShelvingOver => self.shelved_until = None,
                 AlarmAction::Acknowledge | AlarmAction::Comment => {}
             }
         }
@@ -160,6 +160,10 @@ impl Alarm {
             AlarmAction::Unshelve if state != AlarmState::Shelved => Err(AlarmError::State {
                 state,
                 expected: "shelved",
+            }),
+            AlarmAction::ShelvingOver if !self.shelved_until.is_some_and(|until| until <= time) => Err(AlarmError::State {
+                state,
+                expected: "a shelving that is over",
             }),
             _ => Ok(()),
         }

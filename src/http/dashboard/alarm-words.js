@@ -50,7 +50,7 @@ export function stateWords({ state, shelved_until: until }, within = false) {
   return state === "shelved" && until ? `${word} until ${utc(until)}` : word;
 }
 
-const ACTIONS = { acknowledge: "acknowledged", unshelve: "unshelved", comment: "comment" };
+const ACTIONS = { acknowledge: "acknowledged", unshelve: "unshelved", comment: "comment", shelving_over: "no longer shelved: its time was over" };
 
 /** One entry of an alarm's history in words. */
 export function changeWords(change, alarm) {

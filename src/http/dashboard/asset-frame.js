@@ -16,7 +16,7 @@ export function assetTabs(id, current, query = {}) {
 
 /** The way back. */
 export function crumbs(...links) {
-  return h("nav", { class: "crumbs", "aria-label": "Breadcrumb" }, links.flatMap(([href, text]) => [h("a", { href }, text), h("span", { "aria-hidden": "true" }, "›")]));
+  return h("nav", { class: "crumbs", "aria-label": "Breadcrumb" }, links.flatMap(([href, text], place) => [place ? h("span", { "aria-hidden": "true" }, "›") : null, h("a", { href }, text)]));
 }
 
 /** The head of a page that shows one side of an asset; `update` when the asset or the address changes. */

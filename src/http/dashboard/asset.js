@@ -186,7 +186,7 @@ export class AssetPage {
     if (indicators instanceof Error) return this.#trends.say(indicators.message);
     const range = timeRange(history, latest);
     this.#trends.plot.style.setProperty("--panes", panes.length);
-    return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, { revision, bins, events, range }), `${this.#id}-trends`);
+    return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, { revision, bins, events, range, rules: this.#data.asset.summary.alarm_rules }), `${this.#id}-trends`);
   }
 
   /** The indicators that have no chip of their own; a chosen one is taken away by choosing it again. */

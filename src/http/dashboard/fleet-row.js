@@ -83,7 +83,7 @@ export class FleetRow {
     this.element.dataset.state = state;
     this.#link.href = format({ page: "asset", id: asset.id });
     setText(this.#link, assetName(asset));
-    setText(this.#id, asset.name ? asset.id : "");
+    setText(this.#id, [asset.location?.mesh, asset.name && asset.id].filter(Boolean).join(" · "));
     setChildren(this.#state, badge(state), alarmWords(summary.alarms));
     setChildren(this.#wear, ...wearContent(asset, state));
     setChildren(this.#trend, summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"));

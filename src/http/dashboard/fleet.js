@@ -37,7 +37,7 @@ export class FleetPage {
   #window;
   #total = h("p", { class: "muted", "aria-live": "polite" });
   #states = h("div", { class: "chips", role: "group", "aria-label": "Show only one state" });
-  #search = h("input", { type: "search", id: "fleet-search", placeholder: "Name or id", autocomplete: "off", oninput: () => change({ q: this.#search.value }, { quiet: true }) });
+  #search = h("input", { type: "search", id: "fleet-search", placeholder: "Name, id or place", autocomplete: "off", oninput: () => change({ q: this.#search.value }, { quiet: true }) });
   #grouped = h("input", { type: "checkbox", id: "fleet-grouped", onchange: () => change({ flat: this.#grouped.checked ? null : "1" }) });
   #groupField = h("label", { class: "check", for: "fleet-grouped", hidden: true }, this.#grouped, "By place");
   #groups = new Map();
@@ -121,7 +121,7 @@ export class FleetPage {
 
   #chosen(q, state, sort, desc) {
     const words = q.toLowerCase().split(/\s+/).filter(Boolean);
-    const matches = (asset) => words.every((word) => `${asset.name} ${asset.id}`.toLowerCase().includes(word));
+    const matches = (asset) => words.every((word) => `${asset.name} ${asset.id} ${Object.values(asset.location ?? {}).join(" ")}`.toLowerCase().includes(word));
     const { compare } = COLUMNS.find((column) => column.key === sort) ?? COLUMNS[1];
     const sign = desc ? -1 : 1;
     return this.#assets.filter((asset) => matches(asset) && (!state || assetState(asset) === state)).sort((a, b) => sign * compare(a, b) || byName(a, b));

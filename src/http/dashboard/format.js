@@ -87,6 +87,7 @@ const INDICATORS = {
   m8a: "M8A",
   na4: "NA4",
   nb4: "NB4",
+  novelty: "Novelty",
 };
 
 /** An indicator's name as the field writes it. */
@@ -106,9 +107,17 @@ function bandWords(band, rate) {
   return `${edge(band - 1)} to ${edge(band)}`;
 }
 
+const FEATURES = {
+  ln_rms: "RMS",
+  ln_kurtosis: "kurtosis",
+  ln_tooth_worst: "one tooth against the others",
+  ln_tooth_repeated: "what repeats each turn between the mesh lines",
+  ln_tooth_kurtosis: "peakedness over the turn",
+};
+
 /** A feature's name as the field writes it; the sampling rate in hertz says where its band is. */
 export function featureName(name, rate) {
-  const [, kind, order] = /^ln_(mesh|sideband|env|shaft|floor|rest)_(\d+)$/.exec(name) ?? [];
+  const [, kind, order] = /^ln_(mesh|sideband|env|shaft|floor|rest|band)_(\d+)$/.exec(name) ?? [];
   const words = {
     mesh: () => `mesh ${order}×`,
     sideband: () => `sidebands of ${order}×`,
@@ -116,8 +125,9 @@ export function featureName(name, rate) {
     shaft: () => `shaft ${order}×`,
     floor: () => `noise floor, ${bandWords(order, rate)}`,
     rest: () => `vibration beside the mesh lines, ${bandWords(order, rate)}`,
+    band: () => `vibration, ${bandWords(order, rate)}`,
   }[kind];
-  return words ? words() : ({ ln_rms: "RMS", ln_kurtosis: "kurtosis" }[name] ?? name);
+  return words ? words() : (FEATURES[name] ?? name);
 }
 
 const ABSENCES = {
@@ -131,6 +141,7 @@ const ABSENCES = {
   gaps: "samples missing",
   no_signal: "no signal to compare with",
   not_acceleration: "unit is not an acceleration",
+  other_mesh: "a line of another mesh lies there",
 };
 
 /** Why an indicator is absent, in words. */

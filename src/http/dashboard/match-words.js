@@ -29,12 +29,37 @@ function agreementFact(match) {
   return fact("Agreement with the model", `${used.length - odd.length} of ${used.length} features`, small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all within their bars"));
 }
 
+const SENSOR_FAULTS = {
+  dead: "the sensor gives no signal",
+  clipped: "the signal is clipped",
+  gaps: "samples are missing",
+  gain_changed: "the sensor's gain has changed",
+  loose_mount: "the sensor's mount is loose",
+};
+
+const MACHINE_SIGNS = {
+  one_tooth: "one tooth differs from the others: a crack or chip",
+  shaft_lines: "the shaft's own lines have grown: misalignment or unbalance",
+  beside_mesh: "energy beside the mesh has grown: a bearing or looseness",
+};
+
+/** What a record shows that wear does not explain, in words; null where nothing is named. */
+export function unexplained({ sensor_fault: fault, machine_sign: sign }) {
+  if (fault) return SENSOR_FAULTS[fault] ?? `sensor: ${fault.replaceAll("_", " ")}`;
+  return sign ? (MACHINE_SIGNS[sign] ?? sign.replaceAll("_", " ")) : null;
+}
+
+/** Which check has deviated for several records, in words; empty where none has. */
+export function lastingWords({ lasting }, rate) {
+  return lasting ? `${featureName(lasting, rate)} has deviated for several records` : "";
+}
+
 function noveltyFact({ novelty }, rate) {
   if (!novelty) return null;
-  const { p_value: probability, outside, sensor_fault: fault, most = [] } = novelty;
-  const words = fault ? `sensor: ${fault.replaceAll("_", " ")}` : outside ? "wear does not explain this record" : "explained by wear";
-  const odd = most.slice(0, 3).map(({ feature, deviations }) => `${featureName(feature, rate)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`).join(", ");
-  return fact("Novelty", words, small(`as odd or odder with probability ${number(probability, 2)}${odd ? `; most: ${odd}` : ""}`));
+  const { p_value: probability, outside, most = [] } = novelty;
+  const odd = most.slice(0, 3).map(({ feature, deviations }) => `${featureName(feature, rate)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`);
+  const details = [`a record of the best state is as odd with probability ${number(probability, 2)}`, lastingWords(novelty, rate), outside && odd.length ? `most: ${odd.join(", ")}` : ""];
+  return fact("Novelty", unexplained(novelty) ?? (outside ? "wear does not explain this record" : "explained by wear"), small(details.filter(Boolean).join("; ")));
 }
 
 function identifiableFact({ interval_um: [low, high] }, { resolved_um: resolved }) {

@@ -1,12 +1,15 @@
 // What of a record no wear explains: the features that are farthest from what the best state expects.
 
 import { featureName, number } from "./format.js";
+import { lastingWords, unexplained } from "./match-words.js";
 import { palette } from "./plots.js";
 
 const DB = 20 / Math.LN10;
 
 /** The drawing of the features that deviate most, in dB; `rate` is the sampling rate in hertz. */
-export function noveltyDrawing({ most, p_value: probability, score }, rate, revision) {
+export function noveltyDrawing(novelty, rate, revision) {
+  const { most, p_value: probability, score } = novelty;
+  const named = [unexplained(novelty), lastingWords(novelty, rate)].filter(Boolean).map((words) => `${words[0].toUpperCase()}${words.slice(1)}.`).join(" ");
   const colour = palette();
   const names = most.map(({ feature }) => featureName(feature, rate));
   const decibels = most.map(({ ln_ratio: ratio }) => ratio * DB);
@@ -16,7 +19,7 @@ export function noveltyDrawing({ most, p_value: probability, score }, rate, revi
     traces: [{ type: "bar", orientation: "h", x: decibels, y: names, text: words, textposition: "outside", cliponaxis: false, textfont: { color: colour.ink }, marker: { color: colour.series[1] }, width: 0.5, hoverinfo: "skip" }],
     legend: [],
     table: () => [["feature", most.map(({ feature }) => feature)], ["db", decibels], ["standard_deviations", most.map(({ deviations }) => deviations)]],
-    sub: `A record of the best state is as odd or odder with probability ${number(probability, 2)} (novelty ${number(score, 3)}). What no wear does, another fault does: a bearing, a loose mount, another load.`,
+    sub: `A record of the best state is as odd or odder with probability ${number(probability, 2)} (novelty ${number(score, 3)}). ${named || "What no wear does, another fault does: a bearing, a loose mount, another load."}`,
     summary: names.map((name, n) => `${name}: ${words[n]}`).join("; "),
     layout: {
       uirevision: revision,

@@ -6,8 +6,8 @@ import { palette, verticalLine } from "./plots.js";
 const WINDOWS = { hann: "Hann", hamming: "Hamming", rectangular: "rectangular", flattop: "flat-top", blackman: "Blackman" };
 const QUANTITIES = { amplitude_peak: "Peak amplitude", amplitude_rms: "RMS amplitude", psd: "Power spectral density" };
 
-const HERTZ = { title: "Frequency (Hz)", name: "frequency_hz", say: hertz, suffix: " Hz" };
-const ORDERS = { title: "Order of the driving shaft (–)", name: "order", say: (value) => `order ${number(value, 5)}`, suffix: ". order" };
+const HERTZ = { title: "Frequency (Hz)", name: "frequency_hz", say: hertz, wide: hertz, suffix: " Hz" };
+const ORDERS = { title: "Order of the driving shaft (–)", name: "order", say: (value) => `order ${number(value, 5)}`, wide: (value) => `${number(value, 3)} orders`, suffix: ". order" };
 
 /** An order spectrum in the shape of one over frequency: the unit of its axis is one turn of the driving shaft. */
 export function ofOrders(answer) {
@@ -24,9 +24,9 @@ export function axisOf(spectrum) {
 }
 
 /** Window, bandwidth and reduction: what makes two spectra comparable. */
-function convention({ axis: { say } = HERTZ, window, bandwidth_hz: bandwidth, resolution_hz: resolution, reduced }) {
+function convention({ axis: { wide } = HERTZ, window, bandwidth_hz: bandwidth, resolution_hz: resolution, reduced }) {
   const name = WINDOWS[window] ?? window;
-  const lines = `${name} window, ${say(bandwidth)} noise bandwidth, lines every ${say(resolution)}`;
+  const lines = `${name} window, ${wide(bandwidth)} noise bandwidth, lines every ${wide(resolution)}`;
   return reduced ? `${lines}; drawn with fewer points, every peak kept` : lines;
 }
 

@@ -13,10 +13,12 @@ export const PANES = [
   { key: "crest_factor", label: "Crest factor", names: ["crest_factor"] },
   { key: "fm4", label: "FM4", names: ["fm4"] },
   { key: "na4", label: "NA4", names: ["na4"] },
+  { key: "novelty", label: "Novelty", names: ["novelty"] },
   { key: "mesh", label: "Mesh harmonics", names: [] },
 ];
 const DEFAULT = "rms,kurtosis,omx";
 const GAP = 0.05;
+const LEVEL_REACH = 4; // an alarm's level up to this many times the greatest value is brought into view
 
 /** The panes that an address asks for, never none; a name that is none of the usual ones is an indicator's. */
 export function chosenPanes(text) {
@@ -44,11 +46,23 @@ export function paneNames(panes, record) {
 function axisTitle(pane, units) {
   if (pane.key === "mesh") return titled("Mesh lines", units.mesh_1);
   if (pane.key === "omx") return titled("OMX", units.omx);
+  if (pane.key === "novelty") return "Novelty (−log₁₀ p)";
   return titled(pane.label, units[pane.names[0]]);
 }
 
-/** The drawing for indicators over time; `range` is that of the wear above where it holds a forecast. */
-export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, { revision, bins = null, events, range }) {
+/** The levels at which an alarm on an indicator is raised, as lines over its pane with their names. */
+function levelLines(name, rules, suffix, colour, logarithmic) {
+  const rule = rules.find(({ quantity }) => quantity === name || quantity?.indicator === name);
+  const levels = ["warning", "danger"].filter((severity) => rule?.[severity] != null && !(logarithmic && rule[severity] <= 0));
+  const place = { xref: "paper", yref: `y${suffix}` };
+  return {
+    shapes: levels.map((severity) => ({ ...place, type: "line", layer: "below", x0: 0, x1: 1, y0: rule[severity], y1: rule[severity], line: { color: colour[severity], width: 1.5, dash: severity === "danger" ? "solid" : "dash" } })),
+    annotations: levels.map((severity) => ({ ...place, x: 0.005, xanchor: "left", yanchor: "bottom", y: logarithmic ? Math.log10(rule[severity]) : rule[severity], text: `${severity} above ${number(rule[severity])}`, showarrow: false, bgcolor: colour.surface, font: { color: colour[severity] } })),
+  };
+}
+
+/** The drawing for indicators over time; `rules` are the alarm rules in force; `range` is that of the wear above where it holds a forecast. */
+export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, { revision, bins = null, events, range, rules = [] }) {
   const colour = palette();
   const times = items.map((item) => item.start_time);
   const mode = items.length < 40 ? "lines+markers" : "lines";
@@ -65,6 +79,7 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
   const caused = wordsAt(events);
   const traces = [];
   const entries = [];
+  const annotations = [];
   panes.forEach((pane, index) => {
     const suffix = index ? String(index + 1) : "";
     const top = 1 - index * (height + GAP);
@@ -81,6 +96,15 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     const words = (item) => shown.map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim()).concat(index === 0 ? (caused.get(item.start_time) ?? []) : []).join("<br>");
     const points = recordPoints(items, items.map((item) => item[shown[0]]), words);
     traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });
+    if (shown.length === 1) {
+      const levels = levelLines(shown[0], rules, suffix, colour, logarithmic);
+      layout.shapes.push(...levels.shapes);
+      annotations.push(...levels.annotations);
+      // shapes do not widen an axis, traces do; a level far above all values would flatten them
+      const greatest = Math.max(...items.map((item) => item[shown[0]] ?? 0));
+      const near = levels.shapes.map(({ y0 }) => y0).filter((level) => shown[0] === "novelty" || level < LEVEL_REACH * greatest);
+      if (near.length) traces.push({ x: near.map(() => times[0]), y: near, xaxis: "x", yaxis: `y${suffix}`, mode: "markers", opacity: 0, hoverinfo: "skip" });
+    }
     if (bins && shown.length === 1) {
       traces.push(...binTraces(items, shown[0], bins, colour).map((trace) => ({ ...trace, xaxis: "x", yaxis: `y${suffix}` })));
       return;
@@ -96,7 +120,7 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
   if (range ?? bins) layout.xaxis.range = range ?? [times[0], times.at(-1)];
   const happened = eventMarks(events, colour, items);
   layout.shapes.push(...happened.shapes);
-  layout.annotations = happened.annotations;
+  layout.annotations = [...annotations, ...happened.annotations];
   layout.margin = { ...timeMargin, t: timeMargin.t + happened.top };
   entries.push(...happened.entries);
   if (bins) entries.push(...binEntries(bins, colour));
@@ -105,7 +129,7 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     layout,
     legend: entries,
     table: () => ["start_time", "segment_id", ...names].map((key) => [units[key] ? `${key} (${units[key]})` : key, items.map((item) => item[key])]),
-    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise.${bins?.words ? ` ${bins.words}` : ""}`,
+    sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise; novelty is how unlike what wear explains a record is.${bins?.words ? ` ${bins.words}` : ""}`,
     summary: `Trends of ${panes.map((pane) => pane.label).join(", ")} over ${items.length} records.`,
   };
 }

@@ -13,6 +13,35 @@ function timeTicks(items) {
   return { tickvals: picked, ticktext: picked.map((n) => items[n].start_time.slice(oneDay ? 11 : 5, 16).replace("T", " ")) };
 }
 
+/** Red, green and blue of 256 levels from the lowest to the highest. */
+function lookup() {
+  const stops = SCALE.map(([at, colour]) => [at, [1, 3, 5].map((place) => Number.parseInt(colour.slice(place, place + 2), 16))]);
+  return Array.from({ length: 256 }, (_, n) => {
+    const after = Math.max(1, stops.findIndex(([at]) => at >= n / 255));
+    const [[low, from], [high, to]] = [stops[after - 1], stops[after]];
+    const part = (n / 255 - low) / (high - low);
+    return from.map((value, channel) => Math.round(value + part * (to[channel] - value)));
+  });
+}
+
+/** A picture with one pixel a cell, the first record on top; a zoom moves it and does not paint it anew. */
+function painted(items, cells, [low, high]) {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [cells, items.length];
+  const context = canvas.getContext("2d");
+  const pixels = context.createImageData(cells, items.length);
+  const colours = lookup();
+  items.forEach(({ level_db: levels }, row) => {
+    for (let column = 0; column < cells; column++) {
+      const part = ((levels[column] ?? low) - low) / (high - low);
+      const colour = colours[Math.round(255 * Math.min(1, Math.max(0, part)))];
+      pixels.data.set([...colour, 255], 4 * (row * cells + column));
+    }
+  });
+  context.putImageData(pixels, 0, 0);
+  return canvas.toDataURL("image/png");
+}
+
 /** The drawing of `range` decibels below the highest level, or words where there is nothing to draw. */
 export function waterfallDrawing({ items, position, axis, unit: unitName, window, mesh_position: mesh, channel, reduced }, range, selected, revision) {
   const known = items.filter((item) => item.level_db);
@@ -20,19 +49,11 @@ export function waterfallDrawing({ items, position, axis, unit: unitName, window
   const colour = palette();
   const top = known.reduce((highest, { level_db: levels }) => levels.reduce((a, b) => Math.max(a, b), highest), -Infinity);
   const suffix = axis === "orders" ? "order" : "Hz";
-  const trace = {
-    type: "heatmap",
-    x: position,
-    z: known.map((item) => item.level_db),
-    customdata: known.map((item) => position.map(() => item.segment_id)),
-    zmin: top - range,
-    zmax: top,
-    zsmooth: false,
-    colorscale: SCALE,
-    colorbar: { title: { text: `Peak amplitude (dB re 1 ${unit(unitName) || "unit"})`, side: "right" }, thickness: 14, outlinewidth: 0, tickfont: { color: colour.ink }, len: 1 },
-    text: known.map((item) => utc(item.start_time)),
-    hovertemplate: `%{x:.1f} ${suffix}: %{z:.1f} dB<extra></extra>`,
-  };
+  const step = position.length > 1 ? position[1] - position[0] : 1;
+  const picture = { type: "image", source: painted(known, position.length, [top - range, top]), x0: position[0], dx: step, y0: 0, dy: 1, hoverinfo: "none" };
+  // an image has no colour bar: that of a trace without a point
+  const bar = { title: { text: `Peak amplitude (dB re 1 ${unit(unitName) || "unit"})`, side: "right" }, thickness: 14, outlinewidth: 0, tickfont: { color: colour.ink }, len: 1 };
+  const scale = { x: [null], y: [null], mode: "markers", hoverinfo: "skip", marker: { color: [top], cmin: top - range, cmax: top, colorscale: SCALE, showscale: true, colorbar: bar } };
   const harmonics = mesh ? Array.from({ length: 12 }, (_, n) => (n + 1) * mesh).filter((x) => x <= position.at(-1)) : [];
   const row = known.findIndex((item) => item.segment_id === selected);
   const shapes = row < 0 ? [] : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: row, y1: row, line: { color: "#ffffff", width: 1.5, dash: "dot" } }];
@@ -40,7 +61,8 @@ export function waterfallDrawing({ items, position, axis, unit: unitName, window
   const first = known[0].start_time.slice(0, 10);
   const last = known.at(-1).start_time.slice(0, 10);
   return {
-    traces: [trace],
+    traces: [picture, scale],
+    cellAt: ([row, column]) => ({ segment: known[row].segment_id, words: `${utc(known[row].start_time)}, ${number(position[column], 5)} ${suffix}: ${number(known[row].level_db[column], 3)} dB` }),
     legend: [],
     table: () => [["start_time", known.map((item) => item.start_time)], ["segment_id", known.map((item) => item.segment_id)], ...position.map((x, n) => [`${number(x, 6)} ${suffix} (dB)`, known.map((item) => item.level_db[n])])],
     sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " picked evenly over the life" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. Click a line to open its record; ${harmonics.length ? "1×, 2×… are mesh harmonics." : ""}`,
@@ -49,8 +71,8 @@ export function waterfallDrawing({ items, position, axis, unit: unitName, window
       uirevision: revision,
       hovermode: "closest",
       margin: { l: 8, r: 8, t: 24, b: 8 },
-      xaxis: { title: { text: axis === "orders" ? "Order of the driving shaft (–)" : "Frequency (Hz)" }, separatethousands: true },
-      yaxis: { title: { text: `Start of record (UTC), ${first === last ? first : `${first} to ${last}`}` }, ...timeTicks(known), range: [-0.5, known.length - 0.5] },
+      xaxis: { title: { text: axis === "orders" ? "Order of the driving shaft (–)" : "Frequency (Hz)" }, separatethousands: true, range: [position[0] - step / 2, position.at(-1) + step / 2], constrain: "range" },
+      yaxis: { title: { text: `Start of record (UTC), ${first === last ? first : `${first} to ${last}`}` }, ...timeTicks(known), range: [-0.5, known.length - 0.5], scaleanchor: false, constrain: "range" },
       shapes,
       annotations,
     },

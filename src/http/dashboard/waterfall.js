@@ -3,9 +3,8 @@
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
-import { h, setChildren } from "./dom.js";
+import { h, setChildren, setText } from "./dom.js";
 import { PlotCard } from "./plot-card.js";
-import { onPointClick } from "./plots.js";
 import { change, go } from "./route.js";
 import { waterfallDrawing } from "./waterfall-plot.js";
 
@@ -24,6 +23,8 @@ export class WaterfallPage {
   #max = h("input", { id: "waterfall-max", type: "number", min: "0", step: "any", size: 7, placeholder: "whole", onchange: () => change({ max: this.#max.value }) });
   #floor = h("select", { id: "waterfall-floor", onchange: () => change({ floor: this.#floor.value }, { quiet: true }) }, [["", "60 dB"], ["40", "40 dB"], ["80", "80 dB"]].map(([value, text]) => h("option", { value }, text)));
   #shown;
+  #cellAt;
+  #label = h("div", { class: "cell-label", hidden: true });
   #asked = "";
   #askedAt = 0;
   #asset;
@@ -34,6 +35,7 @@ export class WaterfallPage {
     this.#query = route.query;
     this.#frame = new AssetFrame(route.id, "waterfall");
     const field = (input, label) => h("label", { class: "check", for: input.id }, label, input);
+    this.#card.frame.append(this.#label);
     this.#card.tools.append(field(this.#axis, "Axis"), field(this.#max, "Up to"), field(this.#floor, "Range"));
     setChildren(root, this.#frame.element, this.#card.element);
     this.#frame.update(route.id, route.query);
@@ -78,7 +80,30 @@ export class WaterfallPage {
     const drawing = waterfallDrawing(this.#shown, Number(this.#query.floor) || 60, this.#query.segment, `${this.#id} ${this.#asked}`);
     if (typeof drawing === "string") return this.#card.say(drawing);
     await this.#card.show(drawing, `${this.#id}-waterfall`);
-    onPointClick(this.#card.plot, (segment) => go({ page: "asset", id: this.#id, query: { channel: this.#query.channel, segment } }));
+    this.#cellAt = drawing.cellAt;
+    this.#follow();
+  }
+
+  /** Tells the cell that is pointed at, and opens the record of a clicked one. */
+  #follow() {
+    const { plot } = this.#card;
+    if (plot.dataset.followed) return;
+    plot.dataset.followed = "true";
+    const cell = ({ points }) => points.map(({ pointNumber: at }) => Array.isArray(at) && this.#cellAt(at)).find(Boolean);
+    plot.on("plotly_hover", (event) => {
+      const { words } = cell(event) ?? {};
+      this.#label.hidden = !words;
+      setText(this.#label, words ?? "");
+      const { left, right, top } = this.#card.frame.getBoundingClientRect();
+      const { clientX: x, clientY: y } = event.event;
+      const flipped = x > (left + right) / 2;
+      Object.assign(this.#label.style, { top: `${y - top}px`, left: flipped ? "auto" : `${x - left + 14}px`, right: flipped ? `${right - x + 14}px` : "auto" });
+    });
+    plot.on("plotly_unhover", () => (this.#label.hidden = true));
+    plot.on("plotly_click", (event) => {
+      const { segment } = cell(event) ?? {};
+      if (segment) go({ page: "asset", id: this.#id, query: { channel: this.#query.channel, segment } });
+    });
   }
 
   tick() {}

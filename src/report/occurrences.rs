@@ -1,0 +1,251 @@
+//! What happened to a machine besides its records: alarms and maintenance, as tables and as marks on the drawings over time.
+
+use std::fmt::Write;
+
+use jiff::Timestamp;
+
+use super::Report;
+use super::chart::Mark;
+use super::page::escape;
+use crate::estimate::{
+    AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, MaintenanceEvent, MaintenanceKind, PanelChange, Severity,
+};
+
+/// Entries of an alarm's history in the report; the latest ones where there are more.
+const MOST_ENTRIES: usize = 50;
+
+/// One alarm with what happened to it.
+#[derive(Debug, Clone)]
+pub struct ReportedAlarm {
+    /// The measuring channel.
+    pub channel: String,
+    /// What it watches.
+    pub quantity: AlarmQuantity,
+    /// Its rule; none where the asset has no such rule any more.
+    pub rule: Option<AlarmRule>,
+    /// Where it stands.
+    pub state: AlarmState,
+    /// Its severity; none where nothing is raised.
+    pub severity: Option<Severity>,
+    /// Its history, oldest first.
+    pub history: Vec<AlarmChange>,
+}
+
+impl ReportedAlarm {
+    /// The alarms of a channel that anything happened to, from all changes of its rules.
+    pub fn of_changes(channel: &str, rules: &[AlarmRule], changes: &[PanelChange]) -> Vec<Self> {
+        let of_rule = |(number, rule): (usize, &AlarmRule)| {
+            let history: Vec<AlarmChange> = changes
+                .iter()
+                .filter(|(of, _)| *of == number)
+                .map(|(_, change)| change.clone())
+                .collect();
+            let last = history.last()?;
+            Some(Self {
+                channel: channel.to_owned(),
+                quantity: rule.quantity.clone(),
+                rule: Some(rule.clone()),
+                state: last.state,
+                severity: last.severity,
+                history,
+            })
+        };
+        rules.iter().enumerate().filter_map(of_rule).collect()
+    }
+}
+
+/// The tables; nothing where nothing happened.
+pub(super) fn sections(report: &Report, body: &mut String) {
+    if !report.alarms.is_empty() {
+        body.push_str("<h2>Alarms</h2>");
+        report.alarms.iter().for_each(|alarm| alarm_table(alarm, body));
+    }
+    if !report.maintenance.is_empty() {
+        let rows: String = report.maintenance.iter().map(maintenance_row).collect();
+        let _ = write!(
+            body,
+            "<h2>Maintenance</h2><table class=\"happened\"><thead><tr><th>Time (UTC)</th><th>What was done</th><th>By</th><th>Remark</th></tr></thead>\
+             <tbody>{rows}</tbody></table>"
+        );
+    }
+}
+
+/// Where alarms of a channel were raised, and where something was done to the machine.
+pub(super) fn marks(report: &Report, channel: &str) -> Vec<Mark> {
+    let of_alarms = report.alarms.iter().filter(|alarm| alarm.channel == channel).flat_map(|alarm| {
+        let raised = |change: &&AlarmChange| change.action.is_none() && change.maintenance.is_none() && change.severity.is_some();
+        alarm.history.iter().filter(raised).map(|change| {
+            let class = change.severity.map_or("warning", Severity::name);
+            Mark {
+                x: seconds(change.time),
+                class,
+                name: format!("{class}: {}", quantity_words(&alarm.quantity)),
+            }
+        })
+    });
+    let of_maintenance = report.maintenance.iter().map(|event| Mark {
+        x: seconds(event.time),
+        class: "maintenance",
+        name: kind_words(event.kind).to_owned(),
+    });
+    of_alarms.chain(of_maintenance).collect()
+}
+
+fn seconds(time: Timestamp) -> f64 {
+    time.as_nanosecond() as f64 * 1e-9
+}
+
+fn alarm_table(alarm: &ReportedAlarm, body: &mut String) {
+    let levels = alarm.rule.iter().flat_map(|rule| {
+        [("warning", rule.warning), ("danger", rule.danger)]
+            .into_iter()
+            .filter_map(|(name, level)| level.map(|level| format!("{name} above {level}")))
+    });
+    let levels: Vec<String> = levels.collect();
+    let levels = if levels.is_empty() {
+        "no rule any more".to_owned()
+    } else {
+        levels.join(", ")
+    };
+    let now = match alarm.severity {
+        Some(severity) => format!("{}, {}", severity.name(), state_words(alarm.state)),
+        None => state_words(alarm.state).to_owned(),
+    };
+    let shown = &alarm.history[alarm.history.len().saturating_sub(MOST_ENTRIES)..];
+    let rows: String = shown.iter().map(change_row).collect();
+    let of_more = if shown.len() < alarm.history.len() {
+        format!(" The latest {} of {} entries.", shown.len(), alarm.history.len())
+    } else {
+        String::new()
+    };
+    let _ = write!(
+        body,
+        "<h3>{}, channel {}: {}</h3><p>{}.{of_more}</p><table class=\"happened\"><thead><tr><th>Time (UTC)</th><th>What happened</th><th>Reading</th>\
+         <th>By</th><th>Remark</th></tr></thead><tbody>{rows}</tbody></table>",
+        escape(&quantity_words(&alarm.quantity)),
+        escape(&alarm.channel),
+        escape(&now),
+        escape(&levels)
+    );
+}
+
+fn change_row(change: &AlarmChange) -> String {
+    let what = match (&change.action, change.maintenance) {
+        (Some(AlarmAction::Acknowledge), _) => "acknowledged".to_owned(),
+        (Some(AlarmAction::Shelve { until }), _) => format!("shelved until {}", until.strftime(super::page::MINUTES)),
+        (Some(AlarmAction::Unshelve), _) => "taken up again".to_owned(),
+        (Some(AlarmAction::Comment), _) => "remark".to_owned(),
+        (Some(AlarmAction::ShelvingOver), _) => "no longer shelved: its time was over".to_owned(),
+        (None, Some(kind)) => format!("{}: begins again", kind_words(kind)),
+        (None, None) => change
+            .severity
+            .map_or_else(|| "back to normal".to_owned(), |severity| severity.name().to_owned()),
+    };
+    let reading = change.value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4}"));
+    row(change.time, &[&what, &reading, &change.by, &change.comment])
+}
+
+fn maintenance_row(event: &MaintenanceEvent) -> String {
+    row(event.time, &[kind_words(event.kind), &event.by, &event.comment])
+}
+
+fn row(time: Timestamp, cells: &[&str]) -> String {
+    let cells: String = cells
+        .iter()
+        .map(|words| format!("<td class=\"words\">{}</td>", escape(words)))
+        .collect();
+    format!("<tr><td>{}</td>{cells}</tr>", time.strftime("%Y-%m-%d %H:%M:%S"))
+}
+
+fn quantity_words(quantity: &AlarmQuantity) -> String {
+    match quantity {
+        AlarmQuantity::WearUm => "Wear depth (µm)".to_owned(),
+        AlarmQuantity::WearAboveLimit => "Probability of having passed the limit".to_owned(),
+        AlarmQuantity::Novelty => "Novelty (−log₁₀ p)".to_owned(),
+        AlarmQuantity::Indicator(name) => format!("Indicator {name}"),
+    }
+}
+
+fn kind_words(kind: MaintenanceKind) -> &'static str {
+    match kind {
+        MaintenanceKind::GearReplaced => "gear replaced",
+        MaintenanceKind::SensorReplaced => "sensor replaced",
+        MaintenanceKind::RegimeChanged => "other speed or load",
+    }
+}
+
+fn state_words(state: AlarmState) -> &'static str {
+    match state {
+        AlarmState::Normal => "normal",
+        AlarmState::Unacknowledged => "not acknowledged",
+        AlarmState::Acknowledged => "acknowledged",
+        AlarmState::ReturnedUnacknowledged => "over, not acknowledged",
+        AlarmState::Shelved => "shelved",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::AlarmSettings;
+
+    fn change(second: i64, severity: Option<Severity>, by: &str) -> AlarmChange {
+        AlarmChange {
+            time: Timestamp::from_second(second).unwrap(),
+            state: AlarmState::Acknowledged,
+            severity,
+            value: severity.map(|_| 101.25),
+            action: (!by.is_empty()).then_some(AlarmAction::Acknowledge),
+            maintenance: None,
+            by: by.to_owned(),
+            comment: String::new(),
+        }
+    }
+
+    #[test]
+    fn alarms_and_maintenance_are_told_and_marked() {
+        let rule = AlarmRule {
+            quantity: AlarmQuantity::WearUm,
+            warning: Some(100.0),
+            danger: None,
+            hysteresis: 5.0,
+            settings: AlarmSettings::default(),
+        };
+        let quiet = AlarmRule {
+            quantity: AlarmQuantity::Novelty,
+            ..rule.clone()
+        };
+        let changes = [
+            (1, change(60, Some(Severity::Warning), "")),
+            (1, change(90, Some(Severity::Warning), "A & B")),
+        ];
+        let report = Report {
+            alarms: ReportedAlarm::of_changes("in", &[quiet, rule], &changes),
+            maintenance: vec![MaintenanceEvent {
+                time: Timestamp::from_second(30).unwrap(),
+                kind: MaintenanceKind::GearReplaced,
+                by: "Ada".to_owned(),
+                comment: "new <pair>".to_owned(),
+            }],
+            ..Report::default()
+        };
+        let mut body = String::new();
+        sections(&report, &mut body);
+        for words in [
+            "Wear depth (µm), channel in: warning, acknowledged",
+            "warning above 100",
+            "A &amp; B",
+            "101.2500",
+            "gear replaced",
+            "new &lt;pair&gt;",
+        ] {
+            assert!(body.contains(words), "{words} in {body}");
+        }
+        assert!(!body.contains("Novelty"));
+        let marks = marks(&report, "in");
+        assert_eq!(
+            marks.iter().map(|mark| (mark.x, mark.class)).collect::<Vec<_>>(),
+            [(60.0, "warning"), (30.0, "maintenance")]
+        );
+    }
+}

@@ -1,0 +1,135 @@
+//! Taking the lines of other meshes out of a record over a shaft's angle.
+//!
+//! Their orders are known exactly, their amplitudes and phases are read under Hann's window over the turns. Left in, a line between two whole
+//! orders would leave a rest in the mean turn that jumps from its end to its beginning, as if one tooth were different.
+
+use std::f64::consts::TAU;
+
+use pulp::{Arch, Simd, WithSimd};
+use realfft::num_complex::Complex;
+
+use super::angle_record::AngleRecord;
+use super::speed::MeshContext;
+
+/// A line within so many bins (one over the turns) of a whole order of the shaft cannot be told from the shaft's own.
+pub(super) const NEAR_ORDER_BINS: f64 = 2.0;
+
+/// Mesh harmonics of the own mesh up to which lines are taken out: nothing is read above them.
+const HIGHEST_HARMONIC: f64 = 10.5;
+
+impl AngleRecord {
+    /// The record without the lines of the other meshes that are known of; as it is where there are none.
+    pub(super) fn without_lines_of(mut self, mesh: &MeshContext) -> Self {
+        if mesh.others.is_empty() {
+            return self;
+        }
+        let (per_turn, turns) = (self.samples_per_turn, self.turns);
+        let highest = (HIGHEST_HARMONIC * f64::from(mesh.teeth)).min(0.5 * per_turn as f64 - 1.0);
+        let near = NEAR_ORDER_BINS / turns as f64;
+        let weights: Vec<f64> = (0..turns)
+            .map(|turn| 2.0 * (0.5 * TAU * (turn as f64 + 0.5) / turns as f64).sin().powi(2) / turns as f64)
+            .collect();
+        let arch = Arch::new();
+        let (mut cos, mut minus_sin) = (vec![0.0; per_turn], vec![0.0; per_turn]);
+        for order in mesh.others.lines_up_to(highest) {
+            if (order - order.round()).abs() <= near {
+                continue;
+            }
+            for (j, (cos, minus_sin)) in cos.iter_mut().zip(&mut minus_sin).enumerate() {
+                let (s, c) = (TAU * order * j as f64 / per_turn as f64).sin_cos();
+                (*cos, *minus_sin) = (c, -s);
+            }
+            let at_turn = |turn: usize| Complex::from_polar(1.0, TAU * (order * turn as f64).fract());
+            let all = self.samples.chunks_exact(per_turn).zip(&weights).enumerate();
+            let sum: Complex<f64> = all
+                .map(|(number, (turn, weight))| {
+                    let one_turn = Turn {
+                        samples: turn,
+                        cos: &cos,
+                        sin: &minus_sin,
+                    };
+                    arch.dispatch(one_turn) * at_turn(number).conj() * *weight
+                })
+                .sum();
+            let line = sum * (2.0 / per_turn as f64);
+            for (number, turn) in self.samples.chunks_exact_mut(per_turn).enumerate() {
+                let Complex { re, im } = line * at_turn(number);
+                for (x, (cos, minus_sin)) in turn.iter_mut().zip(cos.iter().zip(&minus_sin)) {
+                    *x -= re * cos + im * minus_sin;
+                }
+            }
+        }
+        self
+    }
+}
+
+/// Σ x·(cos + i·sin) over one turn, in the processor's widest registers.
+struct Turn<'a> {
+    samples: &'a [f64],
+    cos: &'a [f64],
+    sin: &'a [f64],
+}
+
+impl WithSimd for Turn<'_> {
+    type Output = Complex<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Complex<f64> {
+        let (samples, samples_rest) = S::as_simd_f64s(self.samples);
+        let (cos, cos_rest) = S::as_simd_f64s(self.cos);
+        let (sin, sin_rest) = S::as_simd_f64s(self.sin);
+        let (mut re, mut im) = (simd.splat_f64s(0.0), simd.splat_f64s(0.0));
+        for ((&x, &cos), &sin) in samples.iter().zip(cos).zip(sin) {
+            re = simd.mul_add_e_f64s(x, cos, re);
+            im = simd.mul_add_e_f64s(x, sin, im);
+        }
+        let sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
+        let rest = samples_rest.iter().zip(cos_rest).zip(sin_rest);
+        rest.fold(sum, |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{AngleSource, OtherMesh, OtherMeshes};
+    use super::*;
+
+    #[test]
+    fn lines_of_others_go_and_own_ones_stay() {
+        let (per_turn, turns) = (240, 20);
+        let signal = |lines: &[(f64, f64)]| -> Vec<f64> {
+            let at = |i: usize| {
+                lines
+                    .iter()
+                    .map(|(order, a)| a * (TAU * order * i as f64 / per_turn as f64 + order).sin())
+            };
+            (0..per_turn * turns).map(|i| at(i).sum()).collect()
+        };
+        let others = OtherMeshes::of([OtherMesh {
+            mesh_orders: 17.54,
+            shaft_orders: [0.9, 0.35],
+        }]);
+        let mesh = MeshContext {
+            teeth: 10,
+            others,
+            ..MeshContext::unknown()
+        };
+        let own = [(1.0, 0.3), (10.0, 1.0), (20.0, 0.5), (33.0, 0.2)];
+        let foreign = [(17.54, 2.0), (17.54 - 0.9, 0.4), (3.0 * 17.54, 0.7), (2.0 * 17.54 + 0.7, 0.1)];
+        let record = AngleRecord {
+            unit: "g".to_owned(),
+            samples_per_turn: per_turn,
+            turns,
+            samples: signal(&[&own[..], &foreign].concat()),
+            angle: AngleSource::ConstantSpeed,
+        };
+        let left = record.without_lines_of(&mesh);
+        let worst = left
+            .samples
+            .iter()
+            .zip(signal(&own))
+            .map(|(x, y)| (x - y).abs())
+            .fold(0.0, f64::max);
+        assert!(worst < 0.01, "{worst}");
+    }
+}

@@ -1,0 +1,77 @@
+//! Which assets hear through the measuring points of another one.
+
+use sqlx::{Any, AssertSqlSafe, Transaction};
+
+use super::assets::asset_of;
+use super::rows::get;
+use super::{Asset, Store, StoreError};
+use crate::asset::{AssetId, AssetSpec};
+
+/// One row for each asset that hears through another one, beside its description: so that a record's listeners are found by an index.
+pub(super) const TABLE: &[&str] = &[
+    "CREATE TABLE heard_through (
+        asset_id TEXT NOT NULL PRIMARY KEY REFERENCES assets (id) ON DELETE CASCADE,
+        of_asset TEXT NOT NULL REFERENCES assets (id)
+    )",
+    "CREATE INDEX heard_through_asset ON heard_through (of_asset)",
+];
+
+/// The other assets of the sensor of asset `$1`, among the assets.
+const OF_SENSOR: &str = "id IN (SELECT of_asset FROM heard_through WHERE asset_id = $1)
+    OR id IN (SELECT asset_id FROM heard_through WHERE of_asset = $1)
+    OR id IN (SELECT b.asset_id FROM heard_through a JOIN heard_through b ON b.of_asset = a.of_asset WHERE a.asset_id = $1)";
+
+/// The other assets of an asset's sensor count as changed: what they are analysed with has.
+pub(super) async fn change_others(transaction: &mut Transaction<'_, Any>, id: &AssetId) -> Result<(), StoreError> {
+    let text = format!("SELECT id FROM assets WHERE id <> $1 AND ({OF_SENSOR}) ORDER BY id");
+    let others = sqlx::query(AssertSqlSafe(text))
+        .bind(id.as_str())
+        .fetch_all(&mut **transaction)
+        .await?;
+    for other in others {
+        let other: String = get(&other, "id")?;
+        sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
+            .execute(&mut **transaction)
+            .await?;
+        sqlx::query("UPDATE assets SET revision = (SELECT value FROM counters WHERE name = 'asset_revision') WHERE id = $1")
+            .bind(other)
+            .execute(&mut **transaction)
+            .await?;
+    }
+    Ok(())
+}
+
+/// Brings the row of an asset in line with its description, which has changed.
+pub(super) async fn set(transaction: &mut Transaction<'_, Any>, spec: &AssetSpec) -> Result<(), StoreError> {
+    change_others(transaction, &spec.id).await?;
+    sqlx::query("DELETE FROM heard_through WHERE asset_id = $1")
+        .bind(spec.id.as_str())
+        .execute(&mut **transaction)
+        .await?;
+    if let Some(of) = &spec.sensor.of {
+        sqlx::query("INSERT INTO heard_through (asset_id, of_asset) VALUES ($1, $2)")
+            .bind(spec.id.as_str())
+            .bind(of.as_str())
+            .execute(&mut **transaction)
+            .await?;
+        change_others(transaction, &spec.id).await?;
+    }
+    Ok(())
+}
+
+impl Store {
+    /// An asset and all others of its sensor, in the order of their names: the one that the records come for, and those
+    /// that hear through it.
+    ///
+    /// Error: [`StoreError::AssetUnknown`].
+    pub async fn assets_of_sensor(&self, id: &AssetId) -> Result<Vec<Asset>, StoreError> {
+        let text = format!("SELECT * FROM assets WHERE id = $1 OR {OF_SENSOR} ORDER BY id");
+        let rows = sqlx::query(AssertSqlSafe(text)).bind(id.as_str()).fetch_all(self.read()).await?;
+        let assets: Vec<Asset> = rows.iter().map(asset_of).collect::<Result<_, _>>()?;
+        if assets.iter().any(|asset| asset.spec.id == *id) {
+            Ok(assets)
+        } else {
+            Err(StoreError::AssetUnknown(id.clone()))
+        }
+    }
+}
