@@ -11,9 +11,11 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use flankwatch::recording::message::WaveformBlock;
 use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, encode_block};
 use flankwatch::signal::Record;
 use jiff::{SignedDuration, Timestamp};
+use prost::Message;
 use serde_json::{Value, json};
 
 const BINARY: &str = env!("CARGO_BIN_EXE_flankwatch");
@@ -308,7 +310,14 @@ fn uploads() {
     const COUNT: usize = 600;
     let service = Service::start(&folder("uploads"));
     service.make_asset("pump");
-    let body = encode_block(&record(0, SAMPLES), BlockEncoding::Protobuf);
+    // Without a time and a channel of its own, so that those of the address count.
+    let block = WaveformBlock {
+        sample_rate_hz: RATE_HZ,
+        unit: "m/s2".to_owned(),
+        samples: record(0, SAMPLES).samples().to_vec(),
+        ..Default::default()
+    };
+    let body = block.encode_to_vec();
     let upload = |n: usize, stream: &mut BufReader<TcpStream>| {
         let start = "2026-01-01T00:00:00Z".parse::<Timestamp>().expect("a time") + SignedDuration::from_secs(60 * n as i64);
         // The same samples under another time and so another hash: what is appended is a field that no reader knows.
