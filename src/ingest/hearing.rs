@@ -13,7 +13,7 @@ use super::recall::recall_here;
 use super::{Ingest, IngestError};
 use crate::asset::{AssetId, AssetSpec, MOST_ON_ONE_SENSOR, Segment, SegmentId};
 use crate::recording::RecordDefaults;
-use crate::store::{ChannelSummary, SegmentFilter, SegmentKey, StoreError};
+use crate::store::{ChannelSummary, SegmentFilter, SegmentKey, Store, StoreError};
 
 /// Records looked at in one piece for an asset that lacks them.
 const CAUGHT_UP_AT_ONCE: u32 = 32;
@@ -211,7 +211,7 @@ impl Ingest {
 }
 
 /// A stored record as a listener hears it; none where its raw bytes are not kept any more.
-fn heard_again(store: &crate::store::Store, listener: &AssetSpec, segment: &Segment) -> Option<Named> {
+fn heard_again(store: &Store, listener: &AssetSpec, segment: &Segment) -> Option<Named> {
     let defaults = RecordDefaults {
         channel: Some(segment.channel.clone()),
         start_time: segment.start_time,
