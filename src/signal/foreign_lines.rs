@@ -75,7 +75,7 @@ mod tests {
             let at = |i: usize| {
                 lines
                     .iter()
-                    .map(|(order, a)| a * (TAU * order * i as f64 / per_turn as f64 + order).sin())
+                    .map(move |(order, a)| a * (TAU * order * i as f64 / per_turn as f64 + order).sin())
             };
             (0..per_turn * turns).map(|i| at(i).sum()).collect()
         };
