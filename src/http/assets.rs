@@ -141,13 +141,13 @@ pub(super) async fn replace(
 
 /// Delete an asset
 ///
-/// Its records, estimates and raw recordings go with it.
+/// Its records, estimates and raw recordings go with it. One through whose measuring points others hear cannot go before those.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}",
     tag = "assets",
     params(("asset" = AssetId, Path, description = "The asset")),
-    responses((status = 204, description = "Gone")),
+    responses((status = 204, description = "Gone"), (status = 409, body = Details, content_type = "application/problem+json", description = "Others hear through its measuring points")),
 )]
 pub(super) async fn remove(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<StatusCode, Problem> {
     app.ingest.delete_asset(&id).await?;

@@ -22,7 +22,7 @@ use crate::ingest::{Replay, ReplayRequest};
     path = "/v1/replays",
     tag = "replays",
     request_body(content = ReplayRequest),
-    responses((status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"), (status = 202, body = Replay, headers(("location" = String, description = "Its address")))),
+    responses((status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"), (status = 409, body = Details, content_type = "application/problem+json", description = "Its records come with those of another asset"), (status = 202, body = Replay, headers(("location" = String, description = "Its address")))),
 )]
 pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
     let request: ReplayRequest = body::described(&app.limits, &headers, body).await?;

@@ -162,7 +162,7 @@ pub(super) struct RecordingAnswer {
     ),
     responses(
         (status = 201, body = UploadAnswer),
-        (status = 409, body = Details, content_type = "application/problem+json", description = "The key was used for something else"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "The key was used for something else, or the records of the asset come with those of another one"),
     ),
 )]
 pub(super) async fn upload(

@@ -13,7 +13,7 @@ use super::recall::recall_here;
 use super::{Ingest, IngestError};
 use crate::asset::{AssetId, AssetSpec, MOST_ON_ONE_SENSOR, Segment, SegmentId};
 use crate::recording::RecordDefaults;
-use crate::store::{Asset, ChannelSummary, SegmentFilter, SegmentKey, StoreError};
+use crate::store::{Asset, ChannelSummary, SegmentFilter, SegmentKey, Store, StoreError};
 
 /// Records looked at in one piece for an asset that lacks them.
 const CAUGHT_UP_AT_ONCE: u32 = 32;
@@ -234,7 +234,7 @@ fn of_them(all: &[Asset], id: &AssetId) -> Result<Asset, IngestError> {
 }
 
 /// A stored record as a listener hears it; none where its raw bytes are not kept any more.
-fn heard_again(store: &crate::store::Store, listener: &AssetSpec, segment: &Segment) -> Option<Named> {
+fn heard_again(store: &Store, listener: &AssetSpec, segment: &Segment) -> Option<Named> {
     let defaults = RecordDefaults {
         channel: Some(segment.channel.clone()),
         start_time: segment.start_time,

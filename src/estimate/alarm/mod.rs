@@ -161,7 +161,7 @@ impl Alarm {
                 state,
                 expected: "shelved",
             }),
-            AlarmAction::ShelvingOver if !self.shelved_until.is_some_and(|until| until <= time) => Err(AlarmError::State {
+            AlarmAction::ShelvingOver if self.shelved_until.is_none_or(|until| until > time) => Err(AlarmError::State {
                 state,
                 expected: "a shelving that is over",
             }),
