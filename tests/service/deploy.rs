@@ -100,8 +100,8 @@ fn metrics(expression: &str) -> Vec<(String, BTreeSet<String>)> {
         let mut labels = BTreeSet::new();
         if let Some(mut selectors) = rest.strip_prefix('{') {
             // A value may hold anything, braces too: label="value", label=~"value", …
-            while let Some(equals) = selectors.find('=') {
-                labels.insert(selectors[..equals].trim_matches([' ', ',', '!']).to_owned());
+            while let Some(compared) = selectors.find(['=', '!']) {
+                labels.insert(selectors[..compared].trim_matches([' ', ',']).to_owned());
                 let value = &selectors[selectors.find('"').unwrap() + 1..];
                 selectors = &value[value.find('"').unwrap() + 1..];
                 if selectors.starts_with('}') {
