@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use serde_json::Value;
 
@@ -338,7 +338,7 @@ fn refusal(settings: &Path, command: &str) -> String {
     for name in ["DATABASE_URL", "NATS_PASSWORD", "S3_ACCESS_KEY_ID", "S3_SECRET_ACCESS_KEY"] {
         program.env_remove(format!("FLANKWATCH_{name}"));
     }
-    let output = program.stdout(Stdio::null()).output().unwrap();
+    let output = program.output().unwrap();
     assert!(!output.status.success());
     String::from_utf8(output.stderr).unwrap()
 }
