@@ -13,7 +13,8 @@ use crate::running::{Service, record};
 
 /// Takes records from a broker; `more` are further lines of the settings.
 pub(crate) fn feed(service: &Service, port: u16, root: &str, more: &str) -> MqttFeed {
-    let text = format!("url = \"mqtt://127.0.0.1:{port}\"\nroot = \"{root}\"\n{more}");
+    // The broker need not remember it for long.
+    let text = format!("url = \"mqtt://127.0.0.1:{port}\"\nroot = \"{root}\"\nsession_expiry_s = 120\n{more}");
     // A session of the test's own, unless it says whose it is.
     let own = if more.contains("client_id") {
         String::new()
@@ -265,6 +266,30 @@ fn a_full_service_leaves_messages_at_the_broker() {
     assert_eq!(outcome(&service, "received"), 40.0, "none was sent twice");
     assert_eq!(service.get("/readyz").expect(200).json()["feeds"][0]["held"], 0);
     service.run(feed.stop(LONGEST));
+}
+
+#[test]
+fn what_finds_no_place_for_long_is_asked_for_again() {
+    let Some(broker) = Broker::start() else { return };
+    let service = Service::start();
+    service.plain_asset("pump");
+    let settings = "in_flight = 4\nkeep_alive_s = 5\nclient_id = \"kept\"";
+    let first = feed(&service, broker.port, "flankwatch", settings);
+    service.run(first.stop(LONGEST));
+    let mut sender = Sender::connect(broker.port);
+    for n in 0..40 {
+        sender.send(&topic("flankwatch", "pump", "1"), &protobuf(&record("1", n)));
+    }
+    let ingest = service.ingest();
+    let tickets: Vec<_> = std::iter::from_fn(|| ingest.workers().admit().ok()).collect();
+    let second = feed(&service, broker.port, "flankwatch", settings);
+    // Longer than a broker waits for a sign of life: what a session kept may come all at once, and the connection has to stand.
+    std::thread::sleep(std::time::Duration::from_secs(10));
+    let feeds = service.get("/readyz").json()["feeds"].clone();
+    assert_eq!((&feeds[1]["is_connected"], &feeds[1]["held"]), (&true.into(), &4.into()), "{feeds}");
+    drop(tickets);
+    wait_for_records(&service, 40);
+    service.run(second.stop(LONGEST));
 }
 
 #[test]
