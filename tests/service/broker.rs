@@ -119,6 +119,7 @@ fn options(id: &str, port: u16) -> MqttOptions {
 
 /// Sends messages at QoS 1, one after the other; each is at the broker when [`send`](Self::send) returns.
 pub(crate) struct Sender {
+    port: u16,
     client: Client,
     connection: Connection,
 }
@@ -126,7 +127,7 @@ pub(crate) struct Sender {
 impl Sender {
     pub(crate) fn connect(port: u16) -> Self {
         let (client, connection) = Client::new(options(&unique("sender"), port), 16);
-        Self { client, connection }
+        Self { port, client, connection }
     }
 
     pub(crate) fn send(&mut self, topic: &str, payload: &[u8]) {
@@ -156,6 +157,8 @@ impl Sender {
             }
             assert!(began.elapsed() < LONGEST, "the broker does not take {topic}");
             std::thread::sleep(Duration::from_millis(100));
+            // A connection of its own for each try, so that an answer is one to this try.
+            *self = Self::connect(self.port);
         }
     }
 }

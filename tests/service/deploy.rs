@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use serde_json::Value;
 
@@ -100,8 +100,8 @@ fn metrics(expression: &str) -> Vec<(String, BTreeSet<String>)> {
         let mut labels = BTreeSet::new();
         if let Some(mut selectors) = rest.strip_prefix('{') {
             // A value may hold anything, braces too: label="value", label=~"value", …
-            while let Some(equals) = selectors.find('=') {
-                labels.insert(selectors[..equals].trim_matches([' ', ',', '!']).to_owned());
+            while let Some(compared) = selectors.find(['=', '!']) {
+                labels.insert(selectors[..compared].trim_matches([' ', ',']).to_owned());
                 let value = &selectors[selectors.find('"').unwrap() + 1..];
                 selectors = &value[value.find('"').unwrap() + 1..];
                 if selectors.starts_with('}') {
@@ -338,7 +338,7 @@ fn refusal(settings: &Path, command: &str) -> String {
     for name in ["DATABASE_URL", "NATS_PASSWORD", "S3_ACCESS_KEY_ID", "S3_SECRET_ACCESS_KEY"] {
         program.env_remove(format!("FLANKWATCH_{name}"));
     }
-    let output = program.stdout(Stdio::null()).output().unwrap();
+    let output = program.output().unwrap();
     assert!(!output.status.success());
     String::from_utf8(output.stderr).unwrap()
 }

@@ -13,7 +13,8 @@ use crate::running::{Service, record};
 
 /// Takes records from a broker; `more` are further lines of the settings.
 pub(crate) fn feed(service: &Service, port: u16, root: &str, more: &str) -> MqttFeed {
-    let text = format!("url = \"mqtt://127.0.0.1:{port}\"\nroot = \"{root}\"\n{more}");
+    // The broker need not remember it for long.
+    let text = format!("url = \"mqtt://127.0.0.1:{port}\"\nroot = \"{root}\"\nsession_expiry_s = 120\n{more}");
     // A session of the test's own, unless it says whose it is.
     let own = if more.contains("client_id") {
         String::new()
@@ -138,6 +139,29 @@ fn every_message_is_a_record_once() {
     );
 }
 
+/// A message that cannot be used, and what its refusal says.
+struct Unusable {
+    asset: &'static str,
+    point: &'static str,
+    payload: Vec<u8>,
+    content_type: Option<&'static str>,
+    status: u16,
+    words: &'static str,
+}
+
+impl Unusable {
+    fn new(asset: &'static str, point: &'static str, payload: Vec<u8>, status: u16, words: &'static str) -> Self {
+        Self {
+            asset,
+            point,
+            payload,
+            content_type: None,
+            status,
+            words,
+        }
+    }
+}
+
 #[test]
 fn what_cannot_be_used_is_refused_with_the_reason() {
     let Some(port) = shared() else { return };
@@ -152,61 +176,40 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
     no_time = no_time.with_channel("2");
     let mut no_time_json: Value = serde_json::from_slice(&encode_block(&no_time, BlockEncoding::Json)).unwrap();
     no_time_json.as_object_mut().unwrap().remove("start_time");
-    let cases: [(&str, &str, Vec<u8>, Option<&str>, u16, &str); 10] = [
-        ("nobody", "1", good.clone(), None, 404, "nobody"),
-        ("Pump", "1", good.clone(), None, 400, "a-z"),
-        ("pump", "empty", Vec::new(), None, 422, "sample_rate_hz"),
-        ("pump", "noise", vec![0xff; 50], None, 422, "not a WaveformBlock in protobuf"),
-        (
-            "pump",
-            "cut",
-            good[..good.len() / 2].to_vec(),
-            None,
-            422,
-            "not a WaveformBlock in protobuf",
-        ),
-        (
-            "pump",
-            "text",
-            b"{\"samples\": [1]}".to_vec(),
-            None,
-            422,
-            "missing field `sample_rate_hz`",
-        ),
-        (
-            "pump",
-            "wav",
-            good.clone(),
-            Some("audio/wav"),
-            415,
-            "application/x-protobuf or application/json",
-        ),
-        ("pump", "large", vec![0; 100_001], None, 413, "100001"),
-        ("pump", "timeless", no_time_protobuf, None, 422, "start_time is missing"),
-        (
-            "pump",
-            "timeless-json",
-            no_time_json.to_string().into_bytes(),
-            None,
-            422,
-            "start_time is missing",
-        ),
+    let text = b"{\"samples\": [1]}".to_vec();
+    let (timeless, in_json) = ("start_time is missing", no_time_json.to_string().into_bytes());
+    let undecodable = "not a WaveformBlock in protobuf";
+    let cases = [
+        Unusable::new("nobody", "1", good.clone(), 404, "nobody"),
+        Unusable::new("Pump", "1", good.clone(), 400, "a-z"),
+        Unusable::new("pump", "empty", Vec::new(), 422, "sample_rate_hz"),
+        Unusable::new("pump", "noise", vec![0xff; 50], 422, undecodable),
+        Unusable::new("pump", "cut", good[..good.len() / 2].to_vec(), 422, undecodable),
+        Unusable::new("pump", "text", text, 422, "missing field `sample_rate_hz`"),
+        Unusable {
+            content_type: Some("audio/wav"),
+            ..Unusable::new("pump", "wav", good.clone(), 415, "application/x-protobuf or application/json")
+        },
+        Unusable::new("pump", "large", vec![0; 100_001], 413, "100001"),
+        Unusable::new("pump", "timeless", no_time_protobuf, 422, timeless),
+        Unusable::new("pump", "timeless-json", in_json, 422, timeless),
     ];
     let mut sender = Sender::connect(port);
-    for (asset, point, payload, content_type, ..) in &cases {
-        sender.send_as(&topic(&root, asset, point), payload, *content_type);
+    for case in &cases {
+        sender.send_as(&topic(&root, case.asset, case.point), &case.payload, case.content_type);
     }
     sender.send(&topic(&root, "pump", "good"), &good);
     let heard = listener.wait_for(cases.len());
     assert_eq!(heard.len(), cases.len());
-    for (asset, point, payload, _, status, words) in &cases {
-        let address = format!("{root}/{asset}/{point}");
+    for case in &cases {
+        let address = format!("{root}/{}/{}", case.asset, case.point);
         let found = heard.iter().find(|(topic, _)| *topic == format!("{address}/rejected"));
         let (_, problem) = found.unwrap_or_else(|| panic!("nothing of {address} in {heard:?}"));
-        assert_eq!(problem["status"], *status, "{problem}");
-        assert!(problem["detail"].as_str().unwrap().contains(words), "{words:?} in {problem}");
+        assert_eq!(problem["status"], case.status, "{problem}");
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(case.words), "{:?} in {problem}", case.words);
         assert_eq!(problem["topic"], format!("{address}/waveform"));
-        assert_eq!(problem["payload_bytes"], payload.len());
+        assert_eq!(problem["payload_bytes"], case.payload.len());
         assert_eq!(problem["payload_sha256"].as_str().map(str::len), Some(64));
     }
     wait_for_outcome(&service, "accepted", 1.0);
@@ -265,6 +268,30 @@ fn a_full_service_leaves_messages_at_the_broker() {
     assert_eq!(outcome(&service, "received"), 40.0, "none was sent twice");
     assert_eq!(service.get("/readyz").expect(200).json()["feeds"][0]["held"], 0);
     service.run(feed.stop(LONGEST));
+}
+
+#[test]
+fn what_finds_no_place_for_long_is_asked_for_again() {
+    let Some(broker) = Broker::start() else { return };
+    let service = Service::start();
+    service.plain_asset("pump");
+    let settings = "in_flight = 4\nkeep_alive_s = 5\nclient_id = \"kept\"";
+    let first = feed(&service, broker.port, "flankwatch", settings);
+    service.run(first.stop(LONGEST));
+    let mut sender = Sender::connect(broker.port);
+    for n in 0..40 {
+        sender.send(&topic("flankwatch", "pump", "1"), &protobuf(&record("1", n)));
+    }
+    let ingest = service.ingest();
+    let tickets: Vec<_> = std::iter::from_fn(|| ingest.workers().admit().ok()).collect();
+    let second = feed(&service, broker.port, "flankwatch", settings);
+    // Longer than a broker waits for a sign of life: what a session kept may come all at once, and the connection has to stand.
+    std::thread::sleep(std::time::Duration::from_secs(10));
+    let feeds = service.get("/readyz").json()["feeds"].clone();
+    assert_eq!((&feeds[1]["is_connected"], &feeds[1]["held"]), (&true.into(), &4.into()), "{feeds}");
+    drop(tickets);
+    wait_for_records(&service, 40);
+    service.run(second.stop(LONGEST));
 }
 
 #[test]

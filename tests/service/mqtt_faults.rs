@@ -42,6 +42,7 @@ fn a_broker_restarted_in_between_loses_nothing() {
             while !is_over.load(Ordering::Relaxed) {
                 send(&mut sender, n);
                 n += 1;
+                std::thread::sleep(Duration::from_millis(5));
             }
             n
         });

@@ -10,12 +10,15 @@ use crate::store::StoreError;
 /// The media type of a refusal.
 pub(super) const MEDIA_TYPE: &str = "application/problem+json";
 
-/// Longest value of a field that is repeated, in bytes.
-const MOST_VALUE_BYTES: usize = 256;
+/// Longest value of a field that is repeated, in characters.
+const MOST_VALUE: usize = 256;
 
 /// Why a message cannot be used. The statuses are those that an upload of the same record would be answered with.
+#[derive(Debug, Clone)]
+pub(super) struct Refusal(Box<Details>);
+
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Refusal {
+struct Details {
     #[serde(rename = "type")]
     kind: &'static str,
     title: &'static str,
@@ -33,7 +36,7 @@ pub(super) struct Refusal {
 #[derive(Serialize)]
 struct Letter<'a> {
     #[serde(flatten)]
-    refusal: &'a Refusal,
+    refusal: &'a Details,
     topic: &'a str,
     received_at: Timestamp,
     payload_bytes: usize,
@@ -42,7 +45,7 @@ struct Letter<'a> {
 
 impl Refusal {
     pub(super) fn new(status: u16, detail: impl Into<String>) -> Self {
-        Self {
+        Self(Box::new(Details {
             kind: "about:blank",
             title: match status {
                 400 => "Bad Request",
@@ -57,30 +60,29 @@ impl Refusal {
             field: None,
             value: None,
             expected: None,
-        }
+        }))
     }
 
     /// A field whose value cannot be used.
     pub(super) fn field(status: u16, field: &str, value: &str, expected: &str) -> Self {
-        let mut value = value.to_owned();
-        value.truncate(value.floor_char_boundary(MOST_VALUE_BYTES));
+        let value: String = value.chars().take(MOST_VALUE).collect();
         let mut refusal = Self::new(status, format!("{field} is {value}, expected {expected}"));
-        refusal.field = Some(field.to_owned());
-        refusal.value = Some(value);
-        refusal.expected = Some(expected.to_owned());
+        refusal.0.field = Some(field.to_owned());
+        refusal.0.value = Some(value);
+        refusal.0.expected = Some(expected.to_owned());
         refusal
     }
 
     /// What is wrong, in words.
     pub(super) fn detail(&self) -> &str {
-        &self.detail
+        &self.0.detail
     }
 
     /// The whole text for the sender.
     pub(super) fn letter(&self, topic: &str, received_at: Timestamp, payload: &[u8]) -> Vec<u8> {
         let sha256 = Sha256::digest(payload);
         let letter = Letter {
-            refusal: self,
+            refusal: &self.0,
             topic,
             received_at,
             payload_bytes: payload.len(),
@@ -137,9 +139,9 @@ mod tests {
     }
 
     #[test]
-    fn a_long_value_is_cut_between_characters() {
+    fn a_long_value_is_cut() {
         let refusal = Refusal::field(400, "topic", &"ä".repeat(300), "a short one");
-        assert_eq!(refusal.value.as_deref().map(str::len), Some(256));
+        assert_eq!(refusal.0.value.map(|value| value.chars().count()), Some(256));
     }
 
     #[test]
