@@ -245,7 +245,9 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
 /// Files of a folder by name.
 fn files(folder: &Path) -> BTreeMap<std::ffi::OsString, Vec<u8>> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
-    entries.map(|entry| (entry.file_name(), std::fs::read(entry.path()).unwrap())).collect()
+    entries
+        .map(|entry| (entry.file_name(), std::fs::read(entry.path()).unwrap()))
+        .collect()
 }
 
 /// What is announced of alarms where every record comes to every worker at the same time.
