@@ -13,7 +13,7 @@ use serde::Deserialize;
 use thiserror::Error;
 
 #[cfg(feature = "cluster")]
-use crate::cluster::mqtt::{MqttError, MqttFeed, MqttSettings, MqttTable};
+use crate::cluster::mqtt::{MqttError, MqttFeed, MqttTable};
 #[cfg(feature = "cluster")]
 use crate::cluster::{ClusterSettings, ClusterTable};
 use crate::http::{ServiceConfig, ServiceError, TlsFiles, start};
@@ -119,7 +119,7 @@ pub(super) struct Resolved {
     #[cfg(feature = "cluster")]
     pub(super) cluster: Option<ClusterSettings>,
     #[cfg(feature = "cluster")]
-    mqtt: Option<MqttSettings>,
+    mqtt: Option<MqttTable>,
 }
 
 /// The table `retention` of the settings file: raw recordings that are kept; what is derived from them always is.
@@ -188,7 +188,7 @@ impl ServeArgs {
             #[cfg(feature = "cluster")]
             cluster: file.cluster.map(super::node::resolve).transpose()?,
             #[cfg(feature = "cluster")]
-            mqtt: self.mqtt.resolve(file.mqtt, config.http.record_bytes)?,
+            mqtt: file.mqtt,
             service: config,
         })
     }
@@ -236,6 +236,8 @@ impl LimitsTable {
 /// Runs the service until Ctrl-C or SIGTERM.
 pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
     let resolved = args.resolve()?;
+    #[cfg(feature = "cluster")]
+    let mqtt = args.mqtt.resolve(resolved.mqtt, resolved.service.http.record_bytes)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(async {
         #[cfg(feature = "cluster")]
@@ -251,8 +253,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
         #[cfg(not(feature = "cluster"))]
         let service = start(resolved.service, Arc::new(SystemClock)).await?;
         #[cfg(feature = "cluster")]
-        let mqtt = resolved
-            .mqtt
+        let mqtt = mqtt
             .map(|settings| MqttFeed::start(settings, service.ingest().clone()))
             .transpose()?;
         let mut out = std::io::stdout();

@@ -139,7 +139,7 @@ fn certificates_that_are_none_are_refused_by_name() {
 }
 
 /// A certificate for localhost in `folder`, made by OpenSSL, and whether its tool is there.
-fn certificate(folder: &std::path::Path) -> Option<TlsFiles> {
+pub(crate) fn certificate(folder: &std::path::Path) -> Option<TlsFiles> {
     let files = TlsFiles {
         certificate: folder.join("c.pem"),
         key: folder.join("k.pem"),

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room and the rooms it may name.
-const ROOMS: [(&str, &[&str]); 14] = [
+const ROOMS: [(&str, &[&str]); 15] = [
     ("gear", &[]),
     ("signal", &[]),
     ("library", &["gear", "signal"]),
@@ -31,6 +31,7 @@ const ROOMS: [(&str, &[&str]); 14] = [
             "ingest",
         ],
     ),
+    ("cluster", &["signal", "recording", "asset", "store", "ingest"]),
     (
         "cli",
         &[
@@ -47,6 +48,7 @@ const ROOMS: [(&str, &[&str]); 14] = [
             "store",
             "ingest",
             "http",
+            "cluster",
         ],
     ),
 ];

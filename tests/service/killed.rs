@@ -25,7 +25,7 @@ const CONNECTIONS: u32 = 4;
 const LONGEST_RECOMPUTATION: Duration = Duration::from_secs(600);
 
 /// A running program and what it said.
-struct Program {
+pub(crate) struct Program {
     child: Child,
     url: String,
     log: Arc<Mutex<String>>,
@@ -34,9 +34,15 @@ struct Program {
 
 impl Program {
     fn start(folder: &Path) -> Self {
+        Self::start_with(folder, &[])
+    }
+
+    /// Starts with further options.
+    pub(crate) fn start_with(folder: &Path, options: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_flankwatch"))
             .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
             .arg(folder)
+            .args(options)
             .env("FLANKWATCH_LOG", "info")
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -73,7 +79,7 @@ impl Program {
         }
     }
 
-    fn get(&self, path: &str) -> Value {
+    pub(crate) fn get(&self, path: &str) -> Value {
         let mut response = self.agent.get(format!("{}{path}", self.url)).call().unwrap();
         let text = response.body_mut().with_config().limit(256 << 20).read_to_string().unwrap();
         assert!(response.status().is_success(), "{path}: {text}");
@@ -91,13 +97,13 @@ impl Program {
         serde_json::from_str(&text).ok()
     }
 
-    fn make(&self, asset: &Value) {
+    pub(crate) fn make(&self, asset: &Value) {
         let request = self.agent.post(format!("{}/v1/assets", self.url));
         let response = request.content_type("application/json").send(asset.to_string().as_bytes()).unwrap();
         assert!([201, 409].contains(&response.status().as_u16()));
     }
 
-    fn kill(mut self) -> String {
+    pub(crate) fn kill(mut self) -> String {
         // SIGKILL
         self.child.kill().unwrap();
         self.child.wait().unwrap();
@@ -106,7 +112,7 @@ impl Program {
     }
 
     /// Number of segments by identifier over all pages.
-    fn segments(&self, asset: &str) -> BTreeMap<String, u32> {
+    pub(crate) fn segments(&self, asset: &str) -> BTreeMap<String, u32> {
         let mut found = BTreeMap::new();
         let mut cursor = String::new();
         loop {

@@ -5,11 +5,15 @@ mod access;
 mod alarms;
 mod architecture;
 mod assets;
+#[cfg(feature = "cluster")]
+mod broker;
 mod browser;
 #[cfg(feature = "cluster")]
 mod cluster;
 mod command_line;
 mod dashboard;
+mod deploy;
+mod deploy_tools;
 mod durability;
 mod dynamics;
 mod envelopes;
@@ -24,6 +28,10 @@ mod left_out;
 mod libraries;
 #[cfg(feature = "cluster")]
 mod many_workers;
+#[cfg(feature = "cluster")]
+mod mqtt;
+#[cfg(feature = "cluster")]
+mod mqtt_faults;
 mod openapi;
 mod problems;
 mod real_bearing;

