@@ -1,13 +1,15 @@
 -- Fills the tables of a PostgreSQL store with many records and measures the service's own statements on them.
 --
---   psql postgres://127.0.0.1/test -v schema=rows -v channels=1000 -v records=10000 -f benches/rows.sql
+--   psql postgres://127.0.0.1/test -v schema=rows -v channels=1000 -v records=10000 -v indicators=10 -v features=6 -f benches/rows.sql
 --
 -- The schema's tables are made by flankwatch: start it once on `postgres://…?options[search_path]=rows`, and stop it.
--- Rows come in the order of time over all channels, as records do; texts are as long as those of real records.
+-- Rows come in the order of time over all channels, as records do; their texts are as long as asked for.
 \set ON_ERROR_STOP on
 \timing on
 SET search_path TO :schema;
 SET synchronous_commit = off;
+-- Filled without looking at each foreign key, which the measurements do not use.
+SET session_replication_role = replica;
 
 \echo '--- assets and channels'
 INSERT INTO assets (id, spec, created_at_ns, updated_at_ns)
@@ -21,12 +23,11 @@ INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate
     SELECT left(md5(t || '/' || c) || md5(c || '/' || t), 24), c, t * 60000000000::bigint, t * 60000000000::bigint, 25600, 25600, 'm/s2',
         '{"shaft_speed_hz":24.9,"torque_nm":118.4}', md5(t || ':' || c) || md5(c || ':' || t), 102512, 'application/x-protobuf', 0
     FROM generate_series(0, :records - 1) t, generate_series(1, :channels) c;
+SELECT '{"values":{' || string_agg('"indicator_' || k || '":0.12345678901234' || k, ',') || '}}' AS indicators FROM generate_series(1, :indicators) k \gset
+SELECT '{"values":{' || string_agg('"mesh_' || k || '":0.12345678901234' || k, ',') || '}}' AS features FROM generate_series(1, :features) k \gset
 INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
     SELECT id, 0, md5('analysis'), md5('feature'), '{"shaft_speed_hz":24.9,"source":"mesh_comb","confidence":0.98}', '{"revolutions":24}',
-        (SELECT '{"values":{' || string_agg('"indicator_' || k || '":' || round((hashint8(start_time_ns / 7919 + channel_no * 31 + k) / 2147483648.0)::numeric, 15), ',') || '}}'
-            FROM generate_series(1, :indicators) k),
-        (SELECT '{"values":{' || string_agg('"f' || k || '":' || round((hashint8(start_time_ns / 7919 + channel_no * 37 + k) / 2147483648.0)::numeric, 15), ',') || '}}'
-            FROM generate_series(1, :features) k)
+        :'indicators', :'features'
     FROM segments;
 INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, p05_um, p95_um, log_evidence, estimate, run_indicators)
     SELECT id, 0, 'tracking', 'explained by wear', 12.5, 12.6, 9.8, 15.9, -31.4, '{"status":"tracking","reason":"explained by wear","median_um":12.5,"mean_um":12.6,"p05_um":9.8,"p95_um":15.9,"method":"grid"}',
@@ -52,15 +53,19 @@ PREPARE trend (bigint, bigint, text, bigint) AS
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 * 60000000000::bigint, '', 4096);
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 * 60000000000::bigint, '', 4096);
 
-\echo '--- the latest wear of an asset'
-PREPARE latest (text) AS
-    SELECT s.*, a.indicators, a.features, w.estimate FROM segments s
+\echo '--- the latest segment of a channel with its wear (first cold, then again)'
+PREPARE latest (bigint) AS
+    SELECT s.*, c.asset_id, c.name AS channel, a.indicators, a.features, w.estimate, w.run_indicators, p.wear_um, p.probability
+    FROM segments s
     JOIN channels c ON c.channel_no = s.channel_no
     JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
     JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = c.wear_generation
-    WHERE c.asset_id = $1 ORDER BY s.start_time_ns DESC, s.id DESC LIMIT 1;
-EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest('machine-7');
-EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest('machine-8');
+    LEFT JOIN wear_posteriors p ON p.segment_id = s.id AND p.generation = c.wear_generation
+    WHERE s.channel_no = $1 AND s.start_time_ns >= -9223372036854775808 AND s.start_time_ns < 9223372036854775807
+        AND (s.start_time_ns, s.id) < (9223372036854775807, '')
+    ORDER BY s.start_time_ns DESC, s.id DESC LIMIT 1;
+EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest(7);
+EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest(7);
 
 \echo '--- a record that was stored before is found'
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) SELECT * FROM segments WHERE id IN (left(md5('5/7') || md5('7/5'), 24), left(md5('9/11') || md5('11/9'), 24));

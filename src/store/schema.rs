@@ -62,12 +62,17 @@ impl Dialect {
         self == Self::Sqlite
     }
 
-    /// Waits, to the transaction's end, until no other process brings the tables up to date; the number is "flankwat" in ASCII.
-    fn lock_migrations(self) -> Option<&'static str> {
+    /// Waits, to the transaction's end and however long, until no other process brings the tables up to date; the number is "flankwat" in
+    /// ASCII.
+    fn lock_migrations(self) -> &'static [&'static str] {
         match self {
-            Self::Sqlite => None,
+            Self::Sqlite => &[],
             #[cfg(feature = "cluster")]
-            Self::Postgres => Some("SELECT pg_advisory_xact_lock(7380381016230682996)"),
+            Self::Postgres => &[
+                "SET LOCAL lock_timeout = 0",
+                "SET LOCAL statement_timeout = 0",
+                "SELECT pg_advisory_xact_lock(7380381016230682996)",
+            ],
         }
     }
 }
@@ -331,8 +336,8 @@ const SHARING: &[&str] = &[
 pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) -> Result<(), StoreError> {
     // All or nothing; of several processes the first one does it, and the others find it done.
     let mut transaction = connection.begin().await?;
-    if let Some(lock) = dialect.lock_migrations() {
-        sqlx::query(lock).execute(&mut *transaction).await?;
+    for statement in dialect.lock_migrations() {
+        sqlx::query(*statement).execute(&mut *transaction).await?;
     }
     sqlx::query("CREATE TABLE IF NOT EXISTS migrations (version BIGINT NOT NULL PRIMARY KEY)")
         .execute(&mut *transaction)

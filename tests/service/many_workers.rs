@@ -190,8 +190,9 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                 expected = Some(on_one_machine(folder.path(), &after, &all).await);
             }
             let mut workers = Vec::new();
-            for _ in 0..count {
-                workers.push(worker(&settings, folder.path()).await);
+            for n in 0..count {
+                // Each has a folder of its own for libraries: what one builds the others fetch.
+                workers.push(worker(&settings, &folder.path().join(format!("{n} of {count}"))).await);
             }
             for spec in &before {
                 workers[0].create_asset(spec).await.unwrap();
@@ -230,11 +231,23 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                     assert_eq!(found.get(name), Some(expected), "{name} of {count} workers");
                 }
             }
+            let libraries = (0..count).map(|n| files(&folder.path().join(format!("{n} of {count}/libraries"))));
+            for found in libraries {
+                assert!(found == files(&folder.path().join("libraries")), "{count} workers");
+            }
             for worker in &workers {
                 worker.store().close().await;
             }
         });
     }
+}
+
+/// Files of a folder by name.
+fn files(folder: &Path) -> BTreeMap<std::ffi::OsString, Vec<u8>> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    entries
+        .map(|entry| (entry.file_name(), std::fs::read(entry.path()).unwrap()))
+        .collect()
 }
 
 /// What is announced of alarms where every record comes to every worker at the same time.
