@@ -268,7 +268,7 @@ impl Ingest {
                 KeptRecords::ForOthers(crew, records)
             } else {
                 self.libraries_are_there(&asset.spec, &listeners).await?;
-                KeptRecords::Analysed(self.analyse_and_keep(asset.spec, named, raws, received_at).await?)
+                KeptRecords::Analysed(Box::new(self.analyse_and_keep(asset.spec, named, raws, received_at).await?))
             };
         }
         Ok(KeptBatch { kept, taken, summary })
@@ -288,7 +288,7 @@ impl Ingest {
         match kept {
             KeptRecords::None => {}
             KeptRecords::Analysed(kept) => {
-                let answer = self.store_kept(kept).await?;
+                let answer = self.store_kept(*kept).await?;
                 stored = answer.iter().filter(|stored| !stored.repeated).count();
             }
             KeptRecords::ForOthers(crew, records) => {
@@ -312,7 +312,7 @@ enum KeptRecords<'a> {
     /// There are none.
     None,
     /// They are analysed.
-    Analysed(Kept<'a>),
+    Analysed(Box<Kept<'a>>),
     /// Others are to analyse them.
     ForOthers(&'a Arc<dyn Crew>, Vec<QueuedRecord>),
 }

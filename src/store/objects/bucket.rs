@@ -37,7 +37,7 @@ pub(super) struct Bucket {
 impl Bucket {
     /// Opens a bucket. To be called inside the runtime, which then does the requests.
     pub(super) fn open(settings: &BucketSettings) -> Result<Self, StoreError> {
-        // The client takes the provider of the process; one that is there already is left.
+        // The client takes the process's provider, and has none of its own. One that is set already is as good.
         let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
         let prefix = settings.prefix.trim_matches('/');
         let is_plain = settings.endpoint.as_deref().is_some_and(|endpoint| endpoint.starts_with("http://"));

@@ -28,6 +28,9 @@ const ROUNDS: u32 = 1;
 /// Connections that upload side by side.
 const CONNECTIONS: u32 = 3;
 
+/// Records of one round before they come slowly.
+const UNHURRIED: u32 = 60;
+
 fn rounds() -> u32 {
     std::env::var("FLANKWATCH_FAULT_ROUNDS").map_or(ROUNDS, |rounds| rounds.parse().unwrap())
 }
@@ -114,12 +117,16 @@ struct Uploads {
 impl Uploads {
     /// Sends over some connections, in turn to each of the clients, while `fault` happens.
     fn during(&self, clients: &[&Client], fault: impl FnOnce()) {
-        let is_over = AtomicBool::new(false);
+        let (is_over, first) = (AtomicBool::new(false), self.next.load(Ordering::Relaxed));
         std::thread::scope(|scope| {
             for _ in 0..CONNECTIONS {
                 scope.spawn(|| {
                     while !is_over.load(Ordering::Relaxed) {
                         let n = self.next.fetch_add(1, Ordering::Relaxed);
+                        if n > first + UNHURRIED {
+                            // What takes long is not to be a test of many records.
+                            std::thread::sleep(Duration::from_millis(500));
+                        }
                         match clients[n as usize % clients.len()].try_upload("pump", &record("1", n)) {
                             Some((201, answer)) => {
                                 let id = answer["id"].as_str().unwrap().to_owned();
