@@ -244,7 +244,10 @@ mod tests {
         assert!(!body.contains("Novelty"));
         let marks = marks(&report, "in");
         assert_eq!(
-            marks.iter().map(|mark| (mark.x, mark.class)).collect::<Vec<_>>(),
+            marks
+                .iter()
+                .map(|mark| ((mark.x * 1e6).round() * 1e-6, mark.class))
+                .collect::<Vec<_>>(),
             [(60.0, "warning"), (30.0, "maintenance")]
         );
     }

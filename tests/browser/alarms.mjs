@@ -75,7 +75,7 @@ export const CHECKS = {
     const { page } = opened;
     await drawn(page, "trends");
     for (const words of ["warning alarm raised", "alarm over"]) await page.locator('[data-plot="trends"] .legend', { hasText: words }).waitFor();
-    assert.equal(await page.locator('[data-plot="trends"] .shapelayer path').count(), 3, "two marks and the selected record");
+    assert.equal(await page.locator('[data-plot="trends"] .shapelayer path').count(), 5, "two marks, the selected record, and the levels of warning and danger");
     await page.getByRole("region", { name: "Alarms and maintenance" }).getByRole("link", { name: "RMS" }).click();
     await page.getByRole("region", { name: "Chosen alarm" }).getByText("back to normal").waitFor();
     await close(opened, name);

@@ -124,15 +124,15 @@ async fn everything(worker: &Ingest, asset: &AssetId) -> BTreeMap<String, String
     };
     for alarm in store.alarms(&filter, Timestamp::UNIX_EPOCH, 100).await.unwrap() {
         let (history, _) = store.alarm_history(&alarm.id, 10_000).await.unwrap();
+        // Not its latest readings: those that changed nothing are kept with the states of the fold alone.
+        let held = &alarm.alarm;
+        let stands = (held.standing(), held.severity(), held.raised_at(), held.value(), held.last());
         let told: Vec<_> = history
             .iter()
             .filter(|entry| entry.withdrawn_at.is_none())
             .map(|entry| &entry.change)
             .collect();
-        all.insert(
-            format!("alarm {}", alarm.id),
-            format!("{:?} {:?} {told:?}", alarm.rule, alarm.alarm),
-        );
+        all.insert(format!("alarm {}", alarm.id), format!("{:?} {stands:?} {told:?}", alarm.rule));
     }
     all
 }

@@ -31,6 +31,7 @@ fn a_broker_restarted_in_between_loses_nothing() {
     let service = Service::start();
     service.plain_asset("pump");
     let feed = feed(&service, broker.port, "flankwatch", "");
+    service.wait_for("/readyz", |ready| ready["feeds"][0]["is_connected"] == true);
     let port = broker.port;
     let is_over = AtomicBool::new(false);
     let rounds = rounds();
