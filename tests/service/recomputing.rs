@@ -158,6 +158,10 @@ fn version_1(folder: &Path) {
 
 #[test]
 fn a_database_of_version_1_is_opened_and_brought_up_to_date() {
+    if std::env::var_os("FLANKWATCH_TEST_DATABASE").is_some() {
+        eprintln!("left out: on PostgreSQL there was no version 1");
+        return;
+    }
     let service = Service::start_on(version_1);
     assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
     let done = recomputed(&service, "pump");
