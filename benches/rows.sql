@@ -20,7 +20,7 @@ INSERT INTO channels (channel_no, asset_id, name, segments, first_start_ns, last
 \echo '--- segments, then analyses, then wear estimates'
 INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate_hz, samples, unit, operating_point, raw_sha256, raw_bytes,
         raw_media_type, raw_channel_index)
-    SELECT left(md5(t || '/' || c) || md5(c || '/' || t), 24), c, t * 60000000000::bigint, t * 60000000000::bigint, 25600, 25600, 'm/s2',
+    SELECT lpad(to_hex(17179869184 + t * 60), 9, '0') || left(md5(t || '/' || c), 15), c, t * 60000000000::bigint, t * 60000000000::bigint, 25600, 25600, 'm/s2',
         '{"shaft_speed_hz":24.9,"torque_nm":118.4}', md5(t || ':' || c) || md5(c || ':' || t), 102512, 'application/x-protobuf', 0
     FROM generate_series(0, :records - 1) t, generate_series(1, :channels) c;
 SELECT '{"values":{' || string_agg('"indicator_' || k || '":0.12345678901234' || k, ',') || '}}' AS indicators FROM generate_series(1, :indicators) k \gset
@@ -68,4 +68,4 @@ EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest(7);
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest(7);
 
 \echo '--- a record that was stored before is found'
-EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) SELECT * FROM segments WHERE id IN (left(md5('5/7') || md5('7/5'), 24), left(md5('9/11') || md5('11/9'), 24));
+EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) SELECT * FROM segments WHERE id IN (lpad(to_hex(17179869184 + 300), 9, '0') || left(md5('5/7'), 15), lpad(to_hex(17179869184 + 540), 9, '0') || left(md5('9/11'), 15));

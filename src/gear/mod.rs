@@ -37,6 +37,7 @@ mod relationship;
 mod response;
 mod ring_sector;
 mod root;
+mod run_settings;
 mod sector_mesh;
 mod stiffness;
 #[cfg(test)]
@@ -63,7 +64,8 @@ pub use pair::{
 pub use relationship::MeshRelationship;
 #[cfg(test)]
 pub(crate) use response::simulate_refined;
-pub use response::{RunSettings, simulate, simulate_together};
+pub use response::{simulate, simulate_together};
+pub use run_settings::RunSettings;
 pub use stiffness::PairStiffness;
 pub use wear::FlankWear;
 

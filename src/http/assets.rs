@@ -17,9 +17,6 @@ use crate::asset::{AssetId, AssetSpec, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate};
 use crate::store::{Asset, StoredAlarm};
 
-/// Points of the small curve of an asset's wear.
-const RECENT_POINTS: usize = 40;
-
 /// An asset as it is shown.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = Asset)]
@@ -60,7 +57,7 @@ struct Summary {
     alarms: AlarmCounts,
     /// The alarm rules in force: those of its description, or those that follow from its limits.
     alarm_rules: Vec<AlarmRule>,
-    /// Medians of its wear depth in µm over its whole history, thinned to at most 40.
+    /// Medians of its wear depth in µm at no more than 40 moments, evenly from its first record to its last.
     recent_wear_um: Vec<f64>,
 }
 
@@ -204,9 +201,7 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
                 ..segment.wear
             });
         }
-        let trend = store.trend(channel).await?;
-        let medians: Vec<f64> = trend.wear.iter().filter_map(|wear| wear.median_um).collect();
-        recent_wear_um = thin(&medians);
+        recent_wear_um = store.wear_curve(channel).await?.to_vec();
     }
     let alarm_rules = asset.spec.alarm_rules();
     let is_watched = alarm_rules.iter().any(|rule| rule.quantity == AlarmQuantity::WearUm);
@@ -227,15 +222,6 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     })
 }
 
-/// Values evenly picked over the whole, the first and the last among them.
-fn thin(values: &[f64]) -> Vec<f64> {
-    if values.len() <= RECENT_POINTS {
-        return values.to_vec();
-    }
-    let last = values.len() - 1;
-    (0..RECENT_POINTS).map(|n| values[n * last / (RECENT_POINTS - 1)]).collect()
-}
-
 /// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for the asset.
 ///
 /// None of a channel where the asset has no records; a problem where the channel asked for has none.
@@ -254,16 +240,4 @@ pub(super) async fn asset_and_channel(
         return Err(Problem::not_found(format!("asset {id} has no records of channel {asked:?}")));
     }
     Ok((asset, channel))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_thinned_curve_begins_and_ends_where_the_whole_does() {
-        let values: Vec<f64> = (0..1000).map(f64::from).collect();
-        let thin = thin(&values);
-        assert_eq!((thin.len(), thin[0], thin[RECENT_POINTS - 1]), (RECENT_POINTS, 0.0, 999.0));
-    }
 }

@@ -28,6 +28,8 @@ mod recall;
 mod recompute;
 mod replay;
 mod replay_folder;
+mod replay_run;
+mod replays;
 mod retention;
 mod shelvings;
 mod upkeep;
@@ -188,7 +190,7 @@ struct Inner {
     announcements: broadcast::Sender<Announcement>,
     tally: Tally,
     feeds: feed::Feeds,
-    replays: replay::Replays,
+    replays: replays::Replays,
     recordings: Arc<Semaphore>,
     /// Held while descriptions are changed, since assets of one sensor depend on each other.
     describing: tokio::sync::Mutex<()>,
@@ -237,7 +239,7 @@ impl Ingest {
                 announcements: broadcast::channel(1024).0,
                 tally: Tally::default(),
                 feeds: feed::Feeds::default(),
-                replays: replay::Replays::default(),
+                replays: replays::Replays::default(),
                 recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
                 describing: tokio::sync::Mutex::default(),
                 catching_up: tokio::sync::Mutex::default(),

@@ -13,11 +13,13 @@ mod error;
 mod fold_states;
 mod generations;
 mod heard_through;
+mod indicator_columns;
 mod keyed_uploads;
 mod library_builds;
 mod maintenance;
 mod objects;
 mod raw;
+mod recent_wear;
 mod replays;
 mod rows;
 mod schema;
@@ -32,6 +34,7 @@ use std::sync::Arc;
 use jiff::SignedDuration;
 
 use database::Database;
+use recent_wear::CurveShelf;
 use schema::Dialect;
 use trend::TrendShelf;
 
@@ -63,6 +66,7 @@ struct Inner {
     database: Database,
     objects: Objects,
     trends: TrendShelf,
+    curves: CurveShelf,
     /// At which age an object that nothing refers to is removed, where others may be storing what refers to it.
     orphan_age: Option<SignedDuration>,
 }
@@ -89,6 +93,7 @@ impl Store {
                 database,
                 objects,
                 trends: TrendShelf::default(),
+                curves: CurveShelf::default(),
                 orphan_age,
             }),
         })

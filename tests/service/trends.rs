@@ -85,6 +85,41 @@ fn a_changed_baseline_folds_the_history_again() {
 }
 
 #[test]
+fn the_small_curve_of_an_asset_follows_its_history() {
+    let service = Service::start();
+    service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201);
+    service.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
+    let look = || {
+        let curve = service.get("/v1/assets/pump").expect(200).json()["summary"]["recent_wear_um"].clone();
+        let history = history(&service, "pump");
+        let items = history["items"].as_array().unwrap().iter();
+        let medians: Vec<Value> = items
+            .map(|item| item["median_um"].clone())
+            .filter(|median| !median.is_null())
+            .collect();
+        (curve.as_array().unwrap().clone(), medians)
+    };
+    assert_eq!(look().0, [json!(0); 0]);
+    for n in 0..14 {
+        service.upload("pump", &record("1", n));
+    }
+    let (curve, medians) = look();
+    assert!(medians.len() > 3, "{medians:?}");
+    assert_eq!(curve, medians);
+    for n in (14..90).rev() {
+        service.upload("pump", &record("1", n));
+    }
+    let (curve, medians) = look();
+    assert!(curve.len() > 30 && curve.len() <= 40, "{}", curve.len());
+    assert_eq!(curve.last(), medians.last());
+    let mut of = medians.iter();
+    assert!(
+        curve.iter().all(|value| of.any(|median| median == value)),
+        "{curve:?} of {medians:?}"
+    );
+}
+
+#[test]
 fn the_library_of_an_asset_can_be_looked_at() {
     let service = Service::start();
     let asset = service.post_json("/v1/assets", &asset_with_pair("pump")).expect(201).json();

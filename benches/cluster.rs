@@ -1,0 +1,208 @@
+//! API node and workers on one machine beside the single machine's mode: `cargo bench --features cluster --bench cluster`.
+//!
+//! `FLANKWATCH_TEST_DATABASE` and `FLANKWATCH_TEST_NATS` name a PostgreSQL and a NATS server with JetStream. Records wait in the queue before the workers
+//! start, so that nothing but the processor limits them; raw bytes are in a folder. What the servers themselves cost is read from `/proc` where they run here.
+
+mod driven;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use driven::{Service, Uploads, folder, load};
+use sqlx::{AssertSqlSafe, Connection, PgConnection, Row};
+
+/// Records of 10 s in each measurement.
+const RECORDS: usize = 400;
+
+/// Assets that they are of, so that workers seldom meet at one channel.
+const ASSETS: usize = 16;
+
+fn main() {
+    let named = |name: &str| std::env::var(name).ok();
+    let (Some(database), Some(nats)) = (named("FLANKWATCH_TEST_DATABASE"), named("FLANKWATCH_TEST_NATS")) else {
+        println!("left out: FLANKWATCH_TEST_DATABASE and FLANKWATCH_TEST_NATS name no servers");
+        return;
+    };
+    let alone = single_machine();
+    println!("one machine: {alone:.1} records a second");
+    for workers in [1, 2, 4] {
+        let rate = queued(&database, &nats, workers);
+        println!(
+            "{workers} workers: {rate:.1} records a second, {:.2} of one machine on the same cores",
+            rate / alone
+        );
+    }
+}
+
+fn asset(n: usize) -> String {
+    format!("pump-{}", n % ASSETS)
+}
+
+/// Records a second where one process takes them, analyses and stores them: the time of the service's own, once the pair is simulated.
+fn single_machine() -> f64 {
+    let service = Service::start(&folder("alone"));
+    (0..ASSETS).for_each(|n| service.make_asset(&asset(n)));
+    let records = Uploads::new();
+    let (_, user_before, system_before) = service.used();
+    let (seconds, _) = load(&service, 8, RECORDS, None, |n, stream| records.send(stream, &asset(n), 0, n));
+    let (_, user, system) = service.used();
+    println!(
+        "one machine: a record costs {:.1} ms of processor time",
+        1e3 * (user + system - user_before - system_before) / RECORDS as f64
+    );
+    RECORDS as f64 / seconds
+}
+
+/// Records a second that this many workers take from a full queue.
+fn queued(database: &str, nats: &str, workers: usize) -> f64 {
+    let shared = folder("shared");
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .expect("a runtime");
+    let name = format!("bench_{}_{workers}", std::process::id());
+    let schema = Schema::make(&runtime, database, &name);
+    let config = config(&shared, &format!("{database}?options[search_path]={name}"), nats, &name);
+    let config = config.to_str().expect("a path in UTF-8");
+    let api = Service::start_as(&["serve", "--listen", "127.0.0.1:0", "--config", config], &shared.join("api"));
+    let worker = |n: usize| {
+        Service::start_as(
+            &["work", "--health", "127.0.0.1:0", "--config", config],
+            &shared.join(format!("worker-{n}")),
+        )
+    };
+    {
+        // Simulates what records are compared with.
+        let first = worker(0);
+        (0..ASSETS).for_each(|n| api.make_asset(&asset(n)));
+        first.wait_until_idle();
+    }
+    let records = Uploads::new();
+    let (_, user_before, system_before) = api.used();
+    let (seconds, _) = load(&api, 8, RECORDS, None, |n, stream| records.send(stream, &asset(n), 0, n));
+    let (_, user, system) = api.used();
+    println!(
+        "{workers} workers: the API node takes {:.0} records a second before, {:.1} ms of its processor time each",
+        RECORDS as f64 / seconds,
+        1e3 * (user + system - user_before - system_before) / RECORDS as f64
+    );
+    let all: Vec<Service> = (0..workers).map(|n| worker(n + 1)).collect();
+    // Starting, reading libraries and finding the queue are once for each worker.
+    let begin = schema.wait_for(&runtime, RECORDS / 8);
+    let (before, servers_before) = (cost(&all), servers());
+    let began = Instant::now();
+    let end = schema.wait_for(&runtime, RECORDS);
+    let (seconds, done) = (began.elapsed().as_secs_f64(), (end - begin) as f64);
+    println!(
+        "{workers} workers: a record costs {:.1} ms of the workers' processor time, {:.1} ms of PostgreSQL's and {:.1} ms of NATS's",
+        1e3 * (cost(&all) - before) / done,
+        1e3 * (servers().0 - servers_before.0) / done,
+        1e3 * (servers().1 - servers_before.1) / done
+    );
+    drop((all, api));
+    runtime.block_on(remove_streams(nats, &name));
+    let _ = fs::remove_dir_all(&shared);
+    done / seconds
+}
+
+async fn remove_streams(nats: &str, name: &str) {
+    let client = async_nats::connect(nats).await.expect("the NATS server");
+    let jetstream = async_nats::jetstream::new(client);
+    for stream in ["work", "dead", "events"] {
+        let _ = jetstream.delete_stream(format!("{name}_{stream}")).await;
+    }
+}
+
+/// Processor seconds of processes so far.
+fn cost(services: &[Service]) -> f64 {
+    services
+        .iter()
+        .map(|service| service.used())
+        .map(|(_, user, system)| user + system)
+        .sum()
+}
+
+/// Processor seconds of PostgreSQL and of the NATS server on this machine so far.
+fn servers() -> (f64, f64) {
+    let mut seconds = (0.0, 0.0);
+    for entry in fs::read_dir("/proc").into_iter().flatten().flatten() {
+        let stat = fs::read_to_string(entry.path().join("stat")).unwrap_or_default();
+        let Some((name, rest)) = stat.split_once('(').and_then(|(_, rest)| rest.rsplit_once(") ")) else {
+            continue;
+        };
+        let ticks: Vec<f64> = rest.split(' ').map(|field| field.parse().unwrap_or(0.0)).collect();
+        // Of ended backends their parent knows.
+        let used: f64 = ticks.get(11..15).map_or(0.0, |ticks| ticks.iter().sum());
+        match name {
+            "postgres" => seconds.0 += used / 100.0,
+            "nats-server" => seconds.1 += used / 100.0,
+            _ => {}
+        }
+    }
+    seconds
+}
+
+fn config(shared: &Path, database: &str, nats: &str, name: &str) -> PathBuf {
+    let path = shared.join("cluster.toml");
+    let objects = shared.join("objects");
+    let text = format!(
+        "[cluster]\nname = \"{name}\"\n[cluster.database]\nurl = \"{database}\"\n[cluster.nats]\nurls = [\"{nats}\"]\n\
+         [cluster.objects]\nfolder = \"{}\"\n",
+        objects.display()
+    );
+    fs::write(&path, text).expect("room for the settings");
+    path
+}
+
+/// A schema of its own, which goes at the end.
+struct Schema {
+    database: String,
+    name: String,
+}
+
+impl Schema {
+    fn make(runtime: &tokio::runtime::Runtime, database: &str, name: &str) -> Self {
+        let schema = Self {
+            database: database.to_owned(),
+            name: name.to_owned(),
+        };
+        runtime.block_on(schema.run(&format!("CREATE SCHEMA {name}")));
+        schema
+    }
+
+    async fn run(&self, statement: &str) {
+        let mut connection = PgConnection::connect(&self.database).await.expect("the database");
+        sqlx::raw_sql(AssertSqlSafe(statement.to_owned()))
+            .execute(&mut connection)
+            .await
+            .expect("a statement");
+    }
+
+    /// Waits until so many records are stored; returns how many then are.
+    fn wait_for(&self, runtime: &tokio::runtime::Runtime, records: usize) -> usize {
+        let statement = format!("SELECT COALESCE(SUM(segments), 0)::bigint FROM {}.channels", self.name);
+        runtime.block_on(async {
+            let mut connection = PgConnection::connect(&self.database).await.expect("the database");
+            loop {
+                let row = sqlx::query(AssertSqlSafe(statement.clone()))
+                    .fetch_one(&mut connection)
+                    .await
+                    .expect("a count");
+                let stored: i64 = row.get(0);
+                if stored as usize >= records {
+                    return stored as usize;
+                }
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        })
+    }
+}
+
+impl Drop for Schema {
+    fn drop(&mut self) {
+        if let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() {
+            runtime.block_on(self.run(&format!("DROP SCHEMA {} CASCADE", self.name)));
+        }
+    }
+}

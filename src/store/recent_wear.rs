@@ -1,0 +1,74 @@
+//! The small curve of a channel's wear in lists of assets: a few picks over its whole history, without reading the history.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::rows::{get, to_ns};
+use super::{ChannelSummary, Store, StoreError};
+
+/// Picks over a history.
+const PICKS: i64 = 40;
+
+/// Channels whose curves are held in memory.
+const MOST_CHANNELS: usize = 10_000;
+
+/// The curves in memory, by channel number, and at which revision each was read.
+#[derive(Debug, Default)]
+pub(super) struct CurveShelf(Mutex<HashMap<i64, (i64, Arc<[f64]>)>>);
+
+impl Store {
+    /// Medians of the wear depth in µm at 40 moments or fewer, evenly from the first record to the last; records without an estimate are
+    /// left out.
+    pub async fn wear_curve(&self, channel: &ChannelSummary) -> Result<Arc<[f64]>, StoreError> {
+        let (Some(first), Some(last)) = (channel.first_start_time, channel.last_start_time) else {
+            return Ok(Arc::default());
+        };
+        let shelf = &self.inner.curves.0;
+        let held = shelf
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get(&channel.channel_no)
+            .filter(|(revision, _)| *revision >= channel.revision)
+            .map(|(_, curve)| Arc::clone(curve));
+        if let Some(curve) = held {
+            return Ok(curve);
+        }
+        let (first_ns, last_ns) = (to_ns(first)?, to_ns(last)?);
+        // Each moment's first record at or after it is one look into the index.
+        let rows = sqlx::query(
+            "WITH RECURSIVE moments (n, time_ns) AS (
+                SELECT CAST(0 AS BIGINT), CAST($2 AS BIGINT)
+                UNION ALL SELECT n + 1, time_ns + CAST($3 AS BIGINT) FROM moments WHERE n < $4
+             )
+             SELECT w.segment_id, w.median_um FROM moments m
+             JOIN wear_estimates w ON w.segment_id = (
+                SELECT s.id FROM segments s WHERE s.channel_no = $1 AND s.start_time_ns >= m.time_ns ORDER BY s.start_time_ns, s.id LIMIT 1
+             )
+             JOIN channels c ON c.channel_no = $1 AND w.generation = c.wear_generation
+             ORDER BY m.n",
+        )
+        .bind(channel.channel_no)
+        .bind(first_ns)
+        .bind(last_ns.saturating_sub(first_ns) / (PICKS - 1))
+        .bind(PICKS - 1)
+        .fetch_all(self.read())
+        .await?;
+        let mut curve = Vec::with_capacity(rows.len());
+        let mut before = String::new();
+        for row in &rows {
+            let id: String = get(row, "segment_id")?;
+            let median_um: Option<f64> = get(row, "median_um")?;
+            if id != before {
+                curve.extend(median_um);
+            }
+            before = id;
+        }
+        let curve: Arc<[f64]> = curve.into();
+        let mut held = shelf.lock().unwrap_or_else(PoisonError::into_inner);
+        if held.len() >= MOST_CHANNELS {
+            held.clear();
+        }
+        held.insert(channel.channel_no, (channel.revision, Arc::clone(&curve)));
+        Ok(curve)
+    }
+}
