@@ -23,7 +23,7 @@ export function cepstrumDrawing(cepstrum, other, revision) {
   return {
     traces: [...(compared ? [line(other, colour.other)] : []), line(cepstrum, colour.accent)],
     legend: compared ? [["line", colour.accent, "selected record"], ["line", colour.other, "pinned record"]] : [],
-    table: () => [["quefrency_s", seconds], ["value", value]],
+    table: () => [["quefrency_s", seconds], ["value", value], ...(compared ? [["pinned quefrency_s", other.quefrency_s], ["pinned value", other.value]] : [])],
     sub: shaft ? `A peak at one turn says that there are sidebands one shaft speed (${hertz(shaft)}) apart.` : "No shaft speed is known for this record, so no period is marked.",
     summary: `Cepstrum; ${shown.map(({ name, period }) => `${name} at ${number(period)} ms`).join(", ")}.`,
     layout: {

@@ -6,7 +6,7 @@ import { utc } from "./format.js";
 import { PlotCard } from "./plot-card.js";
 import { onRangeChange } from "./plots.js";
 import { pinnedWords, recordFacts, recordWords } from "./record-facts.js";
-import { PANES, shownPanes } from "./record-panes.js";
+import { formatPart, PANES, partOf, shownPanes } from "./record-panes.js";
 import { change, parse } from "./route.js";
 import { SpectrumTools } from "./spectrum-tools.js";
 
@@ -27,9 +27,12 @@ export class RecordView {
   #tools = new SpectrumTools();
   #near = h("select", { id: "envelope-range", "aria-label": "Part of the envelope spectrum", onchange: () => change({ near: this.#near.value }, { quiet: true }) }, [["", "Whole band"], ["1", "Lines of the shafts"]].map(([value, text]) => h("option", { value }, text)));
   #cursor;
+  #onRange;
   elements;
 
-  constructor() {
+  /** `onRange(parameters)` gets what the address is to say of a range that was dragged out. */
+  constructor(onRange) {
+    this.#onRange = onRange;
     setText(this.#time, "Loading the record…");
     for (const control of [this.#previous, this.#next]) control.disabled = true;
     const spectrum = this.#cards.get("spectrum");
@@ -88,7 +91,7 @@ export class RecordView {
     this.#query = query;
     const keys = shownPanes(query);
     this.#near.value = query.near === "1" ? "1" : "";
-    const view = { ...this.#tools.update(panes.spectrum, query), near: query.near === "1" };
+    const view = { ...this.#tools.update(panes.spectrum, query), near: query.near === "1", part: partOf(query.band) };
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
     for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
     this.#showFacts(segment, pinned);
@@ -96,9 +99,9 @@ export class RecordView {
     await Promise.all(PANES.filter(({ key }) => keys.includes(key)).map((pane) => this.#draw(pane, panes[pane.key], others?.[pane.key], context)));
     const spectrum = panes.spectrum;
     this.#cursor.show(spectrum && !(spectrum instanceof Error) ? parseCursor(query.cursor) : null, spectrum);
-    onRangeChange(this.#cards.get("waveform").plot, (range) => {
-      change({ part: range ? range.map((end) => Number(Math.max(0, end).toPrecision(6))).join("~") : null }, { quiet: true });
-    });
+    for (const [key, parameter] of [["waveform", "part"], ["spectrum", "band"]]) {
+      onRangeChange(this.#cards.get(key).plot, (range) => this.#onRange({ [parameter]: formatPart(range) }));
+    }
     this.busy(false);
   }
 

@@ -47,6 +47,11 @@ function line(spectrum, colour, which = "") {
   return { x, y: amplitude, mode: "lines", line: { color: colour, width: 1 }, hovertemplate };
 }
 
+/** What the lines' colours mean where there are two. */
+function comparedEntries(other, colour) {
+  return other && !(other instanceof Error) ? [["line", colour.accent, "selected record"], ["line", colour.other, "pinned record"]] : [];
+}
+
 /** The other record's line, where there is one to compare with, under the selected one's. */
 function withOther(spectrum, other, colour) {
   const own = line(spectrum, colour.accent);
@@ -108,8 +113,8 @@ function sidebandLines(harmonics, shaft, colour, zoom) {
   return { shapes, annotations };
 }
 
-/** The drawing of an amplitude spectrum. `zoom` is "" or the order of a mesh line. */
-export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom }, revision) {
+/** The drawing of an amplitude spectrum. `zoom` is "" or the order of a mesh line, `part` the range that was dragged out or null. */
+export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom, part }, revision) {
   const colour = palette();
   const axis = axisOf(spectrum);
   const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, mesh_harmonics: harmonics } = spectrum;
@@ -128,9 +133,9 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom 
     annotations.push(...lines.annotations);
     entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.say(shaft)} shaft speed`]);
   }
-  const range = zoomRange(spectrum, zoom) ?? [0, spectrum.frequency_hz.at(-1)];
+  const range = part ?? zoomRange(spectrum, zoom) ?? [0, spectrum.frequency_hz.at(-1)];
   const axisRevision = `${revision} ${zoom} ${axis.name}`;
-  if (other && !(other instanceof Error)) entries.push(["line", colour.other, "pinned record"]);
+  entries.unshift(...comparedEntries(other, colour));
   const none = mesh ? "" : "No shaft speed is known for this record, so mesh lines are not marked. ";
   return {
     traces: [...withOther(spectrum, other, colour), marks(points, colour)],
@@ -182,7 +187,7 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
     traces: [...withOther(envelope, other, colour), marks(points, colour)],
     table: () => table(envelope, other),
-    legend: points.length ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]] : [],
+    legend: [...comparedEntries(other, colour), ...(points.length ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]] : [])],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
     summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "no shaft speed known"}.`,
     layout: {

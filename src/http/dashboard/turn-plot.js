@@ -32,7 +32,7 @@ export function turnDrawing(turn, other, revision) {
   return {
     traces,
     legend: entries,
-    table: () => [["angle_deg", x], ...PARTS.map(([key]) => [`${key} (${unitName})`, turn[key]])],
+    table: () => [["angle_deg", x], ...PARTS.map(([key]) => [`${key} (${unitName})`, turn[key]]), ...(compared ? [["pinned angle_deg", other.angle_deg], [`pinned average (${other.unit})`, other.average]] : [])],
     sub: `${count(turn.turns)} turns averaged, ${angleWords(turn.angle)}. One tooth is ${number(360 / teeth, 4)}°: a single bad tooth stands out of the residual once a turn.`,
     summary: `Average over one turn of the driving shaft from ${turn.turns} turns.`,
     layout: {

@@ -22,7 +22,7 @@ export function waveformDrawing(wave, other, range, duration, revision) {
   const detail = wave.reduced ? "drawn by the lowest and highest sample of each stretch; zoom in for every sample" : `every sample, ${count(wave.time_s.length)} of them`;
   return {
     traces,
-    table: () => [["time_s", wave.time_s], [`value (${wave.unit})`, wave.value]],
+    table: () => [["time_s", wave.time_s], [`value (${wave.unit})`, wave.value], ...(compared ? [["pinned time_s", other.time_s], [`pinned value (${other.unit})`, other.value]] : [])],
     legend: compared ? [["line", colour.accent, "selected record"], ["line", colour.other, "pinned record"]] : [],
     sub: `${part}: ${detail}. Drag to zoom, double-click for the whole.`,
     summary: `Waveform from ${utc(wave.start_time)}, ${span(duration)} long: ${part}.`,
