@@ -1,5 +1,6 @@
 // One record: when it was taken, its indicators, and the ways to look at it. Follows the selection of the page.
 
+import { compared } from "./comparison.js";
 import { CursorLayer, formatCursor, parseCursor } from "./cursor.js";
 import { h, setChildren, setText } from "./dom.js";
 import { utc } from "./format.js";
@@ -95,7 +96,7 @@ export class RecordView {
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
     for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
     this.#showFacts(segment, pinned);
-    const context = { segment, asset, query, view, revision: `${asset.id} ${segment.channel ?? ""}` };
+    const context = { segment, pinned, asset, query, view, revision: `${asset.id} ${segment.channel ?? ""}` };
     await Promise.all(PANES.filter(({ key }) => keys.includes(key)).map((pane) => this.#draw(pane, panes[pane.key], others?.[pane.key], context)));
     const spectrum = panes.spectrum;
     this.#cursor.show(spectrum && !(spectrum instanceof Error) ? parseCursor(query.cursor) : null, spectrum);
@@ -112,7 +113,8 @@ export class RecordView {
     if (fetch && !data) return card.say("Loading…");
     const drawing = draw(data, other, context);
     if (typeof drawing === "string") return card.say(drawing);
-    return card.show(drawing, `${context.asset.id}-${key}-${context.segment.start_time}`);
+    const { segment, pinned } = context;
+    return card.show(drawing.others && pinned.start_time ? compared(drawing, segment, pinned) : drawing, `${context.asset.id}-${key}-${context.segment.start_time}`);
   }
 
   #showFacts(segment, pinned) {

@@ -31,10 +31,11 @@ function convention({ axis: { wide } = HERTZ, window, bandwidth_hz: bandwidth, r
 }
 
 /** The amplitude axis with room for the labels on the peaks; on a log scale from below the median, so that noise stays in sight. */
-function amplitudeAxis({ quantity, unit: unitName, frequency_hz: x, amplitude }, [from, to], logarithmic, revision) {
-  const title = { text: titled(QUANTITIES[quantity] ?? quantity, unitName) };
+function amplitudeAxis(spectrum, other, [from, to], logarithmic, revision) {
+  const title = { text: titled(QUANTITIES[spectrum.quantity] ?? spectrum.quantity, spectrum.unit) };
   const uirevision = `${revision} ${logarithmic}`;
-  const visible = amplitude.filter((_, index) => x[index] >= from && x[index] <= to).sort((a, b) => a - b);
+  const seen = ({ frequency_hz: x, amplitude }) => amplitude.filter((_, index) => x[index] >= from && x[index] <= to);
+  const visible = [spectrum, other].filter((each) => each && !(each instanceof Error)).flatMap(seen).sort((a, b) => a - b);
   const top = visible.at(-1) || 1;
   if (!logarithmic) return { title, type: "linear", range: [0, 1.15 * top], uirevision };
   const low = Math.max(visible[visible.length >> 1] / 5, top * 1e-8);
@@ -52,10 +53,9 @@ function comparedEntries(other, colour) {
   return other && !(other instanceof Error) ? [["line", colour.accent, "selected record"], ["line", colour.other, "pinned record"]] : [];
 }
 
-/** The other record's line, where there is one to compare with, under the selected one's. */
-function withOther(spectrum, other, colour) {
-  const own = line(spectrum, colour.accent);
-  return other && !(other instanceof Error) ? [line(other, colour.other, "pinned record, "), own] : [own];
+/** The other record's line, where there is one to compare with. */
+function othersOf(other, colour) {
+  return other && !(other instanceof Error) ? [line(other, colour.other, "pinned record, ")] : null;
 }
 
 function table(spectrum, other) {
@@ -125,7 +125,9 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
     words: `mesh harmonic ${order}×: ${axis.say(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
   }));
   const shapes = harmonics.map(({ frequency_hz: frequency }) => verticalLine(frequency, colour.reference, "dot"));
-  const annotations = points.map((point) => label(point, colour, logarithmic));
+  // on a narrow screen there is room for every second name
+  const crowded = !zoom && !part && matchMedia("(max-width: 40rem)").matches && points.length > 6;
+  const annotations = points.filter((_, index) => !crowded || index % 2 === 0).map((point) => label(point, colour, logarithmic));
   const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${axis.say(mesh)}`]] : [];
   if (sidebands && shaft && mesh) {
     const lines = sidebandLines(harmonics, shaft, colour, zoom);
@@ -138,7 +140,8 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
   entries.unshift(...comparedEntries(other, colour));
   const none = mesh ? "" : "No shaft speed is known for this record, so mesh lines are not marked. ";
   return {
-    traces: [...withOther(spectrum, other, colour), marks(points, colour)],
+    traces: [line(spectrum, colour.accent), marks(points, colour)],
+    others: othersOf(other, colour),
     table: () => table(spectrum, other),
     legend: entries,
     sub: `${none}${convention(spectrum)}.`,
@@ -148,7 +151,7 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
       hovermode: "closest",
       hoverdistance: 12,
       xaxis: { title: { text: axis.title }, range, uirevision: axisRevision, exponentformat: "none", separatethousands: true },
-      yaxis: amplitudeAxis(spectrum, range, logarithmic, axisRevision),
+      yaxis: amplitudeAxis(spectrum, other, range, logarithmic, axisRevision),
       shapes,
       annotations,
     },
@@ -185,7 +188,8 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
     });
   return {
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
-    traces: [...withOther(envelope, other, colour), marks(points, colour)],
+    traces: [line(envelope, colour.accent), marks(points, colour)],
+    others: othersOf(other, colour),
     table: () => table(envelope, other),
     legend: [...comparedEntries(other, colour), ...(points.length ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]] : [])],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
@@ -195,7 +199,7 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
       hovermode: "closest",
       hoverdistance: 12,
       xaxis: { title: { text: "Modulation frequency (Hz)" }, range: [0, end], uirevision: `${revision} ${end}` },
-      yaxis: amplitudeAxis(envelope, [0, end], logarithmic, `${revision} ${end}`),
+      yaxis: amplitudeAxis(envelope, other, [0, end], logarithmic, `${revision} ${end}`),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
       // lines too close to be told apart have one label for all
       annotations: points.filter(({ isMesh }, index) => index === 0 || isMesh || apart).map((point) => label(apart || point.isMesh ? point : { ...point, label: "shafts" }, colour, logarithmic)),

@@ -42,7 +42,8 @@ function hoverWords({ start_time: time, median_um: median, p05_um: low, p95_um: 
 }
 
 /** Why there is no estimate at all, or null where there is one or the baseline is under way. */
-export function withoutEstimate(items) {
+export function withoutEstimate(items, hasPair) {
+  if (!hasPair && items.every((item) => item.median_um == null)) return "Wear in µm is not estimated: no gear pair is described for this asset. Its indicators are below.";
   const none = items.every((item) => item.median_um == null && item.status !== "collecting_baseline");
   return none ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.` : null;
 }
@@ -55,7 +56,7 @@ function baselineZone(items, colour) {
   const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
   const only = collecting.length === items.length;
   const annotation = only
-    ? { ...common, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
+    ? { ...common, y: 0.3, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
     : { ...common, text: "baseline", x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(), y: 0.15, textangle: -90 };
   return { shape, annotation };
 }
