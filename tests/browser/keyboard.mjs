@@ -5,7 +5,7 @@ import { asset, close, drawn, json, open, overviewDrawn } from "./page.mjs";
 
 const PAGES = {
   fleet: ["", (page) => page.locator(`[data-asset="${asset}"]`).waitFor()],
-  asset: [`#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior&cursor=s~399.36~16.64`, async (page) => (await overviewDrawn(page), await drawn(page, "turn"))],
+  asset: [`#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior&cursor=s~399.36~16.64&zoom=1`, async (page) => (await overviewDrawn(page), await drawn(page, "turn"))],
   waterfall: [`#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall")],
   match: [`#/assets/${asset}/match`, (page) => drawn(page, "transmission")],
   settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],

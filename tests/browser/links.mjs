@@ -1,6 +1,7 @@
 // A link reproduces the view: every control that is set is set again on the page that the address leads to.
 
 import assert from "node:assert/strict";
+import { isDeepStrictEqual } from "node:util";
 import { asset, close, createAsset, drawn, json, open, overviewDrawn, parameters, removeAsset, sendNoise } from "./page.mjs";
 
 /** What all controls of a page stand at, by their names; places of the page that differ from one look to the next are left out. */
@@ -20,12 +21,13 @@ async function linked(name, address, ready, steps, expected) {
   const before = await controls(page);
   for (const step of steps) await step(page);
   await page.waitForTimeout(700);
+  for (const parameter of expected) await page.waitForFunction((key) => new URLSearchParams(location.hash.split("?")[1]).has(key), parameter);
   const set = await controls(page);
   assert.notDeepEqual(set, before, "something was set");
-  for (const parameter of expected) assert.ok(parameters(page).has(parameter), `${parameter} is in ${page.url()}`);
   const restored = await open(new URL(page.url()).hash);
   await ready(restored.page);
-  await restored.page.waitForTimeout(700);
+  // what depends on the record comes with it
+  for (let looks = 0; looks < 40 && !isDeepStrictEqual(await controls(restored.page), set); looks++) await restored.page.waitForTimeout(250);
   assert.deepEqual(await controls(restored.page), set);
   assert.deepEqual([...parameters(restored.page)], [...parameters(page)], "the link stays as it was");
   await close(restored, `${name} restored`);
@@ -33,7 +35,7 @@ async function linked(name, address, ready, steps, expected) {
 }
 
 const press = (name) => (page) => page.getByRole("button", { name, exact: true }).click();
-const select = (label, value) => (page) => page.getByLabel(label, { exact: true }).selectOption(value);
+const select = (id, value) => (page) => page.locator(`#${id}`).selectOption(value);
 const check = (id) => (page) => page.locator(`#${id}`).check();
 
 /** Drags over the middle of a plot, which zooms into it. */
@@ -58,15 +60,16 @@ export const CHECKS = {
   "a link to the fleet has filter, state and order": async (name) => {
     const row = (page) => page.locator("tbody tr[data-asset]").first().waitFor();
     const state = async (page) => page.locator(".fleet-tools .chip").first().click();
+    const order = (page) => page.locator("thead button", { hasText: "Records" }).click();
     const search = (page) => page.getByPlaceholder("Name, id or place").fill("gear");
-    await linked(name, "", row, [press("Records"), press("Records"), search, state], ["q", "sort", "desc", "state"]);
+    await linked(name, "", row, [order, order, search, state], ["q", "sort", "desc", "state"]);
   },
 
   "a link to an asset has trends, axis, zoom, cursor, scales and ways to look": async (name) => {
     const steps = [
-      press("Kurtosis"), press("NA4"), check("trend-log"), select("Colour by operating point", "speed"),
-      press("Cepstrum"), press("Average over one turn"), select("Axis of the spectrum", "orders"), select("Part of the spectrum", "2"),
-      select("Cursor", "s"), check("spectrum-log"), check("sidebands"), select("Part of the envelope spectrum", "1"), press("Pin to compare"), press("◀ Previous"),
+      press("Kurtosis"), press("NA4"), check("trend-log"), select("trend-bins", "speed"),
+      press("Cepstrum"), press("Average over one turn"), select("spectrum-axis", "orders"), select("spectrum-zoom", "2"),
+      select("spectrum-cursor", "s"), check("spectrum-log"), check("sidebands"), select("envelope-range", "1"), press("Pin to compare"), press("◀ Previous"),
     ];
     await linked(name, `#/assets/${asset}`, overviewDrawn, steps, ["trend", "log", "bins", "show", "axis", "zoom", "cursor", "slog", "side", "near", "pin", "segment"]);
   },
@@ -74,21 +77,21 @@ export const CHECKS = {
   "a link to one channel among several shows that channel": async (name) => {
     const id = await createAsset("channels", {});
     for (let minute = 0; minute < 3; minute++) for (const channel of ["a1", "a2"]) await sendNoise(id, minute, 1, channel);
-    await linked(name, `#/assets/${id}?trend=rms`, (page) => drawn(page, "trends"), [select("Channel", "a2")], ["channel"]);
+    await linked(name, `#/assets/${id}?trend=rms`, (page) => drawn(page, "trends"), [select("channel", "a2")], ["channel"]);
     await removeAsset(id);
   },
 
   "a link to a waterfall has axis, end and range": async (name) => {
     const max = async (page) => {
-      await page.getByLabel("Up to").fill("60");
-      await page.getByLabel("Up to").press("Enter");
+      await page.locator("#waterfall-max").fill("60");
+      await page.locator("#waterfall-max").press("Enter");
     };
-    await linked(name, `#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall"), [select("Axis", "orders"), max, select("Range", "40")], ["axis", "max", "floor"]);
+    await linked(name, `#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall"), [select("waterfall-axis", "orders"), max, select("waterfall-floor", "40")], ["axis", "max", "floor"]);
   },
 
   "a link to a library has state and indicator": async (name) => {
     const { items } = await json("libraries");
-    await linked(name, `#/libraries/${items[0].id}`, (page) => drawn(page, "grid"), [select("Indicator", "omx"), press("Show state 2")], ["indicator", "state"]);
+    await linked(name, `#/libraries/${items[0].id}`, (page) => drawn(page, "grid"), [select("library-indicator", "omx"), press("Show state 2")], ["indicator", "state"]);
   },
 
   "a link has the stretch of time and the part of the spectrum that were dragged out": async (name) => {
@@ -108,8 +111,12 @@ export const CHECKS = {
     for (const [kind, parameter] of [["wear", "time"], ["spectrum", "band"]]) {
       const area = restored.page.locator(`[data-plot="${kind}"] .nsewdrag`).first();
       await area.scrollIntoViewIfNeeded();
-      await area.dblclick();
-      await restored.page.waitForFunction((key) => !location.hash.includes(`${key}=`), parameter);
+      // on a busy machine two clicks may come too far apart to be a double one
+      for (let tries = 0; tries < 8 && parameters(restored.page).has(parameter); tries++) {
+        await area.dblclick();
+        await restored.page.waitForTimeout(1000);
+      }
+      assert.equal(parameters(restored.page).get(parameter), null);
     }
     await close(restored, `${name} restored`);
     await close(opened, name);

@@ -129,6 +129,7 @@ export const CHECKS = {
   "two records are drawn together in every way to look at them, and the link brings both back": async (name) => {
     const { items } = await json(`assets/${asset}/segments?limit=100`);
     const [first, last] = [items[2].id, items.at(-2).id];
+    const [{ start_time: pinnedAt }, { start_time: selectedAt }] = [await json(`segments/${first}`), await json(`segments/${last}`)];
     const opened = await open(`#/assets/${asset}?segment=${last}&pin=${first}&show=waveform,spectrum,envelope,turn,cepstrum`);
     const { page } = opened;
     const read = {
@@ -145,9 +146,10 @@ export const CHECKS = {
         const wanted = await values(id);
         assert.ok(curves.some((curve) => curve.length === wanted.length && curve.every((y, n) => y === wanted[n])), `${kind} draws ${id === first ? "the pinned" : "the selected"} record as the server has it`);
       }
-      await page.locator(`[data-plot="${kind}"] .legend`, { hasText: "pinned record" }).waitFor();
+      for (const words of [`selected, ${shownTime(selectedAt)}`, `pinned, ${shownTime(pinnedAt)}`]) await page.locator(`[data-plot="${kind}"] .annotation-text`, { hasText: words }).waitFor();
+      const scales = await page.evaluate((key) => [1, ""].map((n) => document.querySelector(`[data-plot="${key}"] .plot`)._fullLayout[n ? "yaxis2" : "yaxis"].range.map(Number)), kind);
+      assert.deepEqual(scales[0], scales[1], `${kind} has both on the same scale`);
     }
-    const { start_time: pinnedAt } = await json(`segments/${first}`);
     await page.locator(".record-bar", { hasText: `Pinned: ${shownTime(pinnedAt)}` }).waitFor();
     await page.getByRole("button", { name: "Unpin" }).click();
     await page.locator('[data-plot="spectrum"] .legend', { hasText: "pinned record" }).waitFor({ state: "detached" });

@@ -32,6 +32,7 @@ function spectrum(id, query, signal) {
 function posterior({ segment, asset, revision }) {
   const { wear, reference_wear_um: reference } = segment;
   if (wear?.status === "outside_library") return "No posterior: wear does not explain this record. The page “Match” says what is odd.";
+  if (!asset.gear.pair) return "No posterior: wear is not estimated, as no gear pair is described for this asset.";
   if (!wear?.posterior) return wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.";
   return posteriorDrawing(wear, asset.limits, reference, revision);
 }

@@ -1,0 +1,33 @@
+// The dashboard in a real browser, against a running server.
+//
+//   FLANKWATCH_URL       where it is served, for example http://127.0.0.1:8600
+//   FLANKWATCH_ASSET     an asset with a library and at least a few estimated records
+//   FLANKWATCH_CHROMIUM  the browser (default /usr/bin/chromium)
+//   FLANKWATCH_SHOTS     a folder for screenshots (none are taken where it is not set)
+//   FLANKWATCH_ONLY      run only checks whose name contains this
+
+import { mkdir } from "node:fs/promises";
+import { browser, shots } from "./page.mjs";
+
+const FILES = ["downloads"];
+const only = process.env.FLANKWATCH_ONLY ?? "";
+
+if (shots) await mkdir(shots, { recursive: true });
+let [failed, run] = [0, 0];
+for (const file of FILES) {
+  const { CHECKS } = await import(`./${file}.mjs`);
+  for (const [name, check] of Object.entries(CHECKS).filter(([name]) => name.includes(only))) {
+    const began = Date.now();
+    run += 1;
+    try {
+      await check(name);
+      console.log(`ok      ${file}: ${name} (${Date.now() - began} ms)`);
+    } catch (error) {
+      failed += 1;
+      console.log(`FAILED  ${file}: ${name}\n${error.stack}\n`);
+    }
+  }
+}
+await browser.close();
+console.log(failed ? `${failed} of ${run} failed` : `all ${run} passed`);
+process.exitCode = failed ? 1 : 0;
