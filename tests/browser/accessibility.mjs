@@ -55,7 +55,7 @@ export const CHECKS = {
       const { page } = await open(`#/assets/${asset}`, { colorScheme });
       await page.getByRole("button", { name: "Add records" }).click();
       await page.setInputFiles("#upload-file", { name: "broken.wav", mimeType: "audio/wav", buffer: Buffer.from("not a recording") });
-      await page.locator('.result[data-kind="bad"]').waitFor();
+      await page.locator('.results .result[data-kind="bad"]').waitFor();
       assert.deepEqual(await findings(page), [], `records, ${colorScheme}`);
       await page.keyboard.press("Escape");
       await page.getByRole("button", { name: "Enter maintenance" }).click();
