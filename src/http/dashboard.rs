@@ -31,6 +31,7 @@ macro_rules! files {
 const FILES: &[StaticFile] = files![
     "alarm-count.js",
     "alarm-detail.js",
+    "alarm-units.js",
     "alarm-words.js",
     "alarms.css",
     "alarms.js",
@@ -42,6 +43,7 @@ const FILES: &[StaticFile] = files![
     "asset.css",
     "asset.js",
     "cepstrum-plot.js",
+    "comparison.js",
     "csv-record.js",
     "csv.js",
     "cursor.js",

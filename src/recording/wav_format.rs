@@ -120,10 +120,20 @@ impl<'a, R: Read> Chunks<'a, R> {
             b"RIFF" => {}
             b"RIFX" => chunks.big_endian = true,
             b"RF64" => chunks.is_rf64 = true,
-            other => return Err(RecordingError::wav("file tag", other.escape_ascii(), "RIFF, RIFX or RF64")),
+            other => {
+                return Err(RecordingError::wav(
+                    "file tag",
+                    format!("\"{}\"", other.escape_ascii()),
+                    "RIFF, RIFX or RF64",
+                ));
+            }
         }
         if &head[8..] != b"WAVE" {
-            return Err(RecordingError::wav("form type", head[8..].escape_ascii(), "WAVE"));
+            return Err(RecordingError::wav(
+                "form type",
+                format!("\"{}\"", head[8..].escape_ascii()),
+                "WAVE",
+            ));
         }
         // The length in the RIFF header is not used: files in use have it wrong, and every chunk has its own.
         Ok(chunks)

@@ -139,10 +139,17 @@ fn change_row(change: &AlarmChange) -> String {
         (None, Some(kind)) => format!("{}: begins again", kind_words(kind)),
         (None, None) => change
             .severity
-            .map_or_else(|| "back to normal".to_owned(), |severity| severity.name().to_owned()),
+            .map_or_else(|| "back to normal".to_owned(), |severity| format!("{} raised", severity.name())),
     };
-    let reading = change.value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4}"));
+    let reading = change.value.map_or_else(|| "–".to_owned(), reading_words);
     row(change.time, &[&what, &reading, &change.by, &change.comment])
+}
+
+/// Four digits: more would feign precision.
+fn reading_words(value: f64) -> String {
+    let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
+    let decimals = usize::try_from(3 - digits).unwrap_or(0).min(9);
+    format!("{value:.decimals$}")
 }
 
 fn maintenance_row(event: &MaintenanceEvent) -> String {

@@ -71,7 +71,7 @@ pub(super) fn html(report: &Report) -> String {
     occurrences::sections(report, &mut body);
     table(report, &mut body);
     format!(
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
          <title>{title}</title><link rel=\"icon\" href=\"data:,\"><style>{STYLE}</style></head><body>{body}</body></html>"
     )
 }
@@ -186,8 +186,9 @@ fn spectrum_section(report: &Report, body: &mut String) {
         from_zero: true,
     };
     let caption = format!(
-        "Last record: {} window, bandwidth {:.3} Hz.",
-        spectrum.window, spectrum.bandwidth_hz
+        "Last record: amplitude of each line (peak), {} window, noise bandwidth {:.3} Hz.",
+        if spectrum.window == "hann" { "Hann" } else { spectrum.window },
+        spectrum.bandwidth_hz
     );
     section("Spectrum", &caption, &chart, None, body);
 }

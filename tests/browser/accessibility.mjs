@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { asset, close, drawn, json, open, overviewDrawn } from "./page.mjs";
+import { asset, close, createAsset, drawn, json, open, overviewDrawn, PHONE, removeAsset } from "./page.mjs";
 
 const axe = await readFile(new URL("./node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
 
@@ -16,6 +16,8 @@ const PAGES = {
   "no alarm chosen": ["#/alarms", (page) => page.locator(".table-card .alarms, .table-card .notice").first().waitFor()],
   library: [async () => `#/libraries/${(await json("libraries")).items[0].id}`, (page) => drawn(page, "transmission")],
   report: [`v1/assets/${asset}/report`, (page) => page.locator("table tbody tr").first().waitFor()],
+  "two records": [async () => `#/assets/${asset}?pin=${(await json(`assets/${asset}/segments?limit=3`)).items[2].id}&log=1&bins=speed`, (page) => page.locator('[data-plot="envelope"] .legend', { hasText: "pinned record" }).waitFor()],
+  "no such asset": ["#/assets/no-such-asset", (page) => page.getByText("There is no asset").waitFor()],
   "no such page": ["#/nowhere", (page) => page.getByText("This address leads nowhere").waitFor()],
   libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
 };
@@ -48,18 +50,50 @@ const focused = (page) => page.evaluate(() => (document.activeElement.getAttribu
 export const CHECKS = {
   ...Object.fromEntries(checks),
 
-  "axe finds nothing serious in the dialog for records": async () => {
-    const { page } = await open(`#/assets/${asset}`);
-    await page.getByRole("button", { name: "Add records" }).click();
-    assert.deepEqual(await findings(page), []);
-    await page.context().close();
+  "axe finds nothing serious in the dialogs, with a refused file": async () => {
+    for (const colorScheme of ["light", "dark"]) {
+      const { page } = await open(`#/assets/${asset}`, { colorScheme });
+      await page.getByRole("button", { name: "Add records" }).click();
+      await page.setInputFiles("#upload-file", { name: "broken.wav", mimeType: "audio/wav", buffer: Buffer.from("not a recording") });
+      await page.locator('.results .result[data-kind="bad"]').waitFor();
+      assert.deepEqual(await findings(page), [], `records, ${colorScheme}`);
+      await page.keyboard.press("Escape");
+      await page.getByRole("button", { name: "Enter maintenance" }).click();
+      assert.deepEqual(await findings(page), [], `maintenance, ${colorScheme}`);
+      await page.context().close();
+    }
   },
 
-  "axe finds nothing serious in the dialog for maintenance": async () => {
-    const { page } = await open(`#/assets/${asset}`);
-    await page.getByRole("button", { name: "Enter maintenance" }).click();
-    assert.deepEqual(await findings(page), []);
-    await page.context().close();
+  "axe finds nothing serious while there is nothing yet, the connection is lost, or a token is asked for": async () => {
+    const empty = JSON.stringify({ items: [], next_cursor: null });
+    const answered = (status, body) => (page) => page.route(/\/v1\/assets\?/, (route) => route.fulfill({ status, contentType: "application/json", body }));
+    const id = await createAsset("waiting", {});
+    for (const colorScheme of ["light", "dark"]) {
+      const states = [
+        ["first steps", "", answered(200, empty), "No assets yet"],
+        ["waiting for a record", `#/assets/${id}`, async () => {}, "Waiting for the first record"],
+        ["no record to match", `#/assets/${id}/match`, async () => {}, "No records yet"],
+        ["connection lost", "", (page) => page.route("**/v1/**", (route) => route.abort()), "Connection lost since"],
+        ["token wanted", "", answered(401, JSON.stringify({ title: "a token is needed" })), "A token is needed"],
+      ];
+      for (const [state, address, before, words] of states) {
+        const { page } = await open(address, { colorScheme }, before);
+        await page.getByText(words).first().waitFor();
+        assert.deepEqual(await findings(page), [], `${state}, ${colorScheme}`);
+        await page.context().close();
+      }
+    }
+    await removeAsset(id);
+  },
+
+  "axe finds nothing serious on a phone": async () => {
+    for (const key of ["fleet", "asset", "alarms", "match"]) {
+      const [address, ready] = PAGES[key];
+      const { page } = await open(typeof address === "string" ? address : await address(), PHONE);
+      await ready(page);
+      assert.deepEqual(await findings(page), [], key);
+      await page.context().close();
+    }
   },
 
   "the keyboard alone leads from the fleet to a record and back": async (name) => {

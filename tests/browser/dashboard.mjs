@@ -9,7 +9,7 @@
 import { mkdir } from "node:fs/promises";
 import { browser, shots } from "./page.mjs";
 
-const FILES = ["pages", "record", "views", "live", "alarms", "upload", "fleet", "accessibility", "speed"];
+const FILES = ["pages", "record", "views", "links", "downloads", "live", "connection", "alarms", "upload", "fleet", "keyboard", "accessibility", "speed"];
 const only = process.env.FLANKWATCH_ONLY ?? "";
 
 if (shots) await mkdir(shots, { recursive: true });

@@ -74,9 +74,9 @@ export async function createAsset(kind, more) {
 export const removeAsset = (id) => fetch(`${base}/v1/assets/${id}`, { method: "DELETE" });
 
 /** Sends a record of noise of an amplitude to an asset. */
-export async function sendNoise(id, minute, amplitude = 1) {
+export async function sendNoise(id, minute, amplitude = 1, channel = "a1") {
   const samples = Array.from({ length: 2000 }, (_, n) => amplitude * (Math.sin(n * 0.49) + 0.2 * Math.sin(n * n)));
-  const body = JSON.stringify({ start_time: `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`, sample_rate_hz: 4000, unit: "m/s2", channel: "a1", samples });
+  const body = JSON.stringify({ start_time: `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`, sample_rate_hz: 4000, unit: "m/s2", channel, samples });
   const answer = await fetch(`${base}/v1/assets/${id}/segments`, { method: "POST", headers: asJson, body });
   assert.equal(answer.status, 201, await answer.text());
 }

@@ -1,5 +1,6 @@
 // One alarm: what it is about, what can be done about it, and what happened to it.
 
+import { learnUnits } from "./alarm-units.js";
 import { changeWords, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -55,6 +56,7 @@ export class AlarmDetail {
       this.#comment.value = "";
     }
     if (alarm === this.#alarm) return;
+    await learnUnits([alarm], signal);
     this.#id = id;
     this.#render(alarm);
   }
@@ -133,8 +135,10 @@ function ruleWords(alarm) {
   const { warning, danger, hysteresis, settings } = alarm.rule;
   const levels = [["warning", warning], ["danger", danger]].filter(([, level]) => level != null).map(([name, level]) => `${name} above ${reading(level, alarm)}`).join(", ");
   const { raise, raise_of: of, clear, clear_of: clearOf } = settings;
-  const back = hysteresis ? `${clear} of ${clearOf} more than ${reading(hysteresis, alarm)} below` : `${clear} of ${clearOf} below`;
-  return `Rule: ${levels}; raised by ${raise} of the last ${of} readings, cleared by ${back}.`;
+  const cleared = clearOf === 1 ? "the first" : `${clear} of ${clearOf}`;
+  const back = hysteresis ? `${cleared} more than ${reading(hysteresis, alarm)} below` : `${cleared} below`;
+  const raised = of === 1 ? "the first reading" : `${raise} of the last ${of} readings`;
+  return `Rule: ${levels}; raised by ${raised} above, cleared by ${back}.`;
 }
 
 function entry(change, alarm) {

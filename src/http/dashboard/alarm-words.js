@@ -1,5 +1,6 @@
 // Alarms in words and symbols: what is watched, how bad it is, where the alarm stands, and what happened to it.
 
+import { unitOf } from "./alarm-units.js";
 import { h } from "./dom.js";
 import { depth, indicatorName, number, unit, utc } from "./format.js";
 import { STATES } from "./state.js";
@@ -21,10 +22,11 @@ export function quantityWords(quantity) {
 }
 
 /** A reading or level of an alarm with its unit. */
-export function reading(value, { quantity, unit: unitName }) {
+export function reading(value, alarm) {
+  const { quantity } = alarm;
   if (value == null) return "–";
   if (quantity === "wear_um") return `${depth(value)} µm`;
-  return `${number(value, 3)} ${quantity?.indicator ? unit(unitName) : ""}`.trim();
+  return `${number(value, 3)} ${quantity?.indicator ? unit(unitOf(alarm)) : ""}`.trim();
 }
 
 /** The level that a raised alarm is above, or where one begins that is not raised. */

@@ -1,6 +1,7 @@
 // Every alarm that has been raised or acted on, filtered by where it stands; the chosen one with its history and what can be done about it.
 
 import { AlarmDetail } from "./alarm-detail.js";
+import { learnUnits } from "./alarm-units.js";
 import { ALARM_STATES, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -57,6 +58,7 @@ export class AlarmsPage {
     const [answer] = await Promise.all([api.answer(api.alarms({ state, asset, limit: LIMIT }, signal)), this.#detail.show(alarm, signal)]);
     const asked = JSON.stringify([show, asset, alarm]);
     if (answer === this.#shown && asked === this.#asked) return;
+    if (!(answer instanceof Error)) await learnUnits(answer.items, signal);
     [this.#shown, this.#asked] = [answer, asked];
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(key === show));
     this.#asset.hidden = !asset;

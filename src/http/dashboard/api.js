@@ -112,6 +112,7 @@ export const wear = (id, channel, signal) => get(["assets", id, "wear"], { chann
 export const wearHistory = (id, channel, signal) => get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
 export const indicators = (id, channel, names, signal) =>
   get(["assets", id, "indicators"], { channel, names: names.join(","), max_points: 2000 }, signal);
+export const indicatorUnits = (id, channel, name, signal) => get(["assets", id, "indicators"], { channel, names: name, max_points: 10 }, signal);
 export const segments = (id, channel, signal) => get(["assets", id, "segments"], { channel, limit: 1000, order: "desc" }, signal);
 export const segment = (id, signal) => get(["segments", id], {}, signal);
 export const waveform = (id, from, to, signal) => get(["segments", id, "waveform"], { max_points: 4000, from_s: from, to_s: to }, signal);

@@ -1,7 +1,9 @@
 // Picks the page for the address, keeps it live, and shows how fresh it is.
 
 import { AlarmCount } from "./alarm-count.js";
+import * as api from "./api.js";
 import { h, setChildren } from "./dom.js";
+import { bindDrops } from "./drop.js";
 import { Live, showStatus } from "./live.js";
 import { bindLogin } from "./login.js";
 import { parse } from "./route.js";
@@ -39,6 +41,31 @@ class UnknownPage {
   dispose() {}
 }
 
+/** Stands where a page's code could not be fetched, until the server answers again. */
+class UnreachedPage {
+  #lost = false;
+  constructor(root) {
+    document.title = "Not loaded · flankwatch";
+    const again = h("a", { href: location.href, onclick: () => location.reload() }, "Load it again");
+    setChildren(root, h("p", { class: "notice" }, "This page could not be loaded from the server. ", again));
+  }
+  update() {
+    return true;
+  }
+  async refresh(signal) {
+    try {
+      await api.answer(api.alarms({ limit: 1 }, signal));
+    } catch (error) {
+      this.#lost ||= error instanceof api.ConnectionError;
+      throw error;
+    }
+    // a browser does not fetch a module again that it once failed to get; where the server was never away a reload would not help either
+    if (this.#lost) location.reload();
+  }
+  tick() {}
+  dispose() {}
+}
+
 // a page's code is fetched when it is first gone to, so that the first one does not wait for the others
 const PAGES = {
   fleet: async () => (await import("./fleet.js")).FleetPage,
@@ -70,7 +97,7 @@ async function follow() {
   if (same) {
     if (!page.update(route)) return;
   } else {
-    const Page = await PAGES[route.page]();
+    const Page = await PAGES[route.page]().catch(() => UnreachedPage);
     if (route !== shown) return; // another address came meanwhile
     page?.dispose();
     page = new Page(main, route);
@@ -83,6 +110,7 @@ async function follow() {
   live.now();
 }
 
+bindDrops(() => ({ page, id: shown.page === "library" ? undefined : shown.id }));
 bindThemeButton(byId("theme"));
 bindLogin(() => live.now());
 byId("banner-retry").addEventListener("click", () => live.now());

@@ -46,14 +46,14 @@ function facts(asset, wear, last) {
   const { summary, gear } = asset;
   const speed = wear?.shaft_speed;
   const { have, need } = wear?.baseline ?? {};
-  const baseline = !gear.pair ? ["not needed", small("for indicators alone")] : have >= need ? [`complete, ${need} records`] : [baselineBar({ have: have ?? 0, need: need ?? asset.baseline.records })];
+  const baseline = have >= need ? [`complete, ${need} records`] : [baselineBar({ have: have ?? 0, need: need ?? asset.baseline.records })];
   return [
+    limitFact(wear),
     fact("Baseline", ...baseline),
     libraryFact(summary, wear),
     speedFact(speed, gear, Boolean(wear?.segment_id)),
     fact("Mesh frequency", hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]), small(speed ? "teeth × shaft speed" : "from the nominal speed")),
     fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
-    limitFact(wear),
     fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "record" : "records"}`, last),
   ];
 }
@@ -105,7 +105,7 @@ export class AssetHeader {
     setChildren(this.#number, ...(known ? wearNumber(wear, limits) : []));
     this.#number.hidden = !known;
     setChildren(this.#bar, known ? wearBar(wear, limits) : null);
-    setText(this.#sentence, wear?.segment_id ? sentence(wear, limits) : sentence(null));
+    setText(this.#sentence, wear?.segment_id ? sentence(wear, limits, Boolean(asset.gear.pair)) : sentence(null));
     setChildren(this.#facts, facts(asset, wear, this.#age));
     this.#last = summary.last_start_time;
     this.#age.title = this.#last ? `${utc(summary.first_start_time)} to ${utc(this.#last)}` : "";

@@ -8,17 +8,16 @@ import { h, setChildren } from "./dom.js";
 import { EventsCard } from "./events-card.js";
 import { fetchEvents } from "./life-events.js";
 import { MaintenanceDialog } from "./maintenance-dialog.js";
-import { acceptDrops } from "./drop.js";
 import { PlotCard } from "./plot-card.js";
 import { indicatorName } from "./format.js";
 import { namedBins, operatingBins } from "./operating-bins.js";
-import { linkTimeAxes, onPointClick } from "./plots.js";
+import { linkTimeAxes, onPointClick, onRangeChange } from "./plots.js";
 import { fetchPanes } from "./record-panes.js";
 import { RecordView } from "./record-view.js";
 import { RecordsDialog } from "./records-dialog.js";
 import { change } from "./route.js";
 import { chosenPanes, otherNames, PANES, paneNames, trendDrawing } from "./trend-plot.js";
-import { timeRange, wearDrawing, withoutEstimate } from "./wear-plot.js";
+import { formatTime, timeOf, timeRange, wearDrawing, withoutEstimate } from "./wear-plot.js";
 
 /** Parameters of the address that say what to ask the server for. */
 const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part"];
@@ -34,7 +33,8 @@ export class AssetPage {
   #header;
   #wear = new PlotCard("wear", "Wear over time");
   #trends = new PlotCard("trends", "Indicator trends");
-  #record = new RecordView();
+  #record = new RecordView((parameters) => this.#keepRange(parameters));
+  #dragging = false;
   #maintenance;
   #events;
   #panes = new Map();
@@ -43,7 +43,6 @@ export class AssetPage {
   #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"], ["own", "By operating bin"]].map(([value, text]) => h("option", { value }, text)));
   #empty = h("section", { class: "card empty", hidden: true });
   #grid;
-  #dropping;
 
   constructor(root, route) {
     this.#root = root;
@@ -66,7 +65,6 @@ export class AssetPage {
       h("div", { class: "column" }, this.#wear.element, this.#events.element, this.#trends.element),
       h("div", { class: "column" }, this.#record.elements),
     );
-    this.#dropping = acceptDrops(root, (files) => this.#dialog.take(files));
     const loading = h("p", { class: "notice loading" }, `Loading ${route.id}…`);
     setChildren(root, loading);
     document.title = `${route.id} · flankwatch`;
@@ -88,8 +86,22 @@ export class AssetPage {
       return true;
     }
     if (REFETCHED.some((name) => before[name] !== route.query[name])) return true;
-    this.redraw();
+    if (!this.#dragging) this.redraw(); // what was dragged out is on show already
     return false;
+  }
+
+  /** Has the address say which range was dragged out. */
+  #keepRange(parameters) {
+    this.#dragging = true;
+    change(parameters, { quiet: true });
+    this.#dragging = false;
+  }
+
+  /** The whole of the time axis is what the address says without a range. */
+  #keepTime(range) {
+    const time = formatTime(range);
+    const { history, latest } = this.#data;
+    this.#keepRange({ time: time === formatTime(timeRange(history, latest) ?? null) ? null : time });
   }
 
   /** Asks the server and shows what changed. */
@@ -165,14 +177,15 @@ export class AssetPage {
     onPointClick(this.#wear.plot, select);
     onPointClick(this.#trends.plot, select);
     linkTimeAxes(this.#wear.plot, this.#trends.plot);
+    for (const { plot } of [this.#wear, this.#trends]) onRangeChange(plot, (range) => this.#keepTime(range));
   }
 
   #drawWear(history, latest, selected, revision, events) {
     if (history instanceof Error) return this.#wear.say(history.message);
     if (history.items.length === 0) return this.#wear.say("No records of this channel yet.");
-    const reason = withoutEstimate(history.items);
+    const reason = withoutEstimate(history.items, Boolean(this.#data.asset.gear.pair));
     if (reason) return this.#wear.say(reason);
-    return this.#wear.show(wearDrawing(history, latest.limits, selected, revision, latest, events), `${this.#id}-wear`);
+    return this.#wear.show(wearDrawing(history, latest.limits, selected, revision, latest, events, timeOf(this.#query.time)), `${this.#id}-wear`);
   }
 
   #drawTrends({ names, panes, answer: indicators, bins, others }, selected, revision, events, history, latest) {
@@ -184,7 +197,7 @@ export class AssetPage {
     for (const [key, chip] of this.#panes) chip.setAttribute("aria-pressed", String(panes.some((pane) => pane.key === key)));
     if (!indicators) return this.#trends.say("This record has no such indicators.");
     if (indicators instanceof Error) return this.#trends.say(indicators.message);
-    const range = timeRange(history, latest);
+    const range = timeOf(this.#query.time) ?? timeRange(history, latest);
     this.#trends.plot.style.setProperty("--panes", panes.length);
     return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, { revision, bins, events, range, rules: this.#data.asset.summary.alarm_rules }), `${this.#id}-trends`);
   }
@@ -219,6 +232,11 @@ export class AssetPage {
     this.#data = null;
   }
 
+  /** Sends files that were dropped on the page. */
+  takeFiles(files) {
+    return this.#dialog.take(files);
+  }
+
   /** Lets ages grow. */
   tick() {
     if (this.#header.element.isConnected) this.#header.tick();
@@ -227,7 +245,6 @@ export class AssetPage {
 
   /** Frees the plots. */
   dispose() {
-    this.#dropping.abort();
     this.#wear.dispose();
     this.#trends.dispose();
     this.#record.dispose();

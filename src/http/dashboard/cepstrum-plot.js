@@ -16,14 +16,15 @@ export function cepstrumDrawing(cepstrum, other, revision) {
   const shown = periods.filter(({ period }) => period <= x.at(-1));
   // the lowest quefrencies describe the path, not the machine, and would flatten everything else
   const from = shaft ? 1000 / (shaft * teeth[0] * 4) : x[0];
-  const heights = value.filter((_, index) => x[index] >= from);
-  const [low, high] = heights.reduce(([a, b], y) => [Math.min(a, y), Math.max(b, y)], [0, 0]);
   const compared = other && !(other instanceof Error);
+  const heights = [cepstrum, ...(compared ? [other] : [])].flatMap((each) => each.value.filter((_, index) => 1000 * each.quefrency_s[index] >= from));
+  const [low, high] = heights.reduce(([a, b], y) => [Math.min(a, y), Math.max(b, y)], [0, 0]);
   const line = (curve, stroke) => ({ x: curve.quefrency_s.map((second) => 1000 * second), y: curve.value, mode: "lines", line: { color: stroke, width: 1 }, hovertemplate: "%{x:.2f} ms: %{y:.3g}<extra></extra>" });
   return {
-    traces: [...(compared ? [line(other, colour.other)] : []), line(cepstrum, colour.accent)],
+    traces: [line(cepstrum, colour.accent)],
+    others: compared ? [line(other, colour.other)] : null,
     legend: compared ? [["line", colour.accent, "selected record"], ["line", colour.other, "pinned record"]] : [],
-    table: () => [["quefrency_s", seconds], ["value", value]],
+    table: () => [["quefrency_s", seconds], ["value", value], ...(compared ? [["pinned quefrency_s", other.quefrency_s], ["pinned value", other.value]] : [])],
     sub: shaft ? `A peak at one turn says that there are sidebands one shaft speed (${hertz(shaft)}) apart.` : "No shaft speed is known for this record, so no period is marked.",
     summary: `Cepstrum; ${shown.map(({ name, period }) => `${name} at ${number(period)} ms`).join(", ")}.`,
     layout: {

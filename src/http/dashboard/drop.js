@@ -1,22 +1,53 @@
-// Files dropped anywhere on a page.
+// Files dropped anywhere on a page: those of an asset become its records, on another page it is said where they belong.
 
-/** Calls back with files that are dropped on `element`; `abort()` of the answer ends it. */
-export function acceptDrops(element, onFiles) {
-  const ending = new AbortController();
-  const { signal } = ending;
+import { h } from "./dom.js";
+
+/** Calls back with files that are dropped on `element`. */
+function acceptDrops(element, onFiles) {
   const hasFiles = (event) => [...(event.dataTransfer?.types ?? [])].includes("Files");
-  const mark = (is) => element.classList.toggle("dropping", is);
+  const mark = (is) => document.body.classList.toggle("dropping", is);
   element.addEventListener("dragover", (event) => {
     if (!hasFiles(event)) return;
     event.preventDefault();
     mark(true);
-  }, { signal });
-  element.addEventListener("dragleave", (event) => element.contains(event.relatedTarget) || mark(false), { signal });
+  });
+  element.addEventListener("dragleave", (event) => event.relatedTarget || mark(false));
   element.addEventListener("drop", (event) => {
     if (!hasFiles(event)) return;
-    event.preventDefault();
+    event.preventDefault(); // or the browser would leave the page to show the file
     mark(false);
     onFiles([...event.dataTransfer.files]);
-  }, { signal });
-  return ending;
+  });
+}
+
+function dialogWithout(files) {
+  const close = h("button", { type: "button", onclick: () => dialog.close() }, "Close");
+  const what = files.length === 1 ? files[0].name : `${files.length} files`;
+  const words = h("p", {}, `${what} cannot be taken here: records belong to an asset. Open the asset, and drop them on one of its pages.`);
+  const dialog = h("dialog", { class: "records", "aria-label": "Not uploaded" }, words, h("div", { class: "form-buttons" }, close));
+  return dialog;
+}
+
+/** Takes dropped files; `current()` is the page on show and the id of its asset, where it has one. */
+export function bindDrops(current) {
+  let [dialog, dialogId] = [null, null];
+  const show = (element) => {
+    element.addEventListener("close", () => element.remove());
+    document.body.append(element);
+  };
+  acceptDrops(document.documentElement, async (files) => {
+    const { page, id } = current();
+    if (page?.takeFiles) return page.takeFiles(files);
+    if (id === undefined) {
+      const refusal = dialogWithout(files);
+      show(refusal);
+      return refusal.showModal();
+    }
+    if (!dialog?.element.open || dialogId !== id) {
+      const { RecordsDialog } = await import("./records-dialog.js");
+      [dialog, dialogId] = [new RecordsDialog(id), id];
+      show(dialog.element);
+    }
+    await dialog.take(files);
+  });
 }

@@ -35,10 +35,10 @@ export class LibrariesPage {
         h("td", {}, `0 to ${depth(library.max_wear_um)} µm`),
         h("td", {}, library.contact),
         h("td", {}, `${library.seconds} s at ${hertz(library.sample_rate_hz)}`),
-        h("td", {}, `${library.preprocessing}, model ${library.model_version}`),
+        h("td", {}, `features “${library.preprocessing}”, model version ${library.model_version}`),
       ),
     );
-    const heads = ["Gear pair", "States", "Wear", "Contact rule", "Simulated", "Made by"];
+    const heads = ["Gear pair", "States", "Wear", "Contact rule", "Simulated", "Computed with"];
     setChildren(this.#list, h("table", {}, h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head)))), h("tbody", {}, rows)));
   }
 

@@ -1,6 +1,7 @@
 // What happened in an asset's life beside its records: maintenance, and the alarms of one channel; as marks on plots over time.
 
 import * as api from "./api.js";
+import { learnUnits } from "./alarm-units.js";
 import { changeWords, quantityWords } from "./alarm-words.js";
 import { verticalLine } from "./plots.js";
 
@@ -21,7 +22,9 @@ export async function fetchEvents(id, channel, signal) {
   const [maintenance, list] = await Promise.all([api.answer(api.maintenance(id, signal)), api.answer(api.alarms({ asset: id, channel, limit: MOST_ALARMS }, signal))]);
   const listed = list instanceof Error ? [] : list.items;
   const alarms = await Promise.all(listed.map((alarm) => api.answer(api.alarm(alarm.id, signal))));
-  return { maintenance, refused: list instanceof Error ? list : null, alarms: alarms.filter((alarm) => !(alarm instanceof Error)) };
+  const told = alarms.filter((alarm) => !(alarm instanceof Error));
+  await learnUnits(told, signal);
+  return { maintenance, refused: list instanceof Error ? list : null, alarms: told };
 }
 
 /** Whether two answers of `fetchEvents` are the same objects. */

@@ -98,7 +98,7 @@ export function showStatus(status, { live, text, banner, bannerText, bannerWait 
   banner.hidden = !lost;
   if (!lost) return;
   const since = `${new Date(lostAt).toISOString().slice(11, 19)} UTC`;
-  const what = state === "lost" ? `Connection lost since ${since}: ${error.message}.` : `The page could not be brought up to date: ${error.message}.`;
+  const what = state === "lost" ? `Connection lost since ${since}: ${error.message}.` : error.status === 401 ? "The service asks for a token." : `The page could not be brought up to date: ${error.message}.`;
   setText(bannerText, updatedAt ? `${what} What you see may be out of date.` : what);
   // the countdown is kept out of what a screen reader announces: it changes every second
   const wait = Math.ceil((retryAt - Date.now()) / 1000);

@@ -62,7 +62,7 @@ export class MatchPage {
     if (latest instanceof Error || !id) return this.#say(latest instanceof Error ? latest.message : "No records yet: there is nothing to match.");
     const segment = await api.answer(api.segment(id, signal));
     if (segment instanceof Error) return this.#say(segment.message);
-    if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment);
+    if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment, asset);
     const match = await api.answer(api.match(id, signal));
     if (match instanceof Error) return this.#say(match.message);
     if (match === this.#data?.match && asset.updated_at === this.#data.asset?.updated_at) return;
@@ -83,18 +83,18 @@ export class MatchPage {
   }
 
   /** A record without a best state, with what speaks against one where that is known. */
-  async #unmatched(segment) {
-    this.#say(`Record of ${utc(segment.start_time)}: ${sentence(segment.wear)}`);
+  async #unmatched(segment, asset) {
+    this.#say(`Record of ${utc(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear.pair))}`);
     const { novelty } = segment.wear;
     this.#novelty.element.hidden = !novelty?.most?.length;
-    this.#data = { unmatched: segment };
+    this.#data = { unmatched: segment, asset };
     if (novelty?.most?.length) await this.#novelty.show(noveltyDrawing(novelty, segment.sample_rate_hz, this.#id), `${this.#id}-novelty-${segment.start_time}`);
   }
 
   /** Draws what is known anew. */
   async redraw() {
     if (!this.#data) return;
-    if (this.#data.unmatched) return this.#unmatched(this.#data.unmatched);
+    if (this.#data.unmatched) return this.#unmatched(this.#data.unmatched, this.#data.asset);
     this.#novelty.element.hidden = true;
     const { asset, segment, match, state, unworn, flank } = this.#data;
     this.#notice.hidden = true;

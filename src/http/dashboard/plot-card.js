@@ -29,7 +29,7 @@ export class PlotCard {
     this.element = h("figure", { class: `card plot-card plot-${kind}`, "data-plot": kind }, caption, this.#legend, this.frame, this.#notice);
   }
 
-  /** Draws `{ traces, layout, legend, title?, sub, summary, table? }`; `filename` is that of a saved picture or table. */
+  /** Draws `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`; `filename` is that of a saved picture or table. */
   async show(drawing, filename) {
     if (drawing.title) setText(this.#title, drawing.title);
     setText(this.#sub, drawing.sub ?? "");
@@ -40,6 +40,7 @@ export class PlotCard {
     this.#filename = filename.replaceAll(/[^\w.-]+/g, "-");
     this.#csv.hidden = !drawing.table;
     this.#save.hidden = false;
+    this.element.toggleAttribute("data-compared", Boolean(drawing.isCompared));
     this.plot.setAttribute("role", "img");
     this.plot.setAttribute("aria-label", drawing.summary);
     await draw(this.plot, drawing.traces, drawing.layout, filename);

@@ -26,9 +26,13 @@ export function posteriorDrawing(wear, limits, reference, revision) {
   const y = density(wear.posterior);
   const { p05_um: low, p95_um: high, median_um: median } = wear;
   const inside = x.map((value, index) => ({ value, y: y[index] })).filter(({ value }) => value >= low && value <= high);
+  // what lies beyond the library's end is heaped up there, and would flatten all else
+  const rest = Math.max(...y.slice(0, -1));
+  const heaped = y.at(-1) > 3 * rest;
+  const top = heaped ? 1.6 * rest : 1.2 * Math.max(...y);
   const entries = [["line", colour.accent, `median ${depth(median)} µm`], ["band", colour.band, `5 to 95 %: ${depth(low)} to ${depth(high)} µm`]];
   const shapes = [verticalLine(median, colour.accent, "solid", 2)];
-  const annotations = [];
+  const annotations = heaped ? [{ ...mark(x.at(-1), `↑ ${Math.round(100 * wear.posterior.probability.at(-1))} % at the end`, colour.accent, colour.surface, "right"), y: 0.86 }] : [];
   if (reference != null) {
     shapes.push(verticalLine(reference, colour.reference, "dot", 2));
     entries.push(["dot", colour.reference, `reference ${depth(reference)} µm`]);
@@ -51,7 +55,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
       uirevision: revision,
       hovermode: "closest",
       xaxis: { title: { text: "Wear depth (µm)" }, range: [x[0], x.at(-1)] },
-      yaxis: { title: { text: "Density (1/µm)" }, range: [0, 1.2 * Math.max(...y)] },
+      yaxis: { title: { text: "Density (1/µm)" }, range: [0, top] },
       shapes,
       annotations,
     },

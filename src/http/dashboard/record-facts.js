@@ -24,8 +24,8 @@ function amount(name, { indicators = {}, absent = {}, unit: unitName }) {
 function fact(name, segment, pinned) {
   const before = pinned?.indicators?.[name];
   const now = segment.indicators?.[name];
-  const ratio = before && now != null ? ` (× ${number(now / before, 3)})` : "";
-  const compared = pinned ? h("span", { class: "pinned-value" }, amount(name, pinned), ratio) : null;
+  const ratio = before && now != null ? h("span", { class: "ratio" }, ` (× ${number(now / before, 3)})`) : null;
+  const compared = pinned ? h("span", { class: "pinned-value" }, h("span", { class: "ratio" }, amount(name, pinned)), ratio) : null;
   return h("div", { class: "fact" }, h("dt", {}, indicatorName(name)), h("dd", {}, amount(name, segment), compared));
 }
 
@@ -37,5 +37,5 @@ export function recordFacts(segment, pinned) {
 
 /** When the pinned record was taken. */
 export function pinnedWords(pinned) {
-  return pinned instanceof Error ? `The pinned record cannot be shown: ${pinned.message}.` : `Pinned: ${utc(pinned.start_time)}, drawn in orange under the selected one; its values stand second.`;
+  return pinned instanceof Error ? `The pinned record cannot be shown: ${pinned.message}.` : `Pinned: ${utc(pinned.start_time)}, drawn in the lower half of each plot; its values stand below, with the change since then.`;
 }

@@ -9,10 +9,15 @@ import { waveformDrawing } from "./waveform-plot.js";
 
 const DEFAULT = "spectrum,envelope,posterior";
 
-/** `[from, to]` in seconds of an address's `part`, or null. */
+/** `[from, to]` of an address's `part` in seconds or `band` in hertz or orders, or null. */
 export function partOf(text) {
   const [from, to] = (text ?? "").split("~").map(Number);
   return from >= 0 && to > from ? [from, to] : null;
+}
+
+/** The same for an address; null for no range. */
+export function formatPart(range) {
+  return range && range.map((end) => Number(Math.max(0, end).toPrecision(6))).join("~");
 }
 
 function waveform(id, query, signal) {
@@ -27,6 +32,7 @@ function spectrum(id, query, signal) {
 function posterior({ segment, asset, revision }) {
   const { wear, reference_wear_um: reference } = segment;
   if (wear?.status === "outside_library") return "No posterior: wear does not explain this record. The page “Match” says what is odd.";
+  if (!asset.gear.pair) return "No posterior: wear is not estimated, as no gear pair is described for this asset.";
   if (!wear?.posterior) return wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.";
   return posteriorDrawing(wear, asset.limits, reference, revision);
 }

@@ -1,12 +1,13 @@
 // One record: when it was taken, its indicators, and the ways to look at it. Follows the selection of the page.
 
+import { compared } from "./comparison.js";
 import { CursorLayer, formatCursor, parseCursor } from "./cursor.js";
 import { h, setChildren, setText } from "./dom.js";
 import { utc } from "./format.js";
 import { PlotCard } from "./plot-card.js";
 import { onRangeChange } from "./plots.js";
 import { pinnedWords, recordFacts, recordWords } from "./record-facts.js";
-import { PANES, shownPanes } from "./record-panes.js";
+import { formatPart, PANES, partOf, shownPanes } from "./record-panes.js";
 import { change, parse } from "./route.js";
 import { SpectrumTools } from "./spectrum-tools.js";
 
@@ -27,9 +28,12 @@ export class RecordView {
   #tools = new SpectrumTools();
   #near = h("select", { id: "envelope-range", "aria-label": "Part of the envelope spectrum", onchange: () => change({ near: this.#near.value }, { quiet: true }) }, [["", "Whole band"], ["1", "Lines of the shafts"]].map(([value, text]) => h("option", { value }, text)));
   #cursor;
+  #onRange;
   elements;
 
-  constructor() {
+  /** `onRange(parameters)` gets what the address is to say of a range that was dragged out. */
+  constructor(onRange) {
+    this.#onRange = onRange;
     setText(this.#time, "Loading the record…");
     for (const control of [this.#previous, this.#next]) control.disabled = true;
     const spectrum = this.#cards.get("spectrum");
@@ -88,17 +92,17 @@ export class RecordView {
     this.#query = query;
     const keys = shownPanes(query);
     this.#near.value = query.near === "1" ? "1" : "";
-    const view = { ...this.#tools.update(panes.spectrum, query), near: query.near === "1" };
+    const view = { ...this.#tools.update(panes.spectrum, query), near: query.near === "1", part: partOf(query.band) };
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
     for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
     this.#showFacts(segment, pinned);
-    const context = { segment, asset, query, view, revision: `${asset.id} ${segment.channel ?? ""}` };
+    const context = { segment, pinned, asset, query, view, revision: `${asset.id} ${segment.channel ?? ""}` };
     await Promise.all(PANES.filter(({ key }) => keys.includes(key)).map((pane) => this.#draw(pane, panes[pane.key], others?.[pane.key], context)));
     const spectrum = panes.spectrum;
     this.#cursor.show(spectrum && !(spectrum instanceof Error) ? parseCursor(query.cursor) : null, spectrum);
-    onRangeChange(this.#cards.get("waveform").plot, (range) => {
-      change({ part: range ? range.map((end) => Number(Math.max(0, end).toPrecision(6))).join("~") : null }, { quiet: true });
-    });
+    for (const [key, parameter] of [["waveform", "part"], ["spectrum", "band"]]) {
+      onRangeChange(this.#cards.get(key).plot, (range) => this.#onRange({ [parameter]: formatPart(range) }));
+    }
     this.busy(false);
   }
 
@@ -109,7 +113,8 @@ export class RecordView {
     if (fetch && !data) return card.say("Loading…");
     const drawing = draw(data, other, context);
     if (typeof drawing === "string") return card.say(drawing);
-    return card.show(drawing, `${context.asset.id}-${key}-${context.segment.start_time}`);
+    const { segment, pinned } = context;
+    return card.show(drawing.others && pinned.start_time ? compared(drawing, segment, pinned) : drawing, `${context.asset.id}-${key}-${context.segment.start_time}`);
   }
 
   #showFacts(segment, pinned) {

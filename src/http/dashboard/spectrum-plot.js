@@ -31,10 +31,11 @@ function convention({ axis: { wide } = HERTZ, window, bandwidth_hz: bandwidth, r
 }
 
 /** The amplitude axis with room for the labels on the peaks; on a log scale from below the median, so that noise stays in sight. */
-function amplitudeAxis({ quantity, unit: unitName, frequency_hz: x, amplitude }, [from, to], logarithmic, revision) {
-  const title = { text: titled(QUANTITIES[quantity] ?? quantity, unitName) };
+function amplitudeAxis(spectrum, other, [from, to], logarithmic, revision) {
+  const title = { text: titled(QUANTITIES[spectrum.quantity] ?? spectrum.quantity, spectrum.unit) };
   const uirevision = `${revision} ${logarithmic}`;
-  const visible = amplitude.filter((_, index) => x[index] >= from && x[index] <= to).sort((a, b) => a - b);
+  const seen = ({ frequency_hz: x, amplitude }) => amplitude.filter((_, index) => x[index] >= from && x[index] <= to);
+  const visible = [spectrum, other].filter((each) => each && !(each instanceof Error)).flatMap(seen).sort((a, b) => a - b);
   const top = visible.at(-1) || 1;
   if (!logarithmic) return { title, type: "linear", range: [0, 1.15 * top], uirevision };
   const low = Math.max(visible[visible.length >> 1] / 5, top * 1e-8);
@@ -47,10 +48,14 @@ function line(spectrum, colour, which = "") {
   return { x, y: amplitude, mode: "lines", line: { color: colour, width: 1 }, hovertemplate };
 }
 
-/** The other record's line, where there is one to compare with, under the selected one's. */
-function withOther(spectrum, other, colour) {
-  const own = line(spectrum, colour.accent);
-  return other && !(other instanceof Error) ? [line(other, colour.other, "pinned record, "), own] : [own];
+/** What the lines' colours mean where there are two. */
+function comparedEntries(other, colour) {
+  return other && !(other instanceof Error) ? [["line", colour.accent, "selected record"], ["line", colour.other, "pinned record"]] : [];
+}
+
+/** The other record's line, where there is one to compare with. */
+function othersOf(other, colour) {
+  return other && !(other instanceof Error) ? [line(other, colour.other, "pinned record, ")] : null;
 }
 
 function table(spectrum, other) {
@@ -108,8 +113,8 @@ function sidebandLines(harmonics, shaft, colour, zoom) {
   return { shapes, annotations };
 }
 
-/** The drawing of an amplitude spectrum. `zoom` is "" or the order of a mesh line. */
-export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom }, revision) {
+/** The drawing of an amplitude spectrum. `zoom` is "" or the order of a mesh line, `part` the range that was dragged out or null. */
+export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom, part }, revision) {
   const colour = palette();
   const axis = axisOf(spectrum);
   const { shaft_speed_hz: shaft, mesh_frequency_hz: mesh, mesh_harmonics: harmonics } = spectrum;
@@ -120,7 +125,9 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom 
     words: `mesh harmonic ${order}×: ${axis.say(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
   }));
   const shapes = harmonics.map(({ frequency_hz: frequency }) => verticalLine(frequency, colour.reference, "dot"));
-  const annotations = points.map((point) => label(point, colour, logarithmic));
+  // on a narrow screen there is room for every second name
+  const crowded = !zoom && !part && matchMedia("(max-width: 40rem)").matches && points.length > 6;
+  const annotations = points.filter((_, index) => !crowded || index % 2 === 0).map((point) => label(point, colour, logarithmic));
   const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${axis.say(mesh)}`]] : [];
   if (sidebands && shaft && mesh) {
     const lines = sidebandLines(harmonics, shaft, colour, zoom);
@@ -128,12 +135,13 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom 
     annotations.push(...lines.annotations);
     entries.push(["dash", colour.muted, `sidebands ± 1 to 3 × ${axis.say(shaft)} shaft speed`]);
   }
-  const range = zoomRange(spectrum, zoom) ?? [0, spectrum.frequency_hz.at(-1)];
+  const range = part ?? zoomRange(spectrum, zoom) ?? [0, spectrum.frequency_hz.at(-1)];
   const axisRevision = `${revision} ${zoom} ${axis.name}`;
-  if (other && !(other instanceof Error)) entries.push(["line", colour.other, "pinned record"]);
+  entries.unshift(...comparedEntries(other, colour));
   const none = mesh ? "" : "No shaft speed is known for this record, so mesh lines are not marked. ";
   return {
-    traces: [...withOther(spectrum, other, colour), marks(points, colour)],
+    traces: [line(spectrum, colour.accent), marks(points, colour)],
+    others: othersOf(other, colour),
     table: () => table(spectrum, other),
     legend: entries,
     sub: `${none}${convention(spectrum)}.`,
@@ -143,7 +151,7 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom 
       hovermode: "closest",
       hoverdistance: 12,
       xaxis: { title: { text: axis.title }, range, uirevision: axisRevision, exponentformat: "none", separatethousands: true },
-      yaxis: amplitudeAxis(spectrum, range, logarithmic, axisRevision),
+      yaxis: amplitudeAxis(spectrum, other, range, logarithmic, axisRevision),
       shapes,
       annotations,
     },
@@ -180,9 +188,10 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
     });
   return {
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
-    traces: [...withOther(envelope, other, colour), marks(points, colour)],
+    traces: [line(envelope, colour.accent), marks(points, colour)],
+    others: othersOf(other, colour),
     table: () => table(envelope, other),
-    legend: points.length ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]] : [],
+    legend: [...comparedEntries(other, colour), ...(points.length ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]] : [])],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
     summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "no shaft speed known"}.`,
     layout: {
@@ -190,7 +199,7 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
       hovermode: "closest",
       hoverdistance: 12,
       xaxis: { title: { text: "Modulation frequency (Hz)" }, range: [0, end], uirevision: `${revision} ${end}` },
-      yaxis: amplitudeAxis(envelope, [0, end], logarithmic, `${revision} ${end}`),
+      yaxis: amplitudeAxis(envelope, other, [0, end], logarithmic, `${revision} ${end}`),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
       // lines too close to be told apart have one label for all
       annotations: points.filter(({ isMesh }, index) => index === 0 || isMesh || apart).map((point) => label(apart || point.isMesh ? point : { ...point, label: "shafts" }, colour, logarithmic)),

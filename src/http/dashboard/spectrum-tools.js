@@ -17,23 +17,24 @@ function choice(id, label, options, onchange) {
 export class SpectrumTools {
   #spectrum;
   #query = {};
-  #axis = choice("spectrum-axis", "Axis of the spectrum", [["", "Hz"], ["orders", "Orders"]], (axis) => change({ axis, cursor: null }, { quiet: true }));
+  #axis = choice("spectrum-axis", "Axis of the spectrum", [["", "Hz"], ["orders", "Orders"]], (axis) => change({ axis, cursor: null, band: null }, { quiet: true }));
   #cursor = choice("spectrum-cursor", "Cursor", [["", "No cursor"], ["h", "Harmonics"], ["s", "Sidebands"]], (kind) => this.#place(kind));
-  #zoom = choice("spectrum-zoom", "Part of the spectrum", [["", "Whole spectrum"]], (zoom) => change({ zoom }, { quiet: true }));
+  #zoom = choice("spectrum-zoom", "Part of the spectrum", [["", "Whole spectrum"]], (zoom) => change({ zoom, band: null }, { quiet: true }));
   #sidebands = check("sidebands", "Sidebands", (on) => this.#showSidebands(on));
   #log = check("spectrum-log", "Log", (on) => change({ slog: on ? "1" : null }, { quiet: true }));
   elements = [this.#axis, this.#zoom, this.#cursor, this.#sidebands.element, this.#log.element];
 
   /** Sidebands are too close to be told apart in the whole spectrum, so they bring the first mesh line near. */
   #showSidebands(on) {
-    change({ side: on ? "1" : null, zoom: on ? this.#zoom.value || "1" : this.#zoom.value }, { quiet: true });
+    const nearer = on && !this.#zoom.value && !this.#query.band;
+    change({ side: on ? "1" : null, zoom: nearer ? "1" : this.#zoom.value }, { quiet: true });
   }
 
   /** A cursor begins where it most often leads: on the mesh line, with sidebands one shaft speed apart. */
   #place(kind) {
     const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft, frequency_hz: x } = this.#spectrum;
     const base = mesh ?? x.at(-1) / 10;
-    const near = kind === "s" ? { zoom: this.#query.zoom || (mesh ? "1" : null) } : {};
+    const near = kind === "s" && !this.#query.band ? { zoom: this.#query.zoom || (mesh ? "1" : null) } : {};
     change({ cursor: kind && [kind, base, ...(kind === "s" ? [shaft ?? base / 20] : [])].map((part) => (typeof part === "number" ? part.toPrecision(7) : part)).join("~"), ...near }, { quiet: true });
   }
 

@@ -69,13 +69,16 @@ export function atEnd({ posterior, p95_um: high }) {
 }
 
 /** One or two sentences that say what is known of the wear and what to do with it. */
-export function sentence(wear, limits) {
+export function sentence(wear, limits, hasPair = true) {
   if (!wear) return "No record has been received yet.";
   const { have, need } = wear.baseline ?? {};
+  if (wear.status === "collecting_baseline" && !hasPair) {
+    return `Learning what healthy looks like: ${have} of ${need} baseline records. After that, records unlike them are told. Wear in µm is not estimated: no gear pair is described for this asset.`;
+  }
   if (wear.status === "collecting_baseline") {
     return `Learning what healthy looks like: ${have} of ${need} baseline records. Wear is estimated after that.`;
   }
-  if (wear.status === "no_library") return "No gear pair is described for this asset, so indicators are computed but wear is not estimated.";
+  if (wear.status === "no_library") return "No gear pair is described for this asset, so wear in µm is not estimated. Indicators are computed, and records unlike the baseline are told by their novelty.";
   if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
   if (wear.status === "outside_library") return unexplained(wear);

@@ -17,22 +17,19 @@ export function turnDrawing(turn, other, revision) {
   const { angle_deg: x, unit: unitName, teeth: [teeth] } = turn;
   const colours = [colour.accent, colour.series[1], colour.series[3]];
   const compared = other && !(other instanceof Error);
-  const traces = PARTS.map(([key, name], index) => ({
-    x,
-    y: turn[key],
+  const curves = (of, which) => PARTS.map(([key, name], index) => ({
+    x: of.angle_deg,
+    y: of[key],
     mode: "lines",
     line: { color: colours[index], width: index ? 1 : 1.6, dash: index === 2 ? "dot" : "solid" },
-    hovertemplate: `${name}, %{x:.1f}°: %{y:.4g} ${unit(unitName)}<extra></extra>`,
+    hovertemplate: `${which}${name}, %{x:.1f}°: %{y:.4g} ${unit(unitName)}<extra></extra>`,
   }));
   const entries = PARTS.map(([, name], index) => [index === 2 ? "dot" : "line", colours[index], name]);
-  if (compared) {
-    traces.unshift({ x: other.angle_deg, y: other.average, mode: "lines", line: { color: colour.series[4], width: 1.2 }, hovertemplate: `pinned record, %{x:.1f}°: %{y:.4g}<extra></extra>` });
-    entries.push(["line", colour.series[4], "average of the pinned record"]);
-  }
   return {
-    traces,
+    traces: curves(turn, ""),
+    others: compared ? curves(other, "pinned record, ") : null,
     legend: entries,
-    table: () => [["angle_deg", x], ...PARTS.map(([key]) => [`${key} (${unitName})`, turn[key]])],
+    table: () => [["angle_deg", x], ...PARTS.map(([key]) => [`${key} (${unitName})`, turn[key]]), ...(compared ? [["pinned angle_deg", other.angle_deg], [`pinned average (${other.unit})`, other.average]] : [])],
     sub: `${count(turn.turns)} turns averaged, ${angleWords(turn.angle)}. One tooth is ${number(360 / teeth, 4)}°: a single bad tooth stands out of the residual once a turn.`,
     summary: `Average over one turn of the driving shaft from ${turn.turns} turns.`,
     layout: {

@@ -39,23 +39,16 @@ export class UploadPanel {
   #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
   #progress = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Upload" });
   #result;
+  #sending = Promise.resolve();
   #results = h("div", { class: "results", "aria-live": "polite" });
   element;
 
   constructor(assetId) {
     this.#assetId = assetId;
     const drop = h("label", { class: "drop", for: "upload-file" }, h("strong", {}, "Drop WAV, MCAP or CSV files here, or anywhere on the page"), h("span", {}, "or choose some:"), this.#file);
-    drop.addEventListener("dragover", (event) => {
-      event.preventDefault();
-      drop.classList.add("over");
-    });
-    drop.addEventListener("dragleave", () => drop.classList.remove("over"));
-    drop.addEventListener("drop", (event) => {
-      event.preventDefault();
-      event.stopPropagation();
-      drop.classList.remove("over");
-      this.take([...event.dataTransfer.files]);
-    });
+    // the page takes what is dropped, here as anywhere; this only shows that here is right
+    drop.addEventListener("dragover", () => drop.classList.add("over"));
+    for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
     const fields = [this.#unit, this.#start, this.#speed, this.#torque, this.#rate].map(({ element }) => element);
     const optional = h("details", {}, h("summary", {}, "For WAV and CSV files: unit, start time, operating point, sampling rate"), h("div", { class: "fields" }, fields));
     this.element = h("section", {}, h("h3", {}, "Upload a file"), optional, drop, this.#progress, this.#results);
@@ -71,8 +64,13 @@ export class UploadPanel {
     };
   }
 
-  /** Sends files one after the other and says of each what became of it. */
-  async take(files) {
+  /** Sends files one after the other, after those that are under way, and says of each what became of it. */
+  take(files) {
+    this.#sending = this.#sending.then(() => this.#take(files));
+    return this.#sending;
+  }
+
+  async #take(files) {
     setChildren(this.#results);
     for (const file of files) {
       this.#result = h("div", { class: "result", role: "status" });
@@ -127,13 +125,13 @@ export class UploadPanel {
 
 function words(file, answer) {
   if (answer.records !== undefined) {
-    const queued = answer.queued ? `, ${answer.queued} waiting to be analysed` : "";
+    const queued = answer.queued ? `, ${answer.queued} taken and waiting to be analysed` : "";
     const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored${queued}, ${answer.repeated} already known, ${answer.refused_count} refused.`;
     return [counts, ...answer.refused.slice(0, 5).map(({ record, channel, reason }) => `Record ${record}${channel ? `, channel ${channel}` : ""}: ${reason}.`)];
   }
   const segments = answer.segments ?? [answer];
   return segments.map(({ channel, start_time: start, wear, state }) => {
-    if (state === "queued") return `${file.name}: channel ${channel} taken as the record of ${utc(start)}; it waits to be analysed.`;
+    if (state === "queued") return `${file.name}: channel ${channel} taken as the record of ${utc(start)}; it waits to be analysed, and its wear shows up on the page by itself.`;
     const estimate = wear.median_um == null ? wear.reason : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
     return `${file.name}: channel ${channel} stored as the record of ${utc(start)}; ${estimate}.`;
   });

@@ -57,7 +57,10 @@ export function waterfallDrawing({ items, position, axis, unit: unitName, window
   const harmonics = mesh ? Array.from({ length: 12 }, (_, n) => (n + 1) * mesh).filter((x) => x <= position.at(-1)) : [];
   const row = known.findIndex((item) => item.segment_id === selected);
   const shapes = row < 0 ? [] : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: row, y1: row, line: { color: "#ffffff", width: 1.5, dash: "dot" } }];
-  const annotations = harmonics.map((x, n) => ({ x, yref: "paper", y: 1, yanchor: "bottom", text: `${n + 1}×`, showarrow: false, font: { color: colour.reference } }));
+  // where the names would run into one another only some are written
+  const width = matchMedia("(max-width: 40rem)").matches ? 200 : 800;
+  const every = mesh ? Math.ceil(26 / ((mesh / position.at(-1)) * width)) : 1;
+  const annotations = harmonics.map((x, n) => [x, n]).filter(([, n]) => n % every === 0).map(([x, n]) => ({ x, yref: "paper", y: 1, yanchor: "bottom", text: `${n + 1}×`, showarrow: false, font: { color: colour.reference } }));
   const first = known[0].start_time.slice(0, 10);
   const last = known.at(-1).start_time.slice(0, 10);
   return {
@@ -71,7 +74,7 @@ export function waterfallDrawing({ items, position, axis, unit: unitName, window
       uirevision: revision,
       hovermode: "closest",
       margin: { l: 8, r: 8, t: 24, b: 8 },
-      xaxis: { title: { text: axis === "orders" ? "Order of the driving shaft (–)" : "Frequency (Hz)" }, separatethousands: true, range: [position[0] - step / 2, position.at(-1) + step / 2], constrain: "range" },
+      xaxis: { exponentformat: "none", title: { text: axis === "orders" ? "Order of the driving shaft (–)" : "Frequency (Hz)" }, separatethousands: true, range: [position[0] - step / 2, position.at(-1) + step / 2], constrain: "range" },
       yaxis: { title: { text: `Start of record (UTC), ${first === last ? first : `${first} to ${last}`}` }, ...timeTicks(known), range: [-0.5, known.length - 0.5], scaleanchor: false, constrain: "range" },
       shapes,
       annotations,

@@ -42,7 +42,8 @@ function hoverWords({ start_time: time, median_um: median, p05_um: low, p95_um: 
 }
 
 /** Why there is no estimate at all, or null where there is one or the baseline is under way. */
-export function withoutEstimate(items) {
+export function withoutEstimate(items, hasPair) {
+  if (!hasPair && items.every((item) => item.median_um == null)) return "Wear in µm is not estimated: no gear pair is described for this asset. Its indicators are below.";
   const none = items.every((item) => item.median_um == null && item.status !== "collecting_baseline");
   return none ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.` : null;
 }
@@ -55,7 +56,7 @@ function baselineZone(items, colour) {
   const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
   const only = collecting.length === items.length;
   const annotation = only
-    ? { ...common, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
+    ? { ...common, y: 0.3, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
     : { ...common, text: "baseline", x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(), y: 0.15, textangle: -90 };
   return { shape, annotation };
 }
@@ -65,8 +66,20 @@ export function timeRange(history, latest) {
   return history instanceof Error || history.items.length === 0 ? undefined : forecastOf(history.items, latest, palette())?.range;
 }
 
-/** The drawing for a wear history; `selected` is the start time of the record that the page shows. */
-export function wearDrawing({ channel, items }, limits, selected, revision, latest, events) {
+/** The range of an address's `time`, or null. */
+export function timeOf(text) {
+  const ends = (text ?? "").split("~").map((end) => new Date(end));
+  return ends.length === 2 && ends[1] > ends[0] ? ends.map((end) => end.toISOString()) : null;
+}
+
+/** The same for an address, from a range as Plotly writes it: UTC without saying so. */
+export function formatTime(range) {
+  const text = (end) => (typeof end === "string" ? end.replace(" ", "T").replace(/Z$/, "").replace(/^(\d+-\d+-\d+)$/, "$1T00:00") : new Date(end).toISOString().slice(0, -1));
+  return range && range.map((end) => `${new Date(`${text(end)}Z`).toISOString().slice(0, 19)}Z`).join("~");
+}
+
+/** The drawing for a wear history; `selected` is the start time of the record that the page shows, `zoomed` a range of time or null. */
+export function wearDrawing({ channel, items }, limits, selected, revision, latest, events, zoomed) {
   const colour = palette();
   const ends = [items[0].start_time, items.at(-1).start_time];
   const times = items.map((item) => item.start_time);
@@ -110,6 +123,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
   annotations.push(...happened.annotations);
   entries.push(...happened.entries);
   if (selected) shapes.push(verticalLine(selected, colour.select, "solid", 2));
+  const range = zoomed ?? forecast?.range;
   const last = items.findLast((item) => item.median_um != null);
   const now = last ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm` : "no estimate yet";
   return {
@@ -122,7 +136,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
       uirevision: revision,
       hovermode: "x unified",
       hoverdistance: -1,
-      xaxis: forecast ? { ...timeAxis, range: forecast.range } : timeAxis,
+      xaxis: range ? { ...timeAxis, range } : timeAxis,
       margin: { ...timeMargin, t: timeMargin.t + happened.top },
       yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false },
       shapes,

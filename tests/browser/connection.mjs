@@ -1,0 +1,124 @@
+// What the page does while the server is away: between the browser and the server stands a gate that can be closed.
+
+import assert from "node:assert/strict";
+import { createServer, request } from "node:http";
+import { asset, base, browser, createAsset, drawn, removeAsset, sendNoise } from "./page.mjs";
+
+/** Passes requests on to the server; `streams` says whether that of the events is let through, `close()` and `open()` are for all. */
+async function gate() {
+  const target = new URL(base);
+  const streams = new Set();
+  const state = { streams: true, port: 0 };
+  const server = createServer((incoming, outgoing) => {
+    const isStream = incoming.url.startsWith("/v1/events");
+    if (isStream && !state.streams) return outgoing.writeHead(404).end();
+    if (isStream) streams.add(outgoing);
+    const { hostname: host, port } = target;
+    const passed = request({ host, port, path: incoming.url, method: incoming.method, headers: incoming.headers }, (answer) => {
+      outgoing.writeHead(answer.statusCode, answer.headers);
+      answer.pipe(outgoing);
+    });
+    passed.on("error", () => outgoing.destroy());
+    outgoing.on("close", () => passed.destroy());
+    incoming.pipe(passed);
+  });
+  const listen = () => new Promise((resolve) => server.listen(state.port, "127.0.0.1", resolve));
+  await listen();
+  state.port = server.address().port;
+  return {
+    url: `http://127.0.0.1:${state.port}`,
+    stopStreams: () => {
+      state.streams = false;
+      for (const stream of streams) stream.destroy();
+    },
+    close: () => {
+      server.close();
+      server.closeAllConnections();
+    },
+    open: async () => {
+      state.streams = true;
+      await listen();
+    },
+  };
+}
+
+const told = (page, words, timeout = 20_000) => page.locator(`#live[title*="${words}"]`).waitFor({ timeout });
+const TOLD = "tells of every change";
+const ASKS = "asks the server";
+
+export const CHECKS = {
+  "events end, polling goes on, the server goes and comes back": async () => {
+    const passage = await gate();
+    const id = await createAsset("gated", {});
+    await sendNoise(id, 0);
+    const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+    const page = await context.newPage();
+    const exceptions = [];
+    page.on("pageerror", (error) => exceptions.push(error.stack));
+    await page.goto(`${passage.url}/#/assets/${id}?trend=rms`);
+    await drawn(page, "trends");
+    await told(page, TOLD);
+
+    passage.stopStreams();
+    await told(page, ASKS);
+    await sendNoise(id, 1);
+    await page.getByText("2 records").waitFor();
+    assert.ok(await page.locator("#banner").isHidden(), "polling is no loss");
+
+    passage.close();
+    await page.getByText("Connection lost since").waitFor({ timeout: 20_000 });
+    assert.equal(await page.locator("#live").getAttribute("data-state"), "lost");
+    await page.locator("#banner-wait", { hasText: /Trying again/ }).waitFor();
+    assert.ok(await page.locator('[data-plot="trends"] .plot').isVisible(), "what was there stays");
+    await sendNoise(id, 2);
+
+    await passage.open();
+    await page.locator("#banner").waitFor({ state: "hidden", timeout: 25_000 });
+    await page.getByText("3 records").waitFor();
+    assert.equal(await page.locator("#live").getAttribute("data-state"), "live");
+    await told(page, TOLD, 25_000);
+    await sendNoise(id, 3);
+    await page.getByText("4 records").waitFor();
+    assert.deepEqual(exceptions, []);
+    await context.close();
+    passage.close();
+    await removeAsset(id);
+  },
+
+  "a page that is gone to while the server is away comes with the server": async () => {
+    const passage = await gate();
+    const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+    const page = await context.newPage();
+    await page.goto(`${passage.url}/`);
+    await page.locator(`[data-asset="${asset}"]`).waitFor();
+    await page.getByRole("link", { name: "Alarms" }).first().click();
+    await page.locator(".table-card .alarms, .table-card .notice").first().waitFor();
+    passage.close();
+    await page.goBack();
+    await page.getByText("Connection lost since").waitFor({ timeout: 20_000 });
+    await page.getByRole("button", { name: "Retry now" }).waitFor();
+    await passage.open();
+    await page.getByRole("button", { name: "Retry now" }).click();
+    await page.locator("#banner").waitFor({ state: "hidden" });
+    await page.locator(`[data-asset="${asset}"]`).waitFor();
+    await context.close();
+    passage.close();
+  },
+
+  "a page whose code cannot be fetched says so and comes with the server": async () => {
+    const passage = await gate();
+    const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+    const page = await context.newPage();
+    await page.goto(`${passage.url}/`);
+    await page.locator(`[data-asset="${asset}"]`).waitFor();
+    passage.close();
+    await page.getByRole("link", { name: "Libraries" }).click();
+    await page.getByText("This page could not be loaded from the server").waitFor({ timeout: 20_000 });
+    await page.getByText("Connection lost since").waitFor({ timeout: 20_000 });
+    await passage.open();
+    await page.locator("h1", { hasText: "Libraries" }).waitFor({ timeout: 20_000 });
+    await page.locator("tbody tr").first().waitFor({ timeout: 20_000 });
+    await context.close();
+    passage.close();
+  },
+};
