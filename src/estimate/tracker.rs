@@ -372,6 +372,8 @@ impl Tracker {
         answer.median_um = Some(median);
         answer.mean_um = Some(self.grid.mean_um(probability));
         answer.p05_um = Some(p05);
+        answer.p25_um = Some(quantile(0.25));
+        answer.p75_um = Some(quantile(0.75));
         answer.p95_um = Some(p95);
         answer.log_evidence = updated.log_evidence.is_finite().then_some(updated.log_evidence);
         answer.best_state = Some(best_state(library, self.grid.depths_um()[updated.best.1], member));

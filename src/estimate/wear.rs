@@ -76,6 +76,12 @@ pub struct WearEstimate {
     /// 5 % quantile of wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p05_um: Option<f64>,
+    /// 25 % quantile of wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p25_um: Option<f64>,
+    /// 75 % quantile of wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p75_um: Option<f64>,
     /// 95 % quantile of wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p95_um: Option<f64>,
@@ -130,6 +136,8 @@ impl WearEstimate {
             median_um: None,
             mean_um: None,
             p05_um: None,
+            p25_um: None,
+            p75_um: None,
             p95_um: None,
             above_limit: None,
             log_evidence: None,

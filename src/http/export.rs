@@ -221,6 +221,8 @@ fn write(writer: &mut Writer, segment: &Segment, spectrum: Option<&Spectrum>) ->
         median_um: segment.wear.median_um,
         p05_um: segment.wear.p05_um,
         p95_um: segment.wear.p95_um,
+        p25_um: segment.wear.p25_um,
+        p75_um: segment.wear.p75_um,
     };
     writer.write(&base, HistoryKind::Wear, start, received, &wear)?;
     match spectrum {

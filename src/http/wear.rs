@@ -146,6 +146,10 @@ struct HistoryRow {
     mean_um: Option<f64>,
     /// 5 % quantile of wear depth in µm.
     p05_um: Option<f64>,
+    /// 25 % quantile of wear depth in µm.
+    p25_um: Option<f64>,
+    /// 75 % quantile of wear depth in µm.
+    p75_um: Option<f64>,
     /// 95 % quantile of wear depth in µm.
     p95_um: Option<f64>,
     /// Wear depth in µm known from elsewhere.
@@ -199,6 +203,8 @@ fn table_of(view: &HistoryView, table: &mut table::Table) -> Result<(), csv::Err
         "median_um",
         "mean_um",
         "p05_um",
+        "p25_um",
+        "p75_um",
         "p95_um",
         "reference_wear_um",
         "log_evidence",
@@ -208,6 +214,8 @@ fn table_of(view: &HistoryView, table: &mut table::Table) -> Result<(), csv::Err
             row.median_um,
             row.mean_um,
             row.p05_um,
+            row.p25_um,
+            row.p75_um,
             row.p95_um,
             row.reference_wear_um,
             row.log_evidence,
@@ -249,6 +257,8 @@ fn render(trend: &Trend, bins: &[OperatingBin], chosen: &Chosen, most: usize) ->
             median_um: point.median_um,
             mean_um: point.mean_um,
             p05_um: point.p05_um,
+            p25_um: point.p25_um,
+            p75_um: point.p75_um,
             p95_um: point.p95_um,
             reference_wear_um: point.reference_wear_um,
             log_evidence: point.log_evidence,

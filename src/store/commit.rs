@@ -245,13 +245,13 @@ impl Commit {
 
     async fn set_estimates(&mut self, generation: i64, wears: &[(SegmentKey, RunResult)]) -> Result<(), StoreError> {
         let text = format!(
-            "INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, p05_um, p95_um, log_evidence, estimate,
-                run_indicators)
+            "INSERT INTO wear_estimates (segment_id, generation, status, reason, median_um, mean_um, p05_um, p25_um, p75_um, p95_um, log_evidence,
+                estimate, run_indicators)
              VALUES {}
              ON CONFLICT (segment_id, generation) DO UPDATE SET status = excluded.status, reason = excluded.reason,
-                median_um = excluded.median_um, mean_um = excluded.mean_um, p05_um = excluded.p05_um, p95_um = excluded.p95_um,
-                log_evidence = excluded.log_evidence, estimate = excluded.estimate, run_indicators = excluded.run_indicators",
-            rows_of_placeholders(wears.len(), 11)
+                median_um = excluded.median_um, mean_um = excluded.mean_um, p05_um = excluded.p05_um, p25_um = excluded.p25_um,
+                p75_um = excluded.p75_um, p95_um = excluded.p95_um, log_evidence = excluded.log_evidence, estimate = excluded.estimate, run_indicators = excluded.run_indicators",
+            rows_of_placeholders(wears.len(), 13)
         );
         let mut query = sqlx::query(AssertSqlSafe(text));
         for (key, RunResult { indicators, wear }) in wears {
@@ -272,6 +272,8 @@ impl Commit {
                 .bind(finite_or_none("median_um", wear.median_um)?)
                 .bind(finite_or_none("mean_um", wear.mean_um)?)
                 .bind(finite_or_none("p05_um", wear.p05_um)?)
+                .bind(finite_or_none("p25_um", wear.p25_um)?)
+                .bind(finite_or_none("p75_um", wear.p75_um)?)
                 .bind(finite_or_none("p95_um", wear.p95_um)?)
                 .bind(finite_or_none("log_evidence", wear.log_evidence)?)
                 .bind(to_json(&without_posterior, "estimate", id)?)

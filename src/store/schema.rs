@@ -86,6 +86,7 @@ const MIGRATIONS: &[&[&str]] = &[
     ALARMS,
     SHARING,
     heard_through::TABLE,
+    QUARTILES,
 ];
 
 /// Assets, channels, segments with everything about them.
@@ -338,6 +339,12 @@ const SHARING: &[&str] = &[
     "ALTER TABLE channels ADD COLUMN changed_from_id TEXT",
     // Which libraries are being built, and until when their builders count as alive.
     "CREATE TABLE library_builds (library_id TEXT NOT NULL PRIMARY KEY, builder_until_ns BIGINT NOT NULL)",
+];
+
+/// The middle half of what is believed of the wear; estimates made before have none until they are made again.
+const QUARTILES: &[&str] = &[
+    "ALTER TABLE wear_estimates ADD COLUMN p25_um DOUBLE PRECISION",
+    "ALTER TABLE wear_estimates ADD COLUMN p75_um DOUBLE PRECISION",
 ];
 
 /// Brings the tables up to date; a database from a later program is refused.

@@ -56,6 +56,10 @@ pub struct WearPoint {
     pub mean_um: Option<f64>,
     /// 5 % quantile in µm.
     pub p05_um: Option<f64>,
+    /// 25 % quantile in µm.
+    pub p25_um: Option<f64>,
+    /// 75 % quantile in µm.
+    pub p75_um: Option<f64>,
     /// 95 % quantile in µm.
     pub p95_um: Option<f64>,
     /// Natural logarithm of the evidence.
@@ -97,6 +101,8 @@ impl Trend {
             median_um: get(row, "median_um")?,
             mean_um: get(row, "mean_um")?,
             p05_um: get(row, "p05_um")?,
+            p25_um: get(row, "p25_um")?,
+            p75_um: get(row, "p75_um")?,
             p95_um: get(row, "p95_um")?,
             log_evidence: get(row, "log_evidence")?,
             reference_wear_um: get(row, "reference_wear_um")?,
@@ -209,7 +215,7 @@ impl Store {
             let last_id = trend.segment_id.last().map_or("", |id| id.0.as_str());
             let rows = sqlx::query(
                 "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,
-                    w.p05_um, w.p95_um, w.log_evidence
+                    w.p05_um, w.p25_um, w.p75_um, w.p95_um, w.log_evidence
                  FROM segments s
                  JOIN analyses a ON a.segment_id = s.id AND a.generation = $5
                  JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = $6

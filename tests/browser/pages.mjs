@@ -31,6 +31,10 @@ export const CHECKS = {
     await overviewDrawn(opened.page);
     const wear = await json(`assets/${asset}/wear`);
     if (wear.posterior) await drawn(opened.page, "posterior");
+    if (wear.p25_um != null) {
+      const legend = await opened.page.locator(".plot-wear").innerText();
+      for (const band of ["25 to 75 %", "5 to 95 %"]) assert.ok(legend.includes(band), legend);
+    }
     const { mesh_harmonics: harmonics } = await json(`segments/${wear.segment_id}/spectrum`);
     const labels = opened.page.locator('[data-plot="spectrum"] .annotation-text', { hasText: /^\d+×$/ });
     assert.equal(await labels.count(), harmonics.length, "one label a mesh harmonic");

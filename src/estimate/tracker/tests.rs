@@ -83,6 +83,8 @@ fn the_baseline_is_counted_and_no_number_is_claimed_meanwhile() {
     let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
     assert_eq!(wear.status, WearStatus::Estimated);
     assert!(wear.p05_um.unwrap() <= 2.0 && wear.p95_um.unwrap() < 40.0, "{}", wear.reason);
+    let quantiles = [wear.p05_um, wear.p25_um, wear.median_um, wear.p75_um, wear.p95_um].map(Option::unwrap);
+    assert!(quantiles.is_sorted() && quantiles[1] < quantiles[3], "{quantiles:?}");
 }
 
 #[test]

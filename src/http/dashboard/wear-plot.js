@@ -1,12 +1,12 @@
-// Wear over time: median with its 5 to 95 % band, limits, the baseline's stretch, and the reference where there is one.
+// Wear over time: median with its 50 and 90 % bands, limits, the baseline's stretch, and the reference where there is one.
 
 import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
 import { eventMarks, wordsAt } from "./life-events.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
-/** The outline of the band, one closed polygon for every stretch of records with an interval. */
-function bandOutline(items) {
+/** The outline of a band, one closed polygon for every stretch of records that have both of its edges. */
+function bandOutline(items, low, high) {
   const x = [];
   const y = [];
   let stretch = [];
@@ -14,12 +14,12 @@ function bandOutline(items) {
     if (stretch.length > 1) {
       const back = [...stretch].reverse();
       x.push(...stretch.map((item) => item.start_time), ...back.map((item) => item.start_time), null);
-      y.push(...stretch.map((item) => item.p95_um), ...back.map((item) => item.p05_um), null);
+      y.push(...stretch.map((item) => item[high]), ...back.map((item) => item[low]), null);
     }
     stretch = [];
   };
   for (const item of items) {
-    if (item.p05_um == null || item.p95_um == null) close();
+    if (item[low] == null || item[high] == null) close();
     else stretch.push(item);
   }
   close();
@@ -34,8 +34,9 @@ function limitLine(name, value, colour, dash, ends) {
   return { trace, shape, annotation };
 }
 
-function hoverWords({ start_time: time, median_um: median, p05_um: low, p95_um: high, reference_wear_um: reference, status, reason }, events) {
+function hoverWords({ start_time: time, median_um: median, p05_um: low, p25_um: quarter, p75_um: threeQuarters, p95_um: high, reference_wear_um: reference, status, reason }, events) {
   const lines = [median == null ? (reason ?? status) : `median ${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`];
+  if (quarter != null) lines.push(`25 to 75 %: ${depth(quarter)} to ${depth(threeQuarters)} µm`);
   if (median != null && status !== "estimated") lines.push(status.replaceAll("_", " "));
   if (reference != null) lines.push(`reference ${depth(reference)} µm`);
   return [...lines, ...(events.get(time) ?? [])].join("<br>");
@@ -86,9 +87,11 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
   const markers = items.length < 40 ? "lines+markers" : "lines";
   const caused = wordsAt(events);
   const estimated = items.some((item) => item.median_um != null);
-  const entries = estimated ? [["line", colour.accent, "median"], ["band", colour.band, "5 to 95 % interval"]] : [];
+  const halved = items.some((item) => item.p25_um != null);
+  const entries = estimated ? [["line", colour.accent, "median"], ...(halved ? [["band", colour.half, "25 to 75 %"]] : []), ["band", colour.band, "5 to 95 % interval"]] : [];
   const traces = [
-    { ...bandOutline(items), mode: "lines", fill: "toself", fillcolor: colour.band, line: { width: 0 }, hoverinfo: "skip" },
+    { ...bandOutline(items, "p05_um", "p95_um"), mode: "lines", fill: "toself", fillcolor: colour.band, line: { width: 0 }, hoverinfo: "skip" },
+    { ...bandOutline(items, "p25_um", "p75_um"), mode: "lines", fill: "toself", fillcolor: colour.half, line: { width: 0 }, hoverinfo: "skip" },
     { x: times, y: items.map((item) => item.median_um), mode: markers, line: { color: colour.accent, width: 2 }, hoverinfo: "skip" },
     recordPoints(items, items.map((item) => item.median_um ?? 0), (item) => hoverWords(item, caused)),
   ];
@@ -129,7 +132,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
   return {
     traces,
     legend: entries,
-    table: () => ["start_time", "segment_id", "status", "median_um", "p05_um", "p95_um", "reference_wear_um"].map((key) => [key, items.map((item) => item[key])]),
+    table: () => ["start_time", "segment_id", "status", "median_um", "p05_um", "p25_um", "p75_um", "p95_um", "reference_wear_um"].map((key) => [key, items.map((item) => item[key])]),
     sub: `Greatest wear depth over the flank, channel ${channel}. Click a record to see it.`,
     summary: `Wear depth over ${items.length} records: ${now}.`,
     layout: {
