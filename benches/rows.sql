@@ -22,7 +22,7 @@ INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate
         raw_media_type, raw_channel_index)
     SELECT lpad(to_hex(17179869184 + t * 60), 9, '0') || left(md5(t || '/' || c), 15), c, t * 60000000000::bigint, t * 60000000000::bigint, 25600, 25600, 'm/s2',
         '{"shaft_speed_hz":24.9,"torque_nm":118.4}', md5(t || ':' || c) || md5(c || ':' || t), 102512, 'application/x-protobuf', 0
-    FROM generate_series(0, :records - 1) t, generate_series(1, :channels) c;
+    FROM generate_series(0, :records - 1) t, LATERAL generate_series(1, :channels + 0 * t) c;
 SELECT '{"values":{' || string_agg('"indicator_' || k || '":0.12345678901234' || k, ',') || '}}' AS indicators FROM generate_series(1, :indicators) k \gset
 SELECT '{"values":{' || string_agg('"mesh_' || k || '":0.12345678901234' || k, ',') || '}}' AS features FROM generate_series(1, :features) k \gset
 INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
@@ -53,17 +53,19 @@ PREPARE trend (bigint, bigint, text, bigint) AS
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 * 60000000000::bigint, '', 4096);
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE trend(:channels / 2, :records / 4 * 60000000000::bigint, '', 4096);
 
-\echo '--- the latest segment of a channel with its wear (first cold, then again)'
+\echo '--- the latest 50 segments of a channel with their wear (first cold, then again)'
 PREPARE latest (bigint) AS
     SELECT s.*, c.asset_id, c.name AS channel, a.indicators, a.features, w.estimate, w.run_indicators, p.wear_um, p.probability
-    FROM segments s
+    FROM (
+        SELECT * FROM segments WHERE channel_no = $1 AND start_time_ns >= -9223372036854775808 AND start_time_ns < 9223372036854775807
+            AND (start_time_ns, id) < (9223372036854775807, '')
+        ORDER BY start_time_ns DESC, id DESC LIMIT 50
+    ) s
     JOIN channels c ON c.channel_no = s.channel_no
     JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
     JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = c.wear_generation
     LEFT JOIN wear_posteriors p ON p.segment_id = s.id AND p.generation = c.wear_generation
-    WHERE s.channel_no = $1 AND s.start_time_ns >= -9223372036854775808 AND s.start_time_ns < 9223372036854775807
-        AND (s.start_time_ns, s.id) < (9223372036854775807, '')
-    ORDER BY s.start_time_ns DESC, s.id DESC LIMIT 1;
+    ORDER BY s.start_time_ns DESC, s.id DESC;
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest(7);
 EXPLAIN (ANALYZE, BUFFERS, COSTS OFF) EXECUTE latest(7);
 

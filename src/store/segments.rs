@@ -144,12 +144,13 @@ pub struct SegmentFilter {
     pub order: Order,
 }
 
-/// Segments with what is served of them.
+/// What is read of a segment.
 const SEGMENT: &str =
     "SELECT s.*, c.asset_id, c.name AS channel, a.analysis_key, a.feature_key, a.shaft_speed, a.basis, a.indicators, a.features,
-        w.estimate, w.run_indicators, p.wear_um, p.probability
-    FROM segments s
-    JOIN channels c ON c.channel_no = s.channel_no
+        w.estimate, w.run_indicators, p.wear_um, p.probability";
+
+/// What is served of segments `s`.
+const SERVED: &str = "JOIN channels c ON c.channel_no = s.channel_no
     JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
     JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = c.wear_generation
     LEFT JOIN wear_posteriors p ON p.segment_id = s.id AND p.generation = c.wear_generation";
@@ -164,7 +165,10 @@ impl Store {
     pub async fn segments_by_id(&self, ids: &[SegmentId]) -> Result<Vec<Segment>, StoreError> {
         let mut found = Vec::new();
         for chunk in ids.chunks(200) {
-            let text = format!("{SEGMENT} WHERE s.id IN ({})", placeholders(1, chunk.len()));
+            let text = format!(
+                "{SEGMENT} FROM segments s {SERVED} WHERE s.id IN ({})",
+                placeholders(1, chunk.len())
+            );
             let mut query = sqlx::query(AssertSqlSafe(text));
             for id in chunk {
                 query = query.bind(id.0.as_str());
@@ -239,9 +243,12 @@ impl Store {
             Order::Asc => (">", "ASC", i64::MIN),
             Order::Desc => ("<", "DESC", i64::MAX),
         };
+        // Chosen before anything is joined: PostgreSQL would otherwise join the whole channel, as it cannot know that each has what is served.
         let text = format!(
-            "{SEGMENT} WHERE s.channel_no = $1 AND s.start_time_ns >= $2 AND s.start_time_ns < $3 AND (s.start_time_ns, s.id) {after} ($4, $5)
-             ORDER BY s.start_time_ns {direction}, s.id {direction} LIMIT $6"
+            "{SEGMENT} FROM (
+                SELECT * FROM segments WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (start_time_ns, id) {after} ($4, $5)
+                ORDER BY start_time_ns {direction}, id {direction} LIMIT $6
+             ) s {SERVED} ORDER BY s.start_time_ns {direction}, s.id {direction}"
         );
         let (after_ns, after_id) = match &filter.after {
             Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
