@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::cluster::{Cluster, ClusterSecrets, ClusterSettings, ClusterTable, RunningWorker, Words};
-use crate::http::{HealthServer, Node, RunningService, ServiceConfig, SharedEvents, Tokens, live_events, lost_events, start_node};
+use crate::http::{HealthServer, Node, RunningService, ServiceConfig, SharedEvents, live_events, lost_events, start_node};
 use crate::ingest::{Ingest, IngestFolders, Part, SystemClock};
 use crate::store::{SharedSettings, Store, StoreError, StoreSettings};
 
@@ -44,6 +44,12 @@ async fn open(settings: SharedSettings) -> Result<Store, StoreError> {
     }
 }
 
+/// Opens the shared store for a moment; where it is away that is said.
+pub(super) async fn open_once(settings: SharedSettings) -> Result<Store, ServeError> {
+    let opened = Store::open(&StoreSettings::Shared(settings)).await;
+    Ok(opened.map_err(crate::cluster::ClusterError::from)?)
+}
+
 /// Starts an API node.
 pub(super) async fn start_api(service: ServiceConfig, settings: ClusterSettings) -> Result<RunningService, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
@@ -57,7 +63,6 @@ pub(super) async fn start_api(service: ServiceConfig, settings: ClusterSettings)
             backlog: heard.backlog,
             receiver: heard.receiver,
         },
-        tokens: Tokens::of(&service.data_dir),
     };
     let running = start_node(service, node, Arc::new(SystemClock)).await?;
     cluster.tell(running.ingest(), WORDS);

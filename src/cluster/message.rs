@@ -69,6 +69,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
             media_type: message.raw_media_type,
             channel_index: message.raw_channel_index,
         },
+        given_up: 0,
     })
 }
 
@@ -109,6 +110,7 @@ mod tests {
                 media_type: "audio/wav".into(),
                 channel_index: 3,
             },
+            given_up: 0,
         }
     }
 

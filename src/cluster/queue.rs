@@ -47,11 +47,15 @@ impl Queue {
     }
 }
 
-/// The name under which JetStream knows a record; that of an asset made again under an old name is another.
+/// The name under which JetStream knows a record; that of an asset made again under an old name is another, and so is that of a record that was
+/// put among the dead letters since.
 fn message_id(record: &QueuedRecord) -> String {
     let mut hash = Sha256::new();
     hash.update(record.id.0.as_bytes());
     hash.update(record.asset_created_at.as_nanosecond().to_le_bytes());
+    if record.given_up > 0 {
+        hash.update(record.given_up.to_le_bytes());
+    }
     hash.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect()
 }
 

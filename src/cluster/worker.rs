@@ -150,7 +150,7 @@ impl Worker {
         };
         let kind = match treated {
             Ok(()) => AckKind::Ack,
-            Err((Fault::Own, reason)) => match dead_letters::put(&self.connection, &message, &reason).await {
+            Err((Fault::Own, reason)) => match self.give_up(&message, &reason).await {
                 Ok(()) => AckKind::Ack,
                 Err(error) => {
                     tracing::warn!(%error, reason, "record not put among the dead letters yet");
@@ -167,6 +167,15 @@ impl Worker {
         if let Err(error) = message.double_ack_with(kind).await {
             tracing::debug!(%error, "acknowledgement not confirmed");
         }
+    }
+
+    /// Puts a message among the dead letters, so that its record, sent again, is not taken for the one that lies there.
+    async fn give_up(&self, message: &Message, reason: &str) -> Result<(), ClusterError> {
+        // Before it lies there: who sees it there may send its record again at once.
+        if let (Ok(record), Ok(info)) = (message::decode(&message.payload), message.info()) {
+            self.ingest.count_given_up(&record, info.stream_sequence).await?;
+        }
+        dead_letters::put(&self.connection, message, reason).await
     }
 
     /// Has the record of a message stored; holds it as long as something else is away.

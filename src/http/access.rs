@@ -13,11 +13,30 @@ use governor::state::keyed::HashMapStateStore;
 use governor::{Quota, RateLimiter};
 
 use super::problem::Problem;
-use super::tokens::{Scope, Tokens, find};
+use super::shared_tokens::SharedTokens;
+use super::tokens::{Scope, Token, TokenError, Tokens, find};
+
+/// Where the tokens are.
+pub(super) enum TokenPlace {
+    /// In a file of the data folder.
+    File(Tokens),
+    /// In the store that processes share.
+    Shared(SharedTokens),
+}
+
+impl TokenPlace {
+    /// All tokens; none where there never were any.
+    pub(super) async fn list(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
+        match self {
+            Self::File(tokens) => tokens.list(),
+            Self::Shared(tokens) => tokens.list().await,
+        }
+    }
+}
 
 /// The guard before every operation.
 pub(super) struct Access {
-    tokens: Tokens,
+    tokens: TokenPlace,
     /// Set once tokens are asked for: that they all go away opens nothing.
     is_closed: AtomicBool,
     /// Nobody is asked for a token.
@@ -27,7 +46,7 @@ pub(super) struct Access {
 
 impl Access {
     /// `needs_tokens`: also where there are none. `is_open`: not even where there are some.
-    pub(super) fn new(tokens: Tokens, needs_tokens: bool, is_open: bool, requests_per_s: NonZeroU32) -> Self {
+    pub(super) fn new(tokens: TokenPlace, needs_tokens: bool, is_open: bool, requests_per_s: NonZeroU32) -> Self {
         Self {
             tokens,
             is_closed: AtomicBool::new(needs_tokens),
@@ -36,14 +55,17 @@ impl Access {
         }
     }
 
-    fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+    async fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
         refuse_other_pages(method, uri, headers)?;
         let path = uri.path();
         if self.is_open || is_public(path) {
             return Ok(());
         }
-        let tokens = self.tokens.list().map_err(|error| {
+        let tokens = self.tokens.list().await.map_err(|error| {
             tracing::error!(%error, "tokens cannot be read");
+            if error.is_unavailable() {
+                return Problem::busy("the tokens cannot be read: the database is away", 5);
+            }
             Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the tokens cannot be read, the log says why")
         })?;
         if tokens.is_some() {
@@ -124,7 +146,7 @@ fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result
 
 /// Lets a request through, or answers why not.
 pub(super) async fn guard(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
-    match access.check(request.method(), request.uri(), request.headers()) {
+    match access.check(request.method(), request.uri(), request.headers()).await {
         Ok(()) => next.run(request).await,
         Err(problem) => {
             let mut response = problem.into_response();

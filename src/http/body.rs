@@ -113,10 +113,11 @@ pub(super) async fn described<T: DeserializeOwned>(limits: &HttpLimits, headers:
     from_json(&read_description(headers, body, limits).await?)
 }
 
-/// A body in a file, removed when dropped.
+/// A body in a file, removed when dropped unless it is somebody else's.
 pub(super) struct SpooledBody {
     path: PathBuf,
     sha256: Vec<u8>,
+    is_kept: bool,
 }
 
 impl SpooledBody {
@@ -172,7 +173,20 @@ impl SpooledBody {
 
     /// A file that is there already.
     pub(super) fn at(path: PathBuf) -> Self {
-        Self { path, sha256: Vec::new() }
+        Self {
+            path,
+            sha256: Vec::new(),
+            is_kept: false,
+        }
+    }
+
+    /// A file that is there already and stays.
+    pub(super) fn kept_at(path: PathBuf) -> Self {
+        Self {
+            path,
+            sha256: Vec::new(),
+            is_kept: true,
+        }
     }
 
     /// SHA-256 of what was received.
@@ -188,7 +202,9 @@ impl SpooledBody {
 
 impl Drop for SpooledBody {
     fn drop(&mut self) {
-        if let Err(error) = std::fs::remove_file(&self.path) {
+        if !self.is_kept
+            && let Err(error) = std::fs::remove_file(&self.path)
+        {
             tracing::debug!(file = %self.path.display(), %error, "upload file not removed");
         }
     }

@@ -98,6 +98,11 @@ impl Problem {
         &self.0.detail
     }
 
+    /// Whether the same request can succeed later without anything being changed.
+    pub(super) fn may_pass(&self) -> bool {
+        self.0.status == StatusCode::SERVICE_UNAVAILABLE
+    }
+
     /// The same request can succeed after this time.
     pub(super) fn retry_after(mut self, seconds: u32) -> Self {
         self.0.retry_after_s = Some(seconds);

@@ -17,7 +17,8 @@ use super::events::{self, Events};
 use super::limits::HttpLimits;
 use super::metrics::Measurements;
 use super::problem::Problem;
-use super::tus::{self, ResumableUploads};
+use super::resumable::ResumableUploads;
+use super::tus;
 use super::waterfall::LineCache;
 use super::{
     alarms, angle, assets, cepstra, dashboard, export, freshness, health, indicators, libraries, library_states, maintenance, matching,

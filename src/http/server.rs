@@ -9,14 +9,15 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
-use super::access::Access;
+use super::access::{Access, TokenPlace};
 use super::connections::{self, TlsFiles};
 use super::events::{Events, SharedEvents};
 use super::limits::HttpLimits;
 use super::metrics::Measurements;
+use super::resumable::ResumableUploads;
 use super::router::{App, router};
+use super::shared_tokens::SharedTokens;
 use super::tokens::{TokenError, Tokens};
-use super::tus::ResumableUploads;
 use crate::ingest::{Clock, Crew, Ingest, IngestError, IngestFolders, IngestLimits, Part};
 use crate::library::GridSettings;
 use crate::store::{Store, StoreError, StoreSettings};
@@ -134,8 +135,6 @@ pub struct Node {
     pub crew: Arc<dyn Crew>,
     /// What all nodes show.
     pub events: SharedEvents,
-    /// Who may do what.
-    pub tokens: Tokens,
 }
 
 /// Starts the service; it runs until [`RunningService::stop`].
@@ -160,23 +159,22 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
             expected: format!("at most limits.bytes_at_once, {}", config.ingest.bytes_at_once),
         });
     }
-    let (node, tokens) = match node {
-        None => (None, Tokens::of(&config.data_dir)),
-        Some(Node {
-            store,
-            crew,
-            events,
-            tokens,
-        }) => (Some((store, crew, events)), tokens),
+    let tokens = match &node {
+        None => TokenPlace::File(Tokens::of(&config.data_dir)),
+        Some(node) => {
+            let tokens = SharedTokens::of(node.store.clone());
+            tokens.take_over(&config.data_dir).await?;
+            TokenPlace::Shared(tokens)
+        }
     };
     let is_loopback = config.listen.ip().to_canonical().is_loopback();
-    let has_tokens = tokens.list()?.is_some_and(|tokens| !tokens.is_empty());
+    let has_tokens = tokens.list().await?.is_some_and(|tokens| !tokens.is_empty());
     if !is_loopback && !has_tokens && !config.insecure_no_tokens {
         return Err(ServiceError::NoTokens(config.listen));
     }
     let tls = config.tls.as_ref().map(TlsFiles::load).transpose()?;
     let (store, part, shared) = match node {
-        Some((store, crew, events)) => (store, Part::Entrance(crew), Some(events)),
+        Some(Node { store, crew, events }) => (store, Part::Entrance(crew), Some(events)),
         None => {
             let settings = config.store.clone().unwrap_or_else(|| config.data_dir.as_path().into());
             let opened = Store::open(&settings).await;
@@ -210,12 +208,16 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
     };
     ingest.resume().await?;
     let grace = config.http.grace;
-    let folder = config.data_dir.join("resumable");
-    let resumable = ResumableUploads::open(folder.clone(), config.http.recording_bytes).map_err(|source| IngestError::File {
-        action: "read",
-        path: folder,
-        source,
-    })?;
+    let resumable = if ingest.store().is_shared() {
+        ResumableUploads::shared(config.http.recording_bytes)
+    } else {
+        let folder = config.data_dir.join("resumable");
+        ResumableUploads::open(folder.clone(), config.http.recording_bytes).map_err(|source| IngestError::File {
+            action: "read",
+            path: folder,
+            source,
+        })?
+    };
     let access = Access::new(tokens, !is_loopback, config.insecure_no_tokens, config.http.requests_per_s);
     let limits = Arc::new(config.http);
     let app = App {
@@ -228,6 +230,7 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
         uploads: uploads.into(),
         lines: Arc::default(),
     };
+    ResumableUploads::watch(&app);
     let (stop, stopped) = oneshot::channel();
     let is_tls = tls.is_some();
     let server = connections::serve(listener, router(app), tls, limits, stopped);

@@ -1,4 +1,5 @@
-//! Bearer tokens: who may do what. Kept hashed in a file of the data folder, so that they are made and revoked while the service runs.
+//! Bearer tokens: who may do what. Of one machine they are kept hashed in a file of the data folder, so that they are made and revoked while the
+//! service runs; where processes share a store they are rows of it (`shared_tokens`).
 
 use std::fs;
 use std::io::{self, Write};
@@ -12,6 +13,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 use thiserror::Error;
+
+use crate::store::StoreError;
 
 /// Begins every token, so that one is recognised where it should not be.
 const PREFIX: &str = "fwt";
@@ -62,7 +65,7 @@ pub struct Token {
     /// When it was made.
     pub created_at: Timestamp,
     /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so that a slow hash would add nothing.
-    sha256: String,
+    pub(super) sha256: String,
 }
 
 /// Why tokens cannot be read or kept.
@@ -92,6 +95,31 @@ pub enum TokenError {
     /// There is no such token.
     #[error("there is no token {0:?}")]
     Unknown(String),
+    /// The store that they are shared in refused or failed.
+    #[error("tokens: {0}")]
+    Store(#[from] StoreError),
+    /// The store that they are shared in does not answer.
+    #[error("tokens: the database does not answer")]
+    Silent,
+    /// The shared store says something that is not understood.
+    #[error("token {id}: {reason}")]
+    Stored {
+        /// Which token.
+        id: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+impl TokenError {
+    /// Whether the store is away, so that asking again can succeed later.
+    pub(super) fn is_unavailable(&self) -> bool {
+        match self {
+            Self::Silent => true,
+            Self::Store(error) => error.is_unavailable(),
+            _ => false,
+        }
+    }
 }
 
 /// The tokens of a data folder.
@@ -152,20 +180,11 @@ impl Tokens {
 
     /// Makes a token and returns it; it cannot be had again.
     pub fn create(&self, name: &str, scope: Scope, now: Timestamp) -> Result<String, TokenError> {
-        let mut random = [0; 36];
-        getrandom::fill(&mut random).map_err(|error| TokenError::Random(error.to_string()))?;
-        let (id, secret) = random.split_at(4);
-        let (id, secret) = (hexadecimal(id), hexadecimal(secret));
+        let (token, kept) = mint(name, scope, now)?;
         let mut tokens = self.list()?.map(|tokens| tokens.to_vec()).unwrap_or_default();
-        tokens.push(Token {
-            id: id.clone(),
-            name: name.to_owned(),
-            scope,
-            created_at: now,
-            sha256: hexadecimal(&Sha256::digest(&secret)),
-        });
+        tokens.push(kept);
         self.keep(&tokens)?;
-        Ok(format!("{PREFIX}_{id}_{secret}"))
+        Ok(token)
     }
 
     /// Takes a token back: it opens nothing from now on.
@@ -201,6 +220,22 @@ impl Tokens {
         out.write_all(&text).and_then(|()| out.sync_all()).map_err(file)?;
         fs::rename(&next, &self.path).map_err(file)
     }
+}
+
+/// A new token: what is given out, and what is kept of it.
+pub(super) fn mint(name: &str, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
+    let mut random = [0; 36];
+    getrandom::fill(&mut random).map_err(|error| TokenError::Random(error.to_string()))?;
+    let (id, secret) = random.split_at(4);
+    let (id, secret) = (hexadecimal(id), hexadecimal(secret));
+    let kept = Token {
+        id: id.clone(),
+        name: name.to_owned(),
+        scope,
+        created_at: now,
+        sha256: hexadecimal(&Sha256::digest(&secret)),
+    };
+    Ok((format!("{PREFIX}_{id}_{secret}"), kept))
 }
 
 /// The token among `tokens` that was presented; none where it is not one of them.

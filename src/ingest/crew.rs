@@ -45,6 +45,9 @@ pub struct QueuedRecord {
     pub reference_wear_um: Option<f64>,
     /// Where the raw bytes are.
     pub raw: RawReference,
+    /// How often it was given up lately as one that cannot be stored: sent again it is another one to the queue.
+    #[serde(skip)]
+    pub given_up: u32,
 }
 
 /// What became of a record that was handed over.
@@ -104,7 +107,7 @@ impl Part {
 }
 
 impl QueuedRecord {
-    fn new(asset: &Asset, named: &Named, received_at: Timestamp) -> Self {
+    fn new(asset: &Asset, named: &Named, received_at: Timestamp, given_up: u32) -> Self {
         let record = &named.record;
         Self {
             id: named.id.clone(),
@@ -117,6 +120,7 @@ impl QueuedRecord {
             operating_point: record.operating_point(),
             reference_wear_um: named.reference_wear_um,
             raw: named.raw.clone(),
+            given_up,
         }
     }
 }
@@ -141,7 +145,13 @@ impl Ingest {
         received_at: Timestamp,
     ) -> Result<Vec<QueuedRecord>, IngestError> {
         self.keep_raw(raws).await?;
-        Ok(named.iter().map(|named| QueuedRecord::new(asset, named, received_at)).collect())
+        let ids: Vec<SegmentId> = named.iter().map(|named| named.id.clone()).collect();
+        let given_up = self.inner.store.dead_letters_of(&ids).await?;
+        let queued = named.iter().map(|named| {
+            let times = given_up.get(&named.id).copied().unwrap_or(0);
+            QueuedRecord::new(asset, named, received_at, times)
+        });
+        Ok(queued.collect())
     }
 
     /// Hands over the records of one upload that are not among those stored, and answers for all in their order.
@@ -203,6 +213,13 @@ impl Ingest {
                 Ok(TakenOver::Repeated)
             }
         }
+    }
+
+    /// Says that a record was given up, as the `letter`th of the queue; said again of the same one it changes nothing.
+    pub async fn count_given_up(&self, record: &QueuedRecord, letter: u64) -> Result<(), IngestError> {
+        let letter = i64::try_from(letter).unwrap_or(i64::MAX);
+        let now = self.inner.clock.now();
+        Ok(self.inner.store.count_dead_letter(&record.id, letter, now).await?)
     }
 
     async fn name_again(&self, spec: AssetSpec, record: QueuedRecord) -> Result<Named, IngestError> {

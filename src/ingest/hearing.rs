@@ -198,7 +198,17 @@ impl Ingest {
                 heard += self.catch_up_channel(listener, &channel).await?;
             }
         }
+        self.inner.store.caught_up(listener, &of).await?;
         Ok(heard)
+    }
+
+    /// Those of the segments of its sensor that a listener does not have.
+    async fn unheard(&self, listener: &AssetId, mut segments: Vec<Segment>) -> Result<Vec<Segment>, IngestError> {
+        let ids: Vec<SegmentId> = segments.iter().map(|segment| heard_id(listener, segment)).collect();
+        let known = self.inner.store.segments_by_id(&ids).await?;
+        let known: HashSet<&SegmentId> = known.iter().map(|segment| &segment.id).collect();
+        segments.retain(|segment| !known.contains(&heard_id(listener, segment)));
+        Ok(segments)
     }
 
     async fn catch_up_channel(&self, listener: &AssetId, channel: &ChannelSummary) -> Result<usize, IngestError> {
@@ -214,6 +224,7 @@ impl Ingest {
                 start_time: last.start_time,
                 id: last.id.clone(),
             });
+            let segments = self.unheard(listener, segments).await?;
             let spec = self.asked_for(listener).await?.0.spec;
             let _keeping = self.inner.keeping.read().await;
             let (store, of) = (self.inner.store.clone(), spec.clone());
@@ -222,6 +233,11 @@ impl Ingest {
             heard += self.hear(spec, again, self.inner.clock.now()).await?;
         }
     }
+}
+
+/// The record that a segment is for a listener.
+fn heard_id(listener: &AssetId, segment: &Segment) -> SegmentId {
+    SegmentId::derive(listener, &segment.channel, segment.start_time, &segment.raw)
 }
 
 /// One of the assets of a sensor, the others known to its description.

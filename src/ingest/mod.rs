@@ -13,6 +13,7 @@ mod batch;
 mod channels;
 mod clock;
 mod crew;
+mod describing;
 mod error;
 mod feed;
 mod fold;
@@ -42,9 +43,9 @@ use std::time::Duration;
 
 use tokio::sync::{RwLock, Semaphore, broadcast};
 
-use crate::asset::{AssetId, AssetSpec, Segment};
+use crate::asset::{AssetId, Segment};
 use crate::library::{EnsembleSettings, GridSettings, LibraryShelf};
-use crate::store::{AlarmNotice, Asset, Store, StoredEvent};
+use crate::store::{AlarmNotice, Store, StoredEvent};
 
 pub use accept::{Accepted, Given, RecordFormat};
 pub use alarms::PersonsAction;
@@ -78,6 +79,8 @@ pub struct IngestLimits {
     pub neighbours: EnsembleSettings,
     /// How many raw bytes are kept.
     pub quotas: RawQuotas,
+    /// Where processes share a store: how often each looks at what another has left undone.
+    pub looked_every: Duration,
 }
 
 impl Default for IngestLimits {
@@ -90,6 +93,7 @@ impl Default for IngestLimits {
             library_wait: Duration::from_secs(120),
             neighbours: EnsembleSettings::default(),
             quotas: RawQuotas::default(),
+            looked_every: Duration::from_secs(30),
         }
     }
 }
@@ -184,6 +188,7 @@ struct Inner {
     commits: group_commit::CommitQueue,
     recomputations: recompute::Recomputations,
     quotas: RawQuotas,
+    looked_every: Duration,
     retaining: tokio::sync::Mutex<()>,
     clock: Arc<dyn Clock>,
     folders: IngestFolders,
@@ -235,6 +240,7 @@ impl Ingest {
                 commits: group_commit::CommitQueue::default(),
                 recomputations: recompute::Recomputations::default(),
                 quotas: limits.quotas,
+                looked_every: limits.looked_every,
                 retaining: tokio::sync::Mutex::default(),
                 announcements: broadcast::channel(1024).0,
                 tally: Tally::default(),
@@ -280,60 +286,6 @@ impl Ingest {
     /// Follows what happens from now on.
     pub fn follow(&self) -> broadcast::Receiver<Announcement> {
         self.inner.announcements.subscribe()
-    }
-
-    /// Makes an asset and starts its library; what came before through the sensor that it hears through is looked at in the background.
-    ///
-    /// Error: the asset that it is to hear through is not there or hears through another one.
-    pub async fn create_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
-        let _turn = self.inner.describing.lock().await;
-        self.check_sensor(spec, None).await?;
-        let asset = self.inner.store.insert_asset(spec, self.inner.clock.now()).await?;
-        self.inner.libraries.prepare(spec);
-        if let Part::Entrance(crew) = &self.inner.part {
-            crew.tell_of(&spec.id);
-        }
-        self.announce(Announcement::AssetChanged(spec.id.clone()));
-        if spec.sensor.of.is_some() {
-            self.recompute_in_background(self.ids_of_sensor(&spec.id).await?);
-            self.catch_up_in_background(vec![spec.id.clone()]);
-        }
-        Ok(asset)
-    }
-
-    /// Replaces an asset's description; its history is computed again in the background where it depends on what changed.
-    pub async fn update_asset(&self, spec: &AssetSpec) -> Result<Asset, IngestError> {
-        let _turn = self.inner.describing.lock().await;
-        let beside = self.ids_of_sensor(&spec.id).await?;
-        let before = self.inner.store.asset(&spec.id).await?.spec;
-        self.check_sensor(spec, Some(&before)).await?;
-        let asset = self.inner.store.update_asset(spec, self.inner.clock.now()).await?;
-        self.inner.libraries.prepare(spec);
-        self.announce(Announcement::AssetChanged(spec.id.clone()));
-        self.recompute_in_background(beside);
-        self.recompute_in_background(self.ids_of_sensor(&spec.id).await?);
-        if spec.sensor.of.is_some() {
-            self.catch_up_in_background(vec![spec.id.clone()]);
-        }
-        Ok(asset)
-    }
-
-    /// Removes an asset, its rows, and the raw recordings that no other asset has.
-    ///
-    /// Error: [`IngestError::HeardByOthers`].
-    pub async fn delete_asset(&self, id: &AssetId) -> Result<(), IngestError> {
-        let _turn = self.inner.describing.lock().await;
-        let beside = self.ids_beside(id).await?;
-        let _nobody_keeps = self.inner.keeping.write().await;
-        let orphans = self.inner.store.delete_asset(id).await?;
-        self.recompute_in_background(beside);
-        self.inner.channels.forget(id);
-        self.forget_recomputations(id);
-        self.announce(Announcement::AssetRemoved(id.clone()));
-        if let Some(crew) = self.crew() {
-            crew.tell_of(id);
-        }
-        self.remove_objects(orphans).await
     }
 
     /// Goes on where the process before ended, in the background: starts the library of every asset, computes again what was computed

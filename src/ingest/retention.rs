@@ -47,35 +47,40 @@ impl Ingest {
         if let Some(quota) = quotas.bytes_per_asset {
             for (asset, bytes) in store.raw_volumes().await? {
                 let Ok(asset) = AssetId::new(asset) else { continue };
-                self.give_up(Some(&asset), bytes.saturating_sub(quota)).await?;
+                if bytes > quota {
+                    self.give_up(Some(&asset), quota).await?;
+                }
             }
         }
         if let Some(quota) = quotas.bytes {
             let bytes: u64 = store.raw_volumes().await?.values().sum();
-            self.give_up(None, bytes.saturating_sub(quota)).await?;
+            if bytes > quota {
+                self.give_up(None, quota).await?;
+            }
         }
         Ok(())
     }
 
-    async fn give_up(&self, asset: Option<&AssetId>, mut bytes: u64) -> Result<(), IngestError> {
-        while bytes > 0 {
+    async fn give_up(&self, asset: Option<&AssetId>, quota: u64) -> Result<(), IngestError> {
+        loop {
             // Nobody is between keeping raw bytes and storing their rows now.
             let _nobody_keeps = self.inner.keeping.write().await;
-            let given_up = self.inner.store.give_up_oldest(asset, bytes, GIVEN_UP_AT_ONCE).await?;
-            if given_up.objects == 0 {
-                break;
-            }
+            let given_up = self.inner.store.give_up_oldest(asset, quota, GIVEN_UP_AT_ONCE).await?;
             let GivenUp {
                 objects,
-                bytes: freed,
+                bytes,
+                is_within,
                 orphans,
             } = given_up;
-            self.remove_objects(orphans).await?;
-            let of = asset.map_or("all", AssetId::as_str);
-            tracing::info!(of, objects, bytes = freed, "oldest raw recordings given up for the quota");
-            bytes = bytes.saturating_sub(freed);
+            if objects > 0 {
+                self.remove_objects(orphans).await?;
+                let of = asset.map_or("all", AssetId::as_str);
+                tracing::info!(of, objects, bytes, "oldest raw recordings given up for the quota");
+            }
+            if is_within || objects == 0 {
+                return Ok(());
+            }
         }
-        Ok(())
     }
 
     /// Removes raw objects that nothing refers to: what a process that was killed had kept and not stored the results of. Returns how

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use sqlx::Row;
 use sqlx::any::AnyRow;
+use sqlx::{Any, Row, Transaction};
 
-use super::rows::{from_ns, get, get_count, get_json, get_time, to_json, to_ns};
+use super::rows::{asset_id, from_ns, get, get_count, get_json, get_time, to_json, to_ns};
 use super::{SegmentKey, Store, StoreError, heard_through, raw};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
@@ -109,16 +109,46 @@ impl ChannelSummary {
     }
 }
 
+/// Up to where the descriptions of all assets were known when something was checked against them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DescriptionsMark(i64);
+
+impl DescriptionsMark {
+    /// Refuses to change descriptions by what was checked, where somebody else has changed one since. To be asked after a change of its own,
+    /// which keeps others waiting until the transaction's end.
+    async fn check(self, transaction: &mut Transaction<'_, Any>) -> Result<(), StoreError> {
+        let row = sqlx::query("SELECT value FROM counters WHERE name = 'asset_revision'")
+            .fetch_one(&mut **transaction)
+            .await?;
+        if get::<i64>(&row, "value")? == self.0 + 1 {
+            Ok(())
+        } else {
+            Err(StoreError::Outdated("the description of another asset"))
+        }
+    }
+}
+
 impl Store {
-    /// Stores a new asset.
+    /// Up to where descriptions are known now, for a check that is to hold when what was checked is stored.
+    pub async fn descriptions_mark(&self) -> Result<DescriptionsMark, StoreError> {
+        let row = sqlx::query("SELECT value FROM counters WHERE name = 'asset_revision'")
+            .fetch_one(self.read())
+            .await?;
+        Ok(DescriptionsMark(get(&row, "value")?))
+    }
+
+    /// Stores a new asset, where no description has changed since it was `checked`.
     ///
-    /// Error: [`StoreError::AssetExists`].
-    pub async fn insert_asset(&self, spec: &AssetSpec, now: Timestamp) -> Result<Asset, StoreError> {
+    /// Errors: [`StoreError::AssetExists`]; [`StoreError::Outdated`].
+    pub async fn insert_asset(&self, spec: &AssetSpec, checked: Option<DescriptionsMark>, now: Timestamp) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
         let mut transaction = self.write().begin().await?;
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
             .execute(&mut *transaction)
             .await?;
+        if let Some(mark) = checked {
+            mark.check(&mut transaction).await?;
+        }
         let inserted = sqlx::query(
             "INSERT INTO assets (id, spec, created_at_ns, updated_at_ns, revision)
              SELECT $1, $2, $3, $3, value FROM counters WHERE name = 'asset_revision' ON CONFLICT (id) DO NOTHING",
@@ -136,13 +166,16 @@ impl Store {
         self.asset(&spec.id).await
     }
 
-    /// Replaces an asset's description.
+    /// Replaces an asset's description, where none has changed since it was `checked`.
     ///
-    /// Error: [`StoreError::AssetUnknown`].
-    pub async fn update_asset(&self, spec: &AssetSpec, now: Timestamp) -> Result<Asset, StoreError> {
+    /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
+    pub async fn update_asset(&self, spec: &AssetSpec, checked: Option<DescriptionsMark>, now: Timestamp) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
         let mut commit = self.begin().await?;
         commit.asset_to_change(&spec.id).await?;
+        if let Some(mark) = checked {
+            mark.check(&mut commit.transaction).await?;
+        }
         sqlx::query("UPDATE assets SET spec = $2, updated_at_ns = $3 WHERE id = $1")
             .bind(id)
             .bind(to_json(spec, "spec", id)?)
@@ -178,13 +211,15 @@ impl Store {
         rows.iter().map(asset_of).collect()
     }
 
-    /// Removes an asset with all its rows. Returns the names of the raw objects that nothing refers to any more.
+    /// Removes an asset with all its rows, where no description has changed since this was `checked`. Returns the names of the raw objects that
+    /// nothing refers to any more.
     ///
-    /// Error: [`StoreError::AssetUnknown`].
-    pub async fn delete_asset(&self, id: &AssetId) -> Result<Vec<String>, StoreError> {
+    /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
+    pub async fn delete_asset(&self, id: &AssetId, checked: DescriptionsMark) -> Result<Vec<String>, StoreError> {
         let mut commit = self.begin().await?;
         // No channel begins, and nothing is added, from here on.
         commit.asset_to_change(id).await?;
+        checked.check(&mut commit.transaction).await?;
         let channels = self.channels(id).await?;
         let transaction = &mut commit.transaction;
         heard_through::change_others(transaction, id).await?;
@@ -245,11 +280,7 @@ pub(super) fn asset_of(row: &AnyRow) -> Result<Asset, StoreError> {
 pub(super) fn channel_of(row: &AnyRow) -> Result<ChannelSummary, StoreError> {
     let asset: String = get(row, "asset_id")?;
     Ok(ChannelSummary {
-        asset_id: AssetId::new(asset).map_err(|error| StoreError::Unexpected {
-            what: "asset_id",
-            value: error.to_string(),
-            expected: "an asset's name",
-        })?,
+        asset_id: asset_id(asset)?,
         channel: get(row, "name")?,
         segments: get_count(row, "segments")?,
         first_start_time: get::<Option<i64>>(row, "first_start_ns")?.map(from_ns),

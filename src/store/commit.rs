@@ -46,11 +46,12 @@ impl Commit {
     ///
     /// Error: [`StoreError::AssetUnknown`] where it is gone.
     pub(super) async fn asset_to_change(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
-        let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.to_change());
-        let asset = self.one_asset(id, text).await?;
+        // Before the asset: so do all that change assets, and those that change several do not wait for each other in a ring.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
             .execute(&mut *self.transaction)
             .await?;
+        let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.to_change());
+        let asset = self.one_asset(id, text).await?;
         sqlx::query("UPDATE assets SET revision = (SELECT value FROM counters WHERE name = 'asset_revision') WHERE id = $1")
             .bind(id.as_str())
             .execute(&mut *self.transaction)

@@ -187,42 +187,74 @@ mod tests {
         assert!(matches!(error, StoreError::Newer { found: 999, .. }), "{error}");
     }
 
+    /// The databases that are to carry values: SQLite, and the one that is named for tests.
+    async fn databases(folder: &Path) -> Vec<Database> {
+        #[cfg_attr(not(feature = "cluster"), expect(unused_mut, reason = "there is one"))]
+        let mut databases = vec![Database::open_folder(folder).await.unwrap()];
+        #[cfg(feature = "cluster")]
+        if let Ok(url) = std::env::var("FLANKWATCH_TEST_DATABASE") {
+            sqlx::any::install_default_drivers();
+            let objects = crate::store::ObjectsSettings::Folder(folder.to_path_buf());
+            let mut settings = crate::store::SharedSettings::new(url, objects);
+            // A temporary table is its connection's.
+            (settings.write_connections, settings.read_connections) = (1, 1);
+            let write = shared_pool(&settings, 1).await.unwrap();
+            databases.push(Database {
+                dialect: Dialect::Postgres,
+                read: write.clone(),
+                write,
+                lock: None,
+            });
+        }
+        databases
+    }
+
     #[tokio::test]
     async fn values_of_every_type_come_back_as_they_went() {
         let folder = tempfile::tempdir().unwrap();
-        let database = Database::open_folder(folder.path()).await.unwrap();
-        sqlx::query("CREATE TABLE t (i BIGINT, d DOUBLE PRECISION, s TEXT, b BLOB)")
-            .execute(&database.write)
-            .await
-            .unwrap();
-        // Not -0.0: SQLite keeps it as 0.
-        let doubles = [0.1 + 0.2, f64::MIN_POSITIVE, 5e-324, -1.5, f64::MAX, 3.0];
-        for double in doubles {
-            sqlx::query("INSERT INTO t VALUES ($1, $2, $3, $4)")
-                .bind(i64::MIN)
-                .bind(double)
-                .bind("ä\0b")
-                .bind(double.to_le_bytes().to_vec())
-                .execute(&database.write)
+        for database in databases(folder.path()).await {
+            let make = database
+                .dialect
+                .statement("CREATE TEMPORARY TABLE t (n BIGINT, i BIGINT, d DOUBLE PRECISION, s TEXT, b {bytes})");
+            let mut connection = database.write.acquire().await.unwrap();
+            sqlx::query(sqlx::AssertSqlSafe(make)).execute(&mut *connection).await.unwrap();
+            // PostgreSQL's texts have no NUL.
+            let text = if database.dialect == Dialect::Sqlite { "ä\0b" } else { "äb" };
+            // Not -0.0: SQLite keeps it as 0.
+            let doubles = [0.1 + 0.2, f64::MIN_POSITIVE, 5e-324, -1.5, f64::MAX, 3.0];
+            for (n, double) in (0..).zip(doubles) {
+                sqlx::query("INSERT INTO t VALUES ($1, $2, $3, $4, $5)")
+                    .bind(n)
+                    .bind(i64::MIN)
+                    .bind(double)
+                    .bind(text)
+                    .bind(double.to_le_bytes().to_vec())
+                    .execute(&mut *connection)
+                    .await
+                    .unwrap();
+            }
+            sqlx::query("INSERT INTO t VALUES ($1, $2, $3, $4, $5)")
+                .bind(doubles.len() as i64)
+                .bind(None::<i64>)
+                .bind(None::<f64>)
+                .bind(None::<String>)
+                .bind(None::<Vec<u8>>)
+                .persistent(database.dialect.keeps_optional_doubles())
+                .execute(&mut *connection)
                 .await
                 .unwrap();
+            let rows = sqlx::query("SELECT i, d, s, b FROM t ORDER BY n")
+                .fetch_all(&mut *connection)
+                .await
+                .unwrap();
+            for (row, double) in rows.iter().zip(doubles) {
+                assert_eq!(row.try_get::<i64, _>("i").unwrap(), i64::MIN);
+                assert_eq!(row.try_get::<f64, _>("d").unwrap().to_bits(), double.to_bits());
+                assert_eq!(row.try_get::<String, _>("s").unwrap(), text);
+                assert_eq!(row.try_get::<Vec<u8>, _>("b").unwrap(), double.to_le_bytes());
+            }
+            assert_eq!(rows[doubles.len()].try_get::<Option<f64>, _>("d").unwrap(), None);
+            assert_eq!(rows[doubles.len()].try_get::<Option<Vec<u8>>, _>("b").unwrap(), None);
         }
-        sqlx::query("INSERT INTO t VALUES ($1, $2, $3, $4)")
-            .bind(None::<i64>)
-            .bind(None::<f64>)
-            .bind(None::<String>)
-            .bind(None::<Vec<u8>>)
-            .execute(&database.write)
-            .await
-            .unwrap();
-        let rows = sqlx::query("SELECT i, d, s, b FROM t").fetch_all(&database.read).await.unwrap();
-        for (row, double) in rows.iter().zip(doubles) {
-            assert_eq!(row.try_get::<i64, _>("i").unwrap(), i64::MIN);
-            assert_eq!(row.try_get::<f64, _>("d").unwrap().to_bits(), double.to_bits());
-            assert_eq!(row.try_get::<String, _>("s").unwrap(), "ä\0b");
-            assert_eq!(row.try_get::<Vec<u8>, _>("b").unwrap(), double.to_le_bytes());
-        }
-        assert_eq!(rows[doubles.len()].try_get::<Option<f64>, _>("d").unwrap(), None);
-        assert_eq!(rows[doubles.len()].try_get::<Option<Vec<u8>>, _>("b").unwrap(), None);
     }
 }

@@ -3,7 +3,7 @@
 use sqlx::{Any, AssertSqlSafe, Transaction};
 
 use super::assets::asset_of;
-use super::rows::get;
+use super::rows::{asset_id, get};
 use super::{Asset, Store, StoreError};
 use crate::asset::{AssetId, AssetSpec};
 
@@ -15,6 +15,9 @@ pub(super) const TABLE: &[&str] = &[
     )",
     "CREATE INDEX heard_through_asset ON heard_through (of_asset)",
 ];
+
+/// Whether an asset has had what came through its sensor before it was described.
+pub(super) const CAUGHT_UP: &[&str] = &["ALTER TABLE heard_through ADD COLUMN is_caught_up BIGINT NOT NULL DEFAULT 0"];
 
 /// The other assets of the sensor of asset `$1`, among the assets.
 const OF_SENSOR: &str = "id IN (SELECT of_asset FROM heard_through WHERE asset_id = $1)
@@ -60,6 +63,25 @@ pub(super) async fn set(transaction: &mut Transaction<'_, Any>, spec: &AssetSpec
 }
 
 impl Store {
+    /// Up to `limit` assets that hear through another one and have not had what came before they were described.
+    pub async fn late_listeners(&self, limit: u32) -> Result<Vec<AssetId>, StoreError> {
+        let rows = sqlx::query("SELECT asset_id FROM heard_through WHERE is_caught_up = 0 ORDER BY asset_id LIMIT $1")
+            .bind(i64::from(limit))
+            .fetch_all(self.read())
+            .await?;
+        rows.iter().map(|row| asset_id(get(row, "asset_id")?)).collect()
+    }
+
+    /// Says that an asset has had everything that came through another one before it was described.
+    pub async fn caught_up(&self, listener: &AssetId, of: &AssetId) -> Result<(), StoreError> {
+        sqlx::query("UPDATE heard_through SET is_caught_up = 1 WHERE asset_id = $1 AND of_asset = $2 AND is_caught_up = 0")
+            .bind(listener.as_str())
+            .bind(of.as_str())
+            .execute(self.write())
+            .await?;
+        Ok(())
+    }
+
     /// An asset and all others of its sensor, in the order of their names: the one that the records come for, and those
     /// that hear through it.
     ///

@@ -9,6 +9,7 @@ mod alarms;
 mod assets;
 mod commit;
 mod database;
+mod dead_letters;
 mod error;
 mod fold_states;
 mod generations;
@@ -21,11 +22,13 @@ mod objects;
 mod raw;
 mod recent_wear;
 mod replays;
+mod resumable_uploads;
 mod rows;
 mod schema;
 mod segments;
 mod settings;
 mod shelvings;
+mod tokens;
 mod trend;
 mod upkeep;
 
@@ -40,7 +43,7 @@ use trend::TrendShelf;
 
 pub use alarm_commit::{AlarmNotice, FoldedAlarms, PlacedChange};
 pub use alarms::{AlarmFilter, StoredAlarm, StoredAlarmChange};
-pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary};
+pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary, DescriptionsMark};
 pub use commit::Commit;
 pub use error::StoreError;
 pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
@@ -49,10 +52,12 @@ pub use keyed_uploads::KeyedUpload;
 pub use maintenance::StoredEvent;
 pub use objects::{ListedObject, Objects};
 pub use raw::GivenUp;
+pub use resumable_uploads::{NewUpload, StoredUpload, UploadPiece, UploadProgress};
 pub use segments::{Analysed, NewSegment, Order, RunResult, SegmentFilter, SegmentKey, StoredFeatures};
 pub use settings::StoreSettings;
 #[cfg(feature = "cluster")]
 pub use settings::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
+pub use tokens::StoredToken;
 pub use trend::{Trend, WearPoint};
 
 /// The store; a clone is another handle to the same one.

@@ -87,15 +87,7 @@ impl Objects {
             #[cfg(feature = "cluster")]
             Place::Bucket(bucket) => bucket.get(name)?,
         };
-        let found = Self::name(&bytes);
-        if found == name {
-            Ok(bytes)
-        } else {
-            Err(StoreError::ObjectDamaged {
-                expected: name.to_string(),
-                found,
-            })
-        }
+        whole(name, bytes)
     }
 
     /// Removes an object; one that is not there is no error.
@@ -134,6 +126,45 @@ impl Objects {
         }
     }
 
+    /// Keeps a piece of an upload and returns its name, which is the hash of its bytes; when this returns it is durable.
+    pub fn put_piece(&self, upload: &str, bytes: Bytes) -> Result<String, StoreError> {
+        let name = Self::name(&bytes);
+        match &self.place {
+            Place::Folder(folder) => folder.put_piece(upload, &name, &bytes)?,
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.put_piece(upload, &name, bytes)?,
+        }
+        Ok(name)
+    }
+
+    /// A piece of an upload, checked against its name.
+    pub fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
+        let bytes = match &self.place {
+            Place::Folder(folder) => folder.piece(upload, name)?,
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.piece(upload, name)?,
+        };
+        whole(name, bytes)
+    }
+
+    /// Removes everything that is kept of an upload.
+    pub fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.remove_pieces(upload),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.remove_pieces(upload),
+        }
+    }
+
+    /// The uploads of which there are pieces.
+    pub fn uploads(&self) -> Result<Vec<String>, StoreError> {
+        match &self.place {
+            Place::Folder(folder) => folder.uploads(),
+            #[cfg(feature = "cluster")]
+            Place::Bucket(bucket) => bucket.uploads(),
+        }
+    }
+
     /// The objects whose names begin with this byte.
     pub fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
         match &self.place {
@@ -141,6 +172,19 @@ impl Objects {
             #[cfg(feature = "cluster")]
             Place::Bucket(bucket) => bucket.list(shard),
         }
+    }
+}
+
+/// Bytes that are what their name says.
+fn whole(name: &str, bytes: Bytes) -> Result<Bytes, StoreError> {
+    let found = Objects::name(&bytes);
+    if found == name {
+        Ok(bytes)
+    } else {
+        Err(StoreError::ObjectDamaged {
+            expected: name.to_string(),
+            found,
+        })
     }
 }
 

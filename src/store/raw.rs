@@ -18,6 +18,8 @@ pub struct GivenUp {
     pub objects: u64,
     /// Their bytes.
     pub bytes: u64,
+    /// What is left is within the quota.
+    pub is_within: bool,
     /// Names of those that nothing refers to any more.
     pub orphans: Vec<String>,
 }
@@ -43,10 +45,21 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Gives up the oldest raw objects, of one asset or of all, until `bytes` are freed or `most` objects are gone. Their segments
-    /// stay. The files are the caller's to remove.
-    pub async fn give_up_oldest(&self, asset: Option<&AssetId>, bytes: u64, most: u32) -> Result<GivenUp, StoreError> {
+    /// Gives up the oldest raw objects, of one asset or of all, until they are within `quota` bytes or `most` objects are gone; one process at a
+    /// time, so that no more go than need to. Their segments stay. The files are the caller's to remove.
+    pub async fn give_up_oldest(&self, asset: Option<&AssetId>, quota: u64, most: u32) -> Result<GivenUp, StoreError> {
         let mut transaction = self.write().begin().await?;
+        // Others wait here until this transaction's end, and then see what it has left.
+        sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'retention'")
+            .execute(&mut *transaction)
+            .await?;
+        let bytes = volume(&mut transaction, asset).await?.saturating_sub(quota);
+        if bytes == 0 {
+            return Ok(GivenUp {
+                is_within: true,
+                ..GivenUp::default()
+            });
+        }
         let text = match asset {
             Some(_) => "SELECT sha256, asset_id, bytes FROM raw_objects WHERE asset_id = $2 ORDER BY start_time_ns LIMIT $1",
             None => "SELECT sha256, asset_id, bytes FROM raw_objects ORDER BY start_time_ns LIMIT $1",
@@ -87,6 +100,7 @@ impl Store {
         names.sort_unstable();
         names.dedup();
         given_up.orphans = names;
+        given_up.is_within = given_up.bytes >= bytes;
         Ok(given_up)
     }
 
@@ -96,6 +110,21 @@ impl Store {
         let kept = kept_among(&mut snapshot, &names).await?;
         Ok(names.into_iter().filter(|name| !kept.contains(name)).collect())
     }
+}
+
+/// Bytes of raw objects kept for an asset, or for all.
+async fn volume(transaction: &mut Transaction<'static, Any>, asset: Option<&AssetId>) -> Result<u64, StoreError> {
+    let text = "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS volume FROM raw_volumes";
+    let row = match asset {
+        Some(asset) => {
+            sqlx::query(AssertSqlSafe(format!("{text} WHERE asset_id = $1")))
+                .bind(asset.as_str())
+                .fetch_one(&mut **transaction)
+                .await?
+        }
+        None => sqlx::query(text).fetch_one(&mut **transaction).await?,
+    };
+    Ok(u64::try_from(get::<i64>(&row, "volume")?).unwrap_or(0))
 }
 
 /// Those of the names that an asset keeps.

@@ -7,6 +7,7 @@ use sqlx::any::AnyRow;
 use sqlx::{Decode, Row, Type};
 
 use super::StoreError;
+use crate::asset::AssetId;
 
 /// The value of a column.
 pub(super) fn get<'r, T>(row: &'r AnyRow, column: &'static str) -> Result<T, StoreError>
@@ -58,6 +59,15 @@ pub(super) fn to_json<T: Serialize>(value: &T, what: &'static str, of: &str) -> 
         what,
         of: of.to_string(),
         source,
+    })
+}
+
+/// The asset of a name that the program has written.
+pub(super) fn asset_id(name: String) -> Result<AssetId, StoreError> {
+    AssetId::new(name).map_err(|error| StoreError::Unexpected {
+        what: "asset_id",
+        value: error.to_string(),
+        expected: "an asset's name",
     })
 }
 

@@ -5,7 +5,7 @@
 
 use sqlx::{AnyConnection, AssertSqlSafe, Connection, Row};
 
-use super::{StoreError, heard_through};
+use super::{StoreError, dead_letters, heard_through, resumable_uploads, tokens};
 
 /// Which database speaks behind the `Any` driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub(super) enum Dialect {
 
 impl Dialect {
     /// A migration's statement with the types of this database.
-    fn statement(self, text: &str) -> String {
+    pub(super) fn statement(self, text: &str) -> String {
         match self {
             Self::Sqlite => text.replace("{bytes}", "BLOB"),
             // Texts are in the order of their bytes, as everywhere in the program, whatever the database's language.
@@ -87,6 +87,11 @@ const MIGRATIONS: &[&[&str]] = &[
     SHARING,
     heard_through::TABLE,
     QUARTILES,
+    tokens::TABLE,
+    resumable_uploads::TABLES,
+    dead_letters::TABLE,
+    heard_through::CAUGHT_UP,
+    RETENTION,
 ];
 
 /// Assets, channels, segments with everything about them.
@@ -346,6 +351,9 @@ const QUARTILES: &[&str] = &[
     "ALTER TABLE wear_estimates ADD COLUMN p25_um DOUBLE PRECISION",
     "ALTER TABLE wear_estimates ADD COLUMN p75_um DOUBLE PRECISION",
 ];
+
+/// The row by which processes that give up raw recordings take turns.
+const RETENTION: &[&str] = &["INSERT INTO counters (name, value) VALUES ('retention', 0)"];
 
 /// Brings the tables up to date; a database from a later program is refused.
 pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) -> Result<(), StoreError> {

@@ -2,7 +2,7 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::rows::{get, to_ns};
+use super::rows::{asset_id, get, to_ns};
 use super::{Store, StoreError};
 use crate::asset::AssetId;
 
@@ -19,15 +19,7 @@ impl Store {
         .bind(i64::from(limit))
         .fetch_all(self.read())
         .await?;
-        let ids = rows.iter().map(|row| {
-            let id: String = get(row, "id")?;
-            AssetId::new(id).map_err(|error| StoreError::Unexpected {
-                what: "id",
-                value: error.to_string(),
-                expected: "an asset's name",
-            })
-        });
-        ids.collect()
+        rows.iter().map(|row| asset_id(get(row, "id")?)).collect()
     }
 
     /// Says that all histories of an asset are as they were asked for at a version of it.

@@ -71,7 +71,11 @@ fn raw_objects(service: &Service) -> Vec<std::path::PathBuf> {
     let mut found = Vec::new();
     for shard in std::fs::read_dir(service.folder().join("raw")).unwrap() {
         for object in std::fs::read_dir(shard.unwrap().path()).unwrap() {
-            found.push(object.unwrap().path());
+            let path = object.unwrap().path();
+            // Not the folder for unfinished ones of a process beside others.
+            if !path.is_dir() {
+                found.push(path);
+            }
         }
     }
     found

@@ -18,7 +18,7 @@ use rand::seq::SliceRandom;
 use serde_json::json;
 
 use crate::left_out::unless_absent;
-use crate::running::{ManualClock, minute, record, samples};
+use crate::running::{ManualClock, minute, plain_asset, record, samples};
 use crate::shared_store::TestDatabase;
 
 /// A record's bytes and the asset it belongs to.
@@ -303,6 +303,86 @@ fn nodes_that_start_at_the_same_time_make_the_tables_once() {
             let store = store.unwrap();
             store.check().await.unwrap();
             store.close().await;
+        }
+    });
+}
+
+#[test]
+fn workers_that_keep_a_quota_at_the_same_time_give_up_no_more_than_needed() {
+    let Some(database) = database() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let spec = asset("pump");
+    let all = records(&spec.id, "1", 24);
+    runtime().block_on(async {
+        let settings = StoreSettings::Shared(database.settings(folder.path()));
+        let mut workers = Vec::new();
+        for _ in 0..4 {
+            workers.push(worker(&settings, folder.path()).await);
+        }
+        workers[0].create_asset(&spec).await.unwrap();
+        for sent in &all {
+            send(&workers[0], sent).await;
+        }
+        let volume: u64 = all.iter().map(|(_, bytes)| bytes.len() as u64).sum();
+        let largest = all.iter().map(|(_, bytes)| bytes.len() as u64).max().unwrap();
+        for quota in [volume / 2, volume / 4] {
+            let given_up = workers
+                .iter()
+                .map(|worker| worker.store().give_up_oldest(Some(&spec.id), quota, 256));
+            let given_up = futures_util::future::join_all(given_up).await;
+            assert_eq!(given_up.iter().filter(|one| one.as_ref().unwrap().objects > 0).count(), 1);
+            let left = workers[0].store().raw_volumes().await.unwrap()["pump"];
+            assert!(left <= quota && left + largest > quota, "{left} of {volume} left, expected {quota}");
+        }
+        for worker in &workers {
+            worker.store().close().await;
+        }
+    });
+}
+
+#[test]
+fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
+    let Some(database) = database() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let listener = |n: usize, of: &str| -> AssetSpec {
+        let mut spec = plain_asset(&format!("mesh{n}"));
+        spec["sensor"]["of"] = json!(of);
+        serde_json::from_value(spec).unwrap()
+    };
+    let plain = |id: &str| -> AssetSpec { serde_json::from_value(plain_asset(id)).unwrap() };
+    runtime().block_on(async {
+        let settings = StoreSettings::Shared(database.settings(folder.path()));
+        let mut nodes = Vec::new();
+        for n in 0..4 {
+            nodes.push(worker(&settings, &folder.path().join(n.to_string())).await);
+        }
+        nodes[0].create_asset(&plain("first")).await.unwrap();
+        // More than one sensor may have.
+        let specs: Vec<AssetSpec> = (0..16).map(|n| listener(n, "first")).collect();
+        let made = specs.iter().enumerate().map(|(n, spec)| nodes[n % 4].create_asset(spec));
+        let made = futures_util::future::join_all(made).await;
+        let refused = made.iter().filter_map(|made| made.as_ref().err());
+        for error in refused {
+            assert!(error.to_string().contains("fewer than 8"), "{error}");
+        }
+        let there = nodes[0].store().assets_of_sensor(&plain("first").id).await.unwrap().len();
+        assert_eq!(made.iter().filter(|made| made.is_ok()).count() + 1, there);
+        assert_eq!(there, flankwatch::asset::MOST_ON_ONE_SENSOR, "{made:?}");
+        // One asset goes while another one is to hear through it: one of both is refused, and told why.
+        for n in 100..110 {
+            let of = format!("sensor{n}");
+            let through = listener(n, &of);
+            nodes[0].create_asset(&plain(&of)).await.unwrap();
+            let id = AssetId::new(of).unwrap();
+            let (made, gone) = tokio::join!(nodes[1].create_asset(&through), nodes[2].delete_asset(&id));
+            match (made, gone) {
+                (Ok(_), Err(error)) => assert!(error.to_string().contains(through.id.as_str()), "{error}"),
+                (Err(error), Ok(())) => assert!(error.to_string().contains("sensor.of"), "{error}"),
+                other => panic!("{other:?}"),
+            }
+        }
+        for node in &nodes {
+            node.store().close().await;
         }
     });
 }

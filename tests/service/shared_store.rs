@@ -18,11 +18,15 @@ pub(crate) struct TestDatabase {
 impl TestDatabase {
     /// None where no database is named.
     pub(crate) fn named() -> Option<Self> {
-        let server = std::env::var("FLANKWATCH_TEST_DATABASE").ok()?;
+        Some(Self::on(std::env::var("FLANKWATCH_TEST_DATABASE").ok()?))
+    }
+
+    /// A schema of its own in a database.
+    pub(crate) fn on(server: String) -> Self {
         let schema = format!("test_{}_{}", std::process::id(), SCHEMAS.fetch_add(1, Ordering::Relaxed));
         let database = Self { server, schema };
         database.run(&format!("DROP SCHEMA IF EXISTS {0} CASCADE; CREATE SCHEMA {0}", database.schema));
-        Some(database)
+        database
     }
 
     /// Where a store keeps its rows in this schema, and its objects in the folder or in the bucket that `FLANKWATCH_TEST_BUCKET` names:

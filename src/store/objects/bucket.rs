@@ -1,4 +1,4 @@
-//! Objects in a bucket of an S3-compatible store: `raw/ab/abcdef…` and `libraries/….fwlib`.
+//! Objects in a bucket of an S3-compatible store: `raw/ab/abcdef…`, `libraries/….fwlib` and `uploads/…/abcdef…`.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -134,6 +134,42 @@ impl Bucket {
         self.runtime.block_on(self.fetch(self.library_path(id)))
     }
 
+    /// Keeps a piece of an upload.
+    pub(super) fn put_piece(&self, upload: &str, name: &str, bytes: Bytes) -> Result<(), StoreError> {
+        self.runtime.block_on(self.put(self.piece_path(upload, name), bytes))
+    }
+
+    /// A piece of an upload.
+    pub(super) fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
+        let found = self.runtime.block_on(self.fetch(self.piece_path(upload, name)))?;
+        found.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))
+    }
+
+    /// Removes what is kept of an upload.
+    pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
+        let folder = Path::from(format!("{}uploads/{upload}", self.prefix));
+        let failed = |error| bucket_error("remove", folder.as_ref(), error);
+        self.runtime.block_on(async {
+            let listed: Vec<_> = self.store.list(Some(&folder)).try_collect().await.map_err(failed)?;
+            for piece in listed {
+                match self.store.delete(&piece.location).await {
+                    Ok(()) | Err(Error::NotFound { .. }) => {}
+                    Err(error) => return Err(failed(error)),
+                }
+            }
+            Ok(())
+        })
+    }
+
+    /// The uploads of which there are pieces.
+    pub(super) fn uploads(&self) -> Result<Vec<String>, StoreError> {
+        let folder = Path::from(format!("{}uploads", self.prefix));
+        let listed = self.runtime.block_on(self.store.list_with_delimiter(Some(&folder)));
+        let listed = listed.map_err(|error| bucket_error("list", folder.as_ref(), error))?;
+        let names = listed.common_prefixes.iter().filter_map(|upload| upload.filename());
+        Ok(names.map(str::to_owned).collect())
+    }
+
     async fn put(&self, path: Path, bytes: Bytes) -> Result<(), StoreError> {
         let put = self.store.put(&path, bytes.into()).await;
         put.map(|_| ()).map_err(|error| bucket_error("store", path.as_ref(), error))
@@ -154,6 +190,10 @@ impl Bucket {
             });
         }
         found.bytes().await.map(Some).map_err(failed)
+    }
+
+    fn piece_path(&self, upload: &str, name: &str) -> Path {
+        Path::from(format!("{}uploads/{upload}/{name}", self.prefix))
     }
 
     fn library_path(&self, id: &str) -> Path {

@@ -10,6 +10,9 @@ use jiff::Timestamp;
 
 use super::{ListedObject, StoreError, is_name};
 
+/// Where the pieces of uploads are.
+const UPLOADS: &str = "uploads";
+
 /// A folder of objects.
 #[derive(Debug)]
 pub(super) struct Folder {
@@ -154,6 +157,56 @@ impl Folder {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(file_error("read", &path, source)),
         }
+    }
+
+    /// Keeps a piece of an upload.
+    pub(super) fn put_piece(&self, upload: &str, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
+        let folder = self.pieces(upload);
+        fs::create_dir_all(&folder).map_err(|source| file_error("create the folder", &folder, source))?;
+        self.write(&folder.join(name), bytes)?;
+        for folder in [&folder, &self.folder.join(UPLOADS), &self.folder] {
+            File::open(folder)
+                .and_then(|folder| folder.sync_all())
+                .map_err(|source| file_error("sync the folder", folder, source))?;
+        }
+        Ok(())
+    }
+
+    /// A piece of an upload.
+    pub(super) fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
+        let path = self.pieces(upload).join(name);
+        match fs::read(&path) {
+            Ok(bytes) => Ok(bytes.into()),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Err(StoreError::ObjectMissing(name.to_string())),
+            Err(source) => Err(file_error("read", &path, source)),
+        }
+    }
+
+    /// Removes what is kept of an upload.
+    pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
+        let folder = self.pieces(upload);
+        match fs::remove_dir_all(&folder) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("remove", &folder, error)),
+            _ => Ok(()),
+        }
+    }
+
+    /// The uploads of which there are pieces.
+    pub(super) fn uploads(&self) -> Result<Vec<String>, StoreError> {
+        let folder = self.folder.join(UPLOADS);
+        let entries = match fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(source) => return Err(file_error("list", &folder, source)),
+        };
+        let names = entries.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
+        names
+            .collect::<io::Result<Vec<String>>>()
+            .map_err(|source| file_error("list", &folder, source))
+    }
+
+    fn pieces(&self, upload: &str) -> PathBuf {
+        self.folder.join(UPLOADS).join(upload)
     }
 
     fn library_path(&self, id: &str) -> PathBuf {

@@ -2,6 +2,12 @@
 
 mod faults;
 mod nodes;
+mod postgres;
 mod processes;
 mod proxy;
+mod queue;
+mod resumable;
 mod same_bits;
+mod site;
+mod tokens;
+mod upkeep;

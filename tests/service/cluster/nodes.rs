@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use flankwatch::cluster::{Cluster, NatsSettings, RunningWorker, Words, WorkerLimits};
-use flankwatch::http::{Node, RunningService, ServiceConfig, SharedEvents, Tokens, live_events, lost_events, start, start_node};
+use flankwatch::http::{Node, RunningService, ServiceConfig, SharedEvents, live_events, lost_events, start, start_node};
 use flankwatch::ingest::{Ingest, IngestFolders, Part};
 use flankwatch::library::{EnsembleSettings, GridSettings};
 use flankwatch::recording::{BlockEncoding, encode_block};
@@ -67,14 +67,26 @@ impl Client {
 
     /// Status and body; none where nobody answers.
     pub(super) fn try_send(&self, method: &str, path: &str, media_type: &str, body: &[u8]) -> Option<(u16, Value)> {
-        let request = ureq::http::Request::builder()
-            .method(method)
-            .uri(format!("{}{path}", self.url))
-            .header("content-type", media_type);
+        let (status, _, answer) = self.try_send_with(method, path, &[("content-type", media_type)], body)?;
+        Some((status, answer))
+    }
+
+    /// Status, header fields and body; none where nobody answers.
+    pub(super) fn try_send_with(
+        &self,
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        body: &[u8],
+    ) -> Option<(u16, ureq::http::HeaderMap, Value)> {
+        let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.url));
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
         let mut response = self.agent.run(request.body(body).unwrap()).ok()?;
         let text = response.body_mut().with_config().limit(64 << 20).read_to_string().ok()?;
         let body = serde_json::from_str(&text).unwrap_or(Value::String(text));
-        Some((response.status().as_u16(), body))
+        Some((response.status().as_u16(), response.headers().clone(), body))
     }
 
     #[track_caller]
@@ -168,6 +180,7 @@ fn config(folder: &Path) -> ServiceConfig {
     let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), folder);
     config.http.grace = Duration::from_secs(30);
     config.ingest.workers = 1;
+    config.ingest.looked_every = Duration::from_millis(500);
     config.ingest.neighbours = EnsembleSettings::described_alone();
     config.grid = GridSettings {
         states: 4,
@@ -210,6 +223,17 @@ impl TestCluster {
         (Cluster::join(self.nats.clone()).await.unwrap(), Store::open(&store).await.unwrap())
     }
 
+    /// Does something with the store that nobody of the cluster is told of.
+    pub(super) fn behind_their_backs<T>(&self, work: impl AsyncFnOnce(&Store) -> T) -> T {
+        self.runtime.block_on(async {
+            let settings = StoreSettings::Shared(self.database.settings(&self.folder.path().join("shared")));
+            let store = Store::open(&settings).await.unwrap();
+            let done = work(&store).await;
+            store.close().await;
+            done
+        })
+    }
+
     fn own_folder(&mut self) -> std::path::PathBuf {
         self.started += 1;
         self.folder.path().join(self.started.to_string())
@@ -228,7 +252,6 @@ impl TestCluster {
                     backlog: heard.backlog,
                     receiver: heard.receiver,
                 },
-                tokens: Tokens::of(&folder),
             };
             let running = start_node(config(&folder), node, Arc::new(ManualClock::default())).await.unwrap();
             cluster.tell(running.ingest(), WORDS);

@@ -17,7 +17,7 @@ pub(super) struct Process {
 }
 
 impl Process {
-    fn spawn(mut command: Command) -> Self {
+    pub(super) fn spawn(mut command: Command) -> Self {
         let mut child = command.stdin(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let mut err = child.stderr.take().unwrap();
         let log: Arc<Mutex<String>> = Arc::default();
@@ -36,6 +36,15 @@ impl Process {
     /// What it said so far.
     pub(super) fn log(&self) -> String {
         self.log.lock().unwrap().clone()
+    }
+
+    /// Ends it by a signal, and waits until it has ended; one that has is left alone.
+    pub(super) fn signal(&mut self, name: &str) {
+        if matches!(self.child.try_wait(), Ok(None)) {
+            let id = self.child.id().to_string();
+            let _ = Command::new("kill").args(["-s", name, &id]).status();
+            let _ = self.child.wait();
+        }
     }
 
     /// Ends it at once, whatever it is doing.
@@ -118,11 +127,11 @@ impl Program {
 }
 
 /// A port that nobody listens on.
-fn free_port() -> u16 {
+pub(super) fn free_port() -> u16 {
     TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port()
 }
 
-fn wait_for_port(address: SocketAddr, process: &Process) {
+pub(super) fn wait_for_port(address: SocketAddr, process: &Process) {
     let began = Instant::now();
     while TcpStream::connect(address).is_err() {
         assert!(

@@ -1,0 +1,65 @@
+//! How often a queued record was put among the dead letters: sent again, it is to be told from the one that was.
+
+use std::collections::HashMap;
+
+use jiff::{SignedDuration, Timestamp};
+use sqlx::AssertSqlSafe;
+
+use super::rows::{get, placeholders, to_ns};
+use super::{Store, StoreError};
+use crate::asset::SegmentId;
+
+/// One row for each record; `letter` is the place in the queue that the last one had.
+pub(super) const TABLE: &[&str] = &[
+    "CREATE TABLE dead_letters (
+        segment_id TEXT NOT NULL PRIMARY KEY,
+        times BIGINT NOT NULL,
+        letter BIGINT NOT NULL,
+        put_at_ns BIGINT NOT NULL
+    )",
+    "CREATE INDEX dead_letters_in_time ON dead_letters (put_at_ns)",
+];
+
+/// How long it is remembered: longer than the queue remembers what it had.
+const REMEMBERED: SignedDuration = SignedDuration::from_hours(24);
+
+impl Store {
+    /// Says that a record was put among the dead letters; said again of the same letter it changes nothing.
+    pub async fn count_dead_letter(&self, segment: &SegmentId, letter: i64, now: Timestamp) -> Result<(), StoreError> {
+        sqlx::query("DELETE FROM dead_letters WHERE put_at_ns < $1")
+            .bind(to_ns(now.saturating_sub(REMEMBERED).unwrap_or(Timestamp::MIN))?)
+            .execute(self.write())
+            .await?;
+        sqlx::query(
+            "INSERT INTO dead_letters (segment_id, times, letter, put_at_ns) VALUES ($1, 1, $2, $3)
+             ON CONFLICT (segment_id) DO UPDATE SET times = dead_letters.times + 1, letter = excluded.letter, put_at_ns = excluded.put_at_ns
+             WHERE dead_letters.letter <> excluded.letter",
+        )
+        .bind(segment.0.as_str())
+        .bind(letter)
+        .bind(to_ns(now)?)
+        .execute(self.write())
+        .await?;
+        Ok(())
+    }
+
+    /// Of some records those that were put among the dead letters lately, and how often.
+    pub async fn dead_letters_of(&self, segments: &[SegmentId]) -> Result<HashMap<SegmentId, u32>, StoreError> {
+        let mut found = HashMap::new();
+        for chunk in segments.chunks(500) {
+            let text = format!(
+                "SELECT segment_id, times FROM dead_letters WHERE segment_id IN ({})",
+                placeholders(1, chunk.len())
+            );
+            let mut query = sqlx::query(AssertSqlSafe(text));
+            for segment in chunk {
+                query = query.bind(segment.0.as_str());
+            }
+            for row in query.fetch_all(self.read()).await? {
+                let times: i64 = get(&row, "times")?;
+                found.insert(SegmentId(get(&row, "segment_id")?), u32::try_from(times).unwrap_or(u32::MAX));
+            }
+        }
+        Ok(found)
+    }
+}
