@@ -88,7 +88,7 @@ impl Service {
 
     /// Describes a gear pair's asset and waits until its records can be compared.
     pub(crate) fn make_asset(&self, id: &str) {
-        let pair: toml::Value = toml::from_str(include_str!("../fixtures/pairs/shen2022.toml")).expect("the fixture is TOML");
+        let pair: toml::Value = toml::from_str(include_str!("../../fixtures/pairs/shen2022.toml")).expect("the fixture is TOML");
         let asset = json!({ "id": id, "gear": { "teeth": [24, 36], "shaft_speed_hz": 16.6, "pair": pair }, "sensor": { "unit": "m/s2" } });
         let teeth = asset["gear"]["pair"]["geometry"]["teeth"].clone();
         let speed = asset["gear"]["pair"]["operation"]["shaft_speed_hz"].clone();
