@@ -242,7 +242,8 @@ mod tests {
             "Wear depth (µm), channel in: warning, acknowledged",
             "warning above 100",
             "A &amp; B",
-            "101.2500",
+            "warning raised",
+            ">101.2<",
             "gear replaced",
             "new &lt;pair&gt;",
         ] {
