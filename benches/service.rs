@@ -5,15 +5,18 @@
 
 mod driven;
 
-use std::fs;
-use std::io::BufReader;
+use std::fs::{self, File};
+use std::io::{BufReader, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use driven::{RECORD_BYTES, Service, Uploads, exchange, folder, load, plain, quantile, record};
+use driven::{SAMPLES, Service, Uploads, exchange, folder, load, record};
 use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, encode_block};
+
+/// Bytes of a record of 10 s.
+const RECORD_BYTES: usize = 4 * SAMPLES;
 
 fn main() {
     let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
@@ -30,6 +33,30 @@ fn main() {
     if wanted("growth") {
         growth();
     }
+}
+
+/// Seconds to write and sync these bytes as plain files, one after the other.
+fn plain(folder: &Path, count: usize, bytes: &[u8]) -> f64 {
+    let began = Instant::now();
+    for n in 0..count {
+        let mut file = File::create(folder.join(format!("plain-{n}"))).expect("a file");
+        file.write_all(bytes).expect("room");
+        file.sync_all().expect("synced");
+    }
+    let seconds = began.elapsed().as_secs_f64();
+    for n in 0..count {
+        let _ = fs::remove_file(folder.join(format!("plain-{n}")));
+    }
+    seconds
+}
+
+fn quantile(sorted: &[f64], level: f64) -> f64 {
+    sorted[((sorted.len() - 1) as f64 * level) as usize]
+}
+
+/// Forgets the greatest resident memory of before.
+fn reset_peak(service: &Service) {
+    let _ = fs::write(format!("/proc/{}/clear_refs", service.child.id()), "5");
 }
 
 fn recording() -> PathBuf {
@@ -56,7 +83,7 @@ fn replay() {
     fs::copy(recording(), folder.join("recordings/run.mcap")).expect("the recording");
     let service = Service::start(&folder);
     service.make_asset("pump");
-    service.reset_peak();
+    reset_peak(&service);
     let (_, user_before, system_before) = service.used();
     let reference = plain(&folder, 100, &vec![7; RECORD_BYTES]) / 100.0;
     let began = Instant::now();

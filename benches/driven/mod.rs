@@ -1,6 +1,6 @@
 //! The release binary driven over HTTP: what the benches of the service share.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
@@ -21,12 +21,9 @@ const RATE_HZ: f64 = 20_000.0;
 /// Samples of a record of 10 s.
 pub(crate) const SAMPLES: usize = 200_000;
 
-/// Its bytes.
-pub(crate) const RECORD_BYTES: usize = 4 * SAMPLES;
-
 /// The release binary serving a folder of its own.
 pub(crate) struct Service {
-    child: Child,
+    pub(crate) child: Child,
     pub(crate) address: String,
     pub(crate) folder: PathBuf,
     agent: ureq::Agent,
@@ -124,11 +121,6 @@ impl Service {
         let ticks = |n: usize| fields.get(n).and_then(|text| text.parse::<f64>().ok()).unwrap_or(f64::NAN) / 100.0;
         (peak_kb / 1024.0, ticks(11), ticks(12))
     }
-
-    /// Forgets the greatest resident memory of before.
-    pub(crate) fn reset_peak(&self) {
-        let _ = fs::write(format!("/proc/{}/clear_refs", self.child.id()), "5");
-    }
 }
 
 impl Drop for Service {
@@ -144,21 +136,6 @@ pub(crate) fn folder(name: &str) -> PathBuf {
     let path = target.join(format!("{name}-{}", std::process::id()));
     fs::create_dir_all(&path).expect("a folder for the bench");
     path
-}
-
-/// Seconds to write and sync these bytes as plain files, one after the other.
-pub(crate) fn plain(folder: &Path, count: usize, bytes: &[u8]) -> f64 {
-    let began = Instant::now();
-    for n in 0..count {
-        let mut file = File::create(folder.join(format!("plain-{n}"))).expect("a file");
-        file.write_all(bytes).expect("room");
-        file.sync_all().expect("synced");
-    }
-    let seconds = began.elapsed().as_secs_f64();
-    for n in 0..count {
-        let _ = fs::remove_file(folder.join(format!("plain-{n}")));
-    }
-    seconds
 }
 
 pub(crate) fn record(n: i64, samples: usize) -> Record {
@@ -238,10 +215,6 @@ pub(crate) fn load(
     let seconds = began.elapsed().as_secs_f64();
     times.sort_by(f64::total_cmp);
     (seconds, times)
-}
-
-pub(crate) fn quantile(sorted: &[f64], level: f64) -> f64 {
-    sorted[((sorted.len() - 1) as f64 * level) as usize]
 }
 
 /// Record after record of 10 s: the same samples under another time and so another hash.

@@ -12,9 +12,16 @@ const PICKS: i64 = 40;
 /// Channels whose curves are held in memory.
 const MOST_CHANNELS: usize = 10_000;
 
-/// The curves in memory, by channel number, and at which revision each was read.
+/// The curves in memory by channel number.
 #[derive(Debug, Default)]
-pub(super) struct CurveShelf(Mutex<HashMap<i64, (i64, Arc<[f64]>)>>);
+pub(super) struct CurveShelf(Mutex<HashMap<i64, Held>>);
+
+#[derive(Debug)]
+struct Held {
+    /// The channel's revision when it was read.
+    revision: i64,
+    curve: Arc<[f64]>,
+}
 
 impl Store {
     /// Medians of the wear depth in µm at 40 moments or fewer, evenly from the first record to the last; records without an estimate are
@@ -28,8 +35,8 @@ impl Store {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .get(&channel.channel_no)
-            .filter(|(revision, _)| *revision >= channel.revision)
-            .map(|(_, curve)| Arc::clone(curve));
+            .filter(|held| held.revision >= channel.revision)
+            .map(|held| Arc::clone(&held.curve));
         if let Some(curve) = held {
             return Ok(curve);
         }
@@ -68,7 +75,11 @@ impl Store {
         if held.len() >= MOST_CHANNELS {
             held.clear();
         }
-        held.insert(channel.channel_no, (channel.revision, Arc::clone(&curve)));
+        let entry = Held {
+            revision: channel.revision,
+            curve: Arc::clone(&curve),
+        };
+        held.insert(channel.channel_no, entry);
         Ok(curve)
     }
 }

@@ -99,7 +99,7 @@ fn the_small_curve_of_an_asset_follows_its_history() {
             .collect();
         (curve.as_array().unwrap().clone(), medians)
     };
-    assert_eq!(look().0, [json!(0); 0]);
+    assert!(look().0.is_empty());
     for n in 0..14 {
         service.upload("pump", &record("1", n));
     }
