@@ -222,7 +222,7 @@ mod tests {
             let text = if database.dialect == Dialect::Sqlite { "ä\0b" } else { "äb" };
             // Not -0.0: SQLite keeps it as 0.
             let doubles = [0.1 + 0.2, f64::MIN_POSITIVE, 5e-324, -1.5, f64::MAX, 3.0];
-            for (n, double) in (0..).zip(doubles) {
+            for (n, double) in (0_i64..).zip(doubles) {
                 sqlx::query("INSERT INTO t VALUES ($1, $2, $3, $4, $5)")
                     .bind(n)
                     .bind(i64::MIN)
