@@ -1,7 +1,7 @@
 //! API node and workers on one machine beside the single machine's mode: `cargo bench --features cluster --bench cluster`.
 //!
 //! `FLANKWATCH_TEST_DATABASE` and `FLANKWATCH_TEST_NATS` name a PostgreSQL and a NATS server with JetStream. Records wait in the queue before the workers
-//! start, so that nothing but the processor limits them; raw bytes are in a folder. What the servers themselves cost is read from `/proc` where they run here.
+//! start (`FLANKWATCH_BENCH_AT_ONCE` says how many a worker has in work at once), so that nothing but the processor limits them; raw bytes are in a folder. What the servers themselves cost is read from `/proc` where they run here.
 
 mod driven;
 
@@ -148,8 +148,9 @@ fn config(shared: &Path, database: &str, nats: &str, name: &str) -> PathBuf {
     let objects = shared.join("objects");
     let text = format!(
         "[cluster]\nname = \"{name}\"\n[cluster.database]\nurl = \"{database}\"\n[cluster.nats]\nurls = [\"{nats}\"]\n\
-         [cluster.objects]\nfolder = \"{}\"\n",
-        objects.display()
+         [cluster.objects]\nfolder = \"{}\"\n{}",
+        objects.display(),
+        std::env::var("FLANKWATCH_BENCH_AT_ONCE").map_or(String::new(), |count| format!("[cluster.worker]\nat_once = {count}\n")),
     );
     fs::write(&path, text).expect("room for the settings");
     path
