@@ -23,7 +23,7 @@ function load() {
 export function palette() {
   const values = colours("ink", "muted", "line", "surface", "accent", "warning", "danger", "reference", "select", "edge", "series-1", "series-2", "series-3", "series-4", "series-5");
   const series = [1, 2, 3, 4, 5].map((index) => values[`series-${index}`]);
-  return { ...values, series, other: values["series-2"], band: translucent(values.accent, 0.2), half: translucent(values.accent, 0.28), zone: translucent(values.muted, 0.12) };
+  return { ...values, series, other: values["series-2"], band: translucent(values.accent, 0.2), half: translucent(values.accent, 0.28), halfOnBand: translucent(values.accent, 0.42), zone: translucent(values.muted, 0.12) };
 }
 
 const axis = (colour) => ({

@@ -88,7 +88,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
   const caused = wordsAt(events);
   const estimated = items.some((item) => item.median_um != null);
   const halved = items.some((item) => item.p25_um != null);
-  const entries = estimated ? [["line", colour.accent, "median"], ...(halved ? [["band", colour.half, "25 to 75 %"]] : []), ["band", colour.band, "5 to 95 % interval"]] : [];
+  const entries = estimated ? [["line", colour.accent, "median"], ...(halved ? [["band", colour.halfOnBand, "25 to 75 %"]] : []), ["band", colour.band, "5 to 95 % interval"]] : [];
   const traces = [
     { ...bandOutline(items, "p05_um", "p95_um"), mode: "lines", fill: "toself", fillcolor: colour.band, line: { width: 0 }, hoverinfo: "skip" },
     { ...bandOutline(items, "p25_um", "p75_um"), mode: "lines", fill: "toself", fillcolor: colour.half, line: { width: 0 }, hoverinfo: "skip" },
