@@ -21,6 +21,7 @@ mod maintenance;
 mod objects;
 mod raw;
 mod recent_wear;
+mod renamed_segments;
 mod replays;
 mod resumable_uploads;
 mod rows;

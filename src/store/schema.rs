@@ -1,11 +1,11 @@
 //! The tables, as numbered migrations in one SQL text for SQLite and PostgreSQL.
 //!
-//! Types are BIGINT (also for times: nanoseconds UTC), DOUBLE PRECISION, TEXT and the token `{bytes}`; there are no booleans,
+//! Types are BIGINT (also for times: nanoseconds UTC), DOUBLE PRECISION, TEXT and the tokens `{bytes}` and `{second_of_start}`; there are no booleans,
 //! UUIDs or timestamps, which sqlx's `Any` driver cannot carry. Structures that are only read whole are JSON in TEXT.
 
 use sqlx::{AnyConnection, AssertSqlSafe, Connection, Row};
 
-use super::{StoreError, dead_letters, heard_through, resumable_uploads, tokens};
+use super::{StoreError, dead_letters, heard_through, renamed_segments, resumable_uploads, tokens};
 
 /// Which database speaks behind the `Any` driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,10 +21,15 @@ impl Dialect {
     /// A migration's statement with the types of this database.
     pub(super) fn statement(self, text: &str) -> String {
         match self {
-            Self::Sqlite => text.replace("{bytes}", "BLOB"),
+            Self::Sqlite => text
+                .replace("{bytes}", "BLOB")
+                .replace("{second_of_start}", &format!("printf('%09x', {SECOND_OF_START})")),
             // Texts are in the order of their bytes, as everywhere in the program, whatever the database's language.
             #[cfg(feature = "cluster")]
-            Self::Postgres => text.replace("{bytes}", "BYTEA").replace(" TEXT", " TEXT COLLATE \"C\""),
+            Self::Postgres => text
+                .replace("{bytes}", "BYTEA")
+                .replace("{second_of_start}", &format!("lpad(to_hex({SECOND_OF_START}), 9, '0')"))
+                .replace(" TEXT", " TEXT COLLATE \"C\""),
         }
     }
 
@@ -77,6 +82,9 @@ impl Dialect {
     }
 }
 
+/// The second that an identifier begins with; times before 1970 are rounded down too.
+const SECOND_OF_START: &str = "start_time_ns / 1000000000 - CASE WHEN start_time_ns % 1000000000 < 0 THEN 1 ELSE 0 END + 17179869184";
+
 /// Each migration's statements; a migration that has been released is never changed.
 const MIGRATIONS: &[&[&str]] = &[
     FIRST,
@@ -87,6 +95,7 @@ const MIGRATIONS: &[&[&str]] = &[
     SHARING,
     heard_through::TABLE,
     QUARTILES,
+    renamed_segments::BY_TIME,
     tokens::TABLE,
     resumable_uploads::TABLES,
     dead_letters::TABLE,

@@ -178,6 +178,18 @@ fn a_database_of_version_1_is_opened_and_brought_up_to_date() {
         assert!((segment["indicators"]["rms"].as_f64().unwrap() / rms - 1.0).abs() < 1e-6);
     }
     assert_eq!(segments[9]["wear"]["status"], "no_library");
+    // A record of then that comes again is the one that is there.
+    for segment in segments {
+        let name = segment["raw"]["sha256"].as_str().unwrap();
+        let bytes = std::fs::read(service.folder().join("raw").join(&name[..2]).join(name)).unwrap();
+        let address = format!(
+            "/v1/assets/pump/segments?channel=1&start_time={}",
+            segment["start_time"].as_str().unwrap()
+        );
+        let again = service.post(&address, segment["raw"]["media_type"].as_str().unwrap(), &bytes);
+        assert_eq!(again.expect(201).json()["id"], segment["id"]);
+    }
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
     service.upload("pump", &record("1", 20));
     assert_eq!(service.get("/v1/assets/pump/wear").expect(200).json()["baseline"]["have"], 8);
 }
