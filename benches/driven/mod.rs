@@ -61,26 +61,12 @@ impl Service {
     }
 
     pub(crate) fn get(&self, path: &str) -> Value {
-        let mut response = self.agent.get(format!("http://{}{path}", self.address)).call().expect("an answer");
-        let bytes = response
-            .body_mut()
-            .with_config()
-            .limit(1 << 30)
-            .read_to_vec()
-            .expect("a whole answer");
-        serde_json::from_slice(&bytes).expect("JSON")
+        whole(self.agent.get(format!("http://{}{path}", self.address)).call())
     }
 
     pub(crate) fn post(&self, path: &str, media_type: &str, body: &[u8]) -> Value {
         let url = format!("http://{}{path}", self.address);
-        let mut response = self.agent.post(url).content_type(media_type).send(body).expect("an answer");
-        let bytes = response
-            .body_mut()
-            .with_config()
-            .limit(1 << 30)
-            .read_to_vec()
-            .expect("a whole answer");
-        serde_json::from_slice(&bytes).expect("JSON")
+        whole(self.agent.post(url).content_type(media_type).send(body))
     }
 
     /// Describes a gear pair's asset and waits until its records can be compared.
@@ -121,6 +107,13 @@ impl Service {
         let ticks = |n: usize| fields.get(n).and_then(|text| text.parse::<f64>().ok()).unwrap_or(f64::NAN) / 100.0;
         (peak_kb / 1024.0, ticks(11), ticks(12))
     }
+}
+
+/// What was answered, read to its end.
+fn whole(answer: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> Value {
+    let mut response = answer.expect("an answer");
+    let body = response.body_mut().with_config().limit(1 << 30);
+    serde_json::from_slice(&body.read_to_vec().expect("a whole answer")).expect("JSON")
 }
 
 impl Drop for Service {

@@ -14,7 +14,6 @@ mod error;
 mod fold_states;
 mod generations;
 mod heard_through;
-mod indicator_columns;
 mod keyed_uploads;
 mod library_builds;
 mod maintenance;

@@ -10,11 +10,11 @@ use jiff::Timestamp;
 use sqlx::any::AnyRow;
 
 use super::assets::channel_of;
-use super::rows::{from_json, from_ns, get, get_json, to_ns};
-use super::{ChannelSummary, Store, StoreError, indicator_columns};
+use super::rows::{from_json, from_ns, get, get_json, get_json_or_default, to_ns};
+use super::{ChannelSummary, Store, StoreError};
 use crate::asset::SegmentId;
 use crate::estimate::WearStatus;
-use crate::signal::{OperatingPoint, ShaftSpeed};
+use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 
 /// Records held in memory over all channels before the least recently asked-for histories are dropped.
 const MOST_RECORDS: usize = 1_000_000;
@@ -88,13 +88,15 @@ impl Trend {
 
     fn push(&mut self, row: &AnyRow) -> Result<(), StoreError> {
         let id: String = get(row, "id")?;
-        let position = self.len();
-        for column in ["indicators", "run_indicators"] {
-            if let Some(text) = get::<Option<String>>(row, column)? {
-                indicator_columns::read(&text, position, &mut self.indicators, &id)?;
-            }
-        }
+        let mut indicators: Indicators = get_json(row, "indicators", &id)?;
+        indicators.extend(get_json_or_default(row, "run_indicators", &id)?);
         let status: String = get(row, "status")?;
+        let position = self.len();
+        for (name, value) in indicators.values {
+            let column = self.indicators.entry(name).or_default();
+            column.resize(position, f64::NAN);
+            column.push(value);
+        }
         self.wear.push(WearPoint {
             status: from_json(&format!("\"{status}\""), "status", &id)?,
             reason: get::<String>(row, "reason")?.into_boxed_str(),
