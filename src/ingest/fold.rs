@@ -260,8 +260,22 @@ fn fold(tracker: &KeyedTracker, from: Option<FoldPoint>, inputs: Vec<FoldInput>,
 }
 
 impl Ingest {
-    /// Folds records, in the order of time, on from a state or from the start.
+    /// Folds records, in the order of time, on from a state or from the start, before records that wait to be analysed: somebody holds the
+    /// channel's lock meanwhile.
     pub(super) async fn fold_on(
+        &self,
+        tracker: &KeyedTracker,
+        from: Option<FoldPoint>,
+        inputs: Vec<FoldInput>,
+        occurrences: &Arc<Occurrences>,
+    ) -> Result<Folded, IngestError> {
+        let (tracker, occurrences) = (tracker.clone(), Arc::clone(occurrences));
+        let fold = move || fold(&tracker, from, inputs, &occurrences);
+        self.inner.workers.run_first("estimate the wear", fold).await
+    }
+
+    /// The same where nobody waits for it.
+    pub(super) async fn fold_slowly(
         &self,
         tracker: &KeyedTracker,
         from: Option<FoldPoint>,

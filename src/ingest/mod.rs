@@ -25,6 +25,7 @@ mod library_source;
 mod live_event;
 mod maintenance;
 mod occurrences;
+mod prepared;
 mod recall;
 mod recompute;
 mod replay;

@@ -11,10 +11,11 @@ use serde::{Deserialize, Serialize};
 use super::accept::analyse;
 use super::channels::Slot;
 use super::fold::{AlarmRun, FoldInput, FoldPoint, read_point};
-use super::group_commit::states_of;
+
 use super::keys::analysis_keys;
 use super::libraries::KeyedTracker;
 use super::occurrences::Occurrences;
+use super::prepared::states_of;
 use super::recall::recall_here;
 use super::{Announcement, Ingest, IngestError, Part};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
@@ -399,7 +400,7 @@ impl Ingest {
             .map(|stored| FoldInput::of(stored, &tracker.feature_key))
             .collect();
         let position = point.as_ref().map_or(0, |point| point.position);
-        let mut folded = self.fold_on(tracker, point.clone(), inputs, occurrences).await?;
+        let mut folded = self.fold_slowly(tracker, point.clone(), inputs, occurrences).await?;
         alarms.go_on(folded.alarms);
         if count == 0 {
             return Ok(0);

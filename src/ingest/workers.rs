@@ -22,6 +22,8 @@ pub fn with_analyzer<T>(f: impl FnOnce(&mut Analyzer) -> T) -> T {
 #[derive(Debug)]
 pub struct Workers {
     pool: rayon::ThreadPool,
+    /// For what is short and others wait for, so that it does not stand behind records.
+    first: rayon::ThreadPool,
     requests: Arc<Semaphore>,
     kibibytes: Arc<Semaphore>,
     limits: IngestLimits,
@@ -38,15 +40,9 @@ pub struct Ticket {
 
 impl Workers {
     pub(super) fn new(limits: &IngestLimits) -> Result<Self, IngestError> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(limits.workers)
-            .thread_name(|n| format!("worker-{n}"))
-            // A panic ends one task, whose asker is told, and not the process.
-            .panic_handler(|_| tracing::error!("a worker's task panicked"))
-            .build()
-            .map_err(|_| IngestError::WorkerLost("start"))?;
         Ok(Self {
-            pool,
+            pool: threads(limits.workers, "worker")?,
+            first: threads(limits.workers, "first")?,
             requests: Arc::new(Semaphore::new(limits.requests_at_once)),
             kibibytes: Arc::new(Semaphore::new(limits.bytes_at_once / 1024)),
             limits: limits.clone(),
@@ -75,13 +71,40 @@ impl Workers {
 
     /// Runs `f` on a worker thread; `task` names it if it is lost.
     pub async fn run<T: Send + 'static>(&self, task: &'static str, f: impl FnOnce() -> T + Send + 'static) -> Result<T, IngestError> {
-        let (sender, receiver) = oneshot::channel();
-        self.pool.spawn(move || {
-            // The asker may have gone; then nobody wants the answer.
-            let _ = sender.send(f());
-        });
-        receiver.await.map_err(|_| IngestError::WorkerLost(task))
+        run_in(&self.pool, task, f).await
     }
+
+    /// Runs `f`, which takes some milliseconds at most, before everything that waits for a worker thread.
+    pub(super) async fn run_first<T: Send + 'static>(
+        &self,
+        task: &'static str,
+        f: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, IngestError> {
+        run_in(&self.first, task, f).await
+    }
+}
+
+fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadPool, IngestError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(count)
+        .thread_name(move |n| format!("{name}-{n}"))
+        // A panic ends one task, whose asker is told, and not the process.
+        .panic_handler(|_| tracing::error!("a worker's task panicked"))
+        .build()
+        .map_err(|_| IngestError::WorkerLost("start"))
+}
+
+async fn run_in<T: Send + 'static>(
+    pool: &rayon::ThreadPool,
+    task: &'static str,
+    f: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, IngestError> {
+    let (sender, receiver) = oneshot::channel();
+    pool.spawn(move || {
+        // The asker may have gone; then nobody wants the answer.
+        let _ = sender.send(f());
+    });
+    receiver.await.map_err(|_| IngestError::WorkerLost(task))
 }
 
 impl Ticket {

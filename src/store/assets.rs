@@ -101,6 +101,14 @@ impl ChannelSummary {
         (self.channel_no, self.revision)
     }
 
+    /// Counts a change of its records; `rewritten` says that estimates of earlier ones changed.
+    pub(super) fn count_change(&mut self, rewritten: bool) {
+        self.revision += 1;
+        if rewritten {
+            self.rewritten_revision = self.revision;
+        }
+    }
+
     /// Notes a record, or the place of something between records, that a recomputation under way may have passed already.
     pub fn note_change(&mut self, place: SegmentKey) {
         if self.next_wear.is_some() && self.changed_from.as_ref().is_none_or(|earliest| place < *earliest) {

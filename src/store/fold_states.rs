@@ -1,9 +1,10 @@
 //! States of the fold over a channel's records: the newest one, and some of earlier ones to begin again from.
 
+use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
-use super::commit::Commit;
-use super::rows::{get, get_count, get_time, to_ns};
+use super::commit::{Commit, ROWS_AT_ONCE};
+use super::rows::{get, get_count, get_time, rows_of_placeholders, to_ns};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 
@@ -63,57 +64,85 @@ impl Store {
     }
 }
 
+/// A channel's number, a generation, and the states that take the place of all after a position, in rising order.
+pub(super) type StatesAfter<'a> = (i64, i64, u64, &'a [FoldState]);
+
 impl Commit {
-    /// Replaces the states after position `after` by `states`, in rising order; keeps of the earlier ones those worth it.
-    pub(super) async fn set_states_in(
-        &mut self,
-        channel: &ChannelSummary,
-        generation: i64,
-        after: u64,
-        states: &[FoldState],
-    ) -> Result<(), StoreError> {
-        let from_count = |count: u64| i64::try_from(count).unwrap_or(i64::MAX);
-        // The newest one of before is kept only where its position is one of those that are.
-        let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) {
-            after + 1
-        } else {
-            after
-        };
-        sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND position >= $3")
-            .bind(channel.channel_no)
-            .bind(generation)
-            .bind(from_count(first_removed))
-            .execute(&mut *self.transaction)
-            .await?;
-        let newest = states.last().map_or(after, |state| state.position);
-        for state in states {
-            let is_kept = state.position == newest || is_worth_keeping(state.position, newest);
-            if !is_kept {
-                continue;
-            }
-            sqlx::query(
-                "INSERT INTO fold_states (channel_no, generation, position, start_time_ns, segment_id, state) VALUES ($1, $2, $3, $4, $5, $6)",
-            )
-            .bind(channel.channel_no)
-            .bind(generation)
-            .bind(from_count(state.position))
-            .bind(to_ns(state.last.start_time)?)
-            .bind(state.last.id.0.as_str())
-            .bind(state.state.as_str())
-            .execute(&mut *self.transaction)
-            .await?;
+    /// Replaces states of the fold, each channel's at most once; keeps of the earlier ones those worth it.
+    pub(super) async fn set_states(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
+        for chunk in all.chunks(ROWS_AT_ONCE) {
+            self.remove_states_after(chunk).await?;
         }
-        if newest / SEGMENTS_PER_STATE > after / SEGMENTS_PER_STATE && newest > DENSE_RECORDS {
-            sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND position < $3 AND position % $4 <> 0")
-                .bind(channel.channel_no)
-                .bind(generation)
-                .bind(from_count(newest - DENSE_RECORDS))
-                .bind(from_count(SPARSE_EVERY))
-                .execute(&mut *self.transaction)
-                .await?;
+        let kept: Vec<(i64, i64, &FoldState)> = all
+            .iter()
+            .flat_map(|&(channel_no, generation, after, states)| {
+                let newest = newest_of(after, states);
+                let kept = states
+                    .iter()
+                    .filter(move |state| state.position == newest || is_worth_keeping(state.position, newest));
+                kept.map(move |state| (channel_no, generation, state))
+            })
+            .collect();
+        for chunk in kept.chunks(ROWS_AT_ONCE) {
+            let text = format!(
+                "INSERT INTO fold_states (channel_no, generation, position, start_time_ns, segment_id, state) VALUES {}",
+                rows_of_placeholders(chunk.len(), 6)
+            );
+            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(chunk.len()));
+            for (channel_no, generation, state) in chunk {
+                query = query
+                    .bind(*channel_no)
+                    .bind(*generation)
+                    .bind(from_count(state.position))
+                    .bind(to_ns(state.last.start_time)?)
+                    .bind(state.last.id.0.as_str())
+                    .bind(state.state.as_str());
+            }
+            query.execute(&mut *self.transaction).await?;
+        }
+        for &(channel_no, generation, after, states) in all {
+            let newest = newest_of(after, states);
+            if newest / SEGMENTS_PER_STATE > after / SEGMENTS_PER_STATE && newest > DENSE_RECORDS {
+                sqlx::query("DELETE FROM fold_states WHERE channel_no = $1 AND generation = $2 AND position < $3 AND position % $4 <> 0")
+                    .bind(channel_no)
+                    .bind(generation)
+                    .bind(from_count(newest - DENSE_RECORDS))
+                    .bind(from_count(SPARSE_EVERY))
+                    .execute(&mut *self.transaction)
+                    .await?;
+            }
         }
         Ok(())
     }
+
+    async fn remove_states_after(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
+        let one = |n: usize| {
+            let (channel, generation, position) = (3 * n + 1, 3 * n + 2, 3 * n + 3);
+            format!("(channel_no = ${channel} AND generation = ${generation} AND position >= ${position})")
+        };
+        let which: Vec<String> = (0..all.len()).map(one).collect();
+        let text = format!("DELETE FROM fold_states WHERE {}", which.join(" OR "));
+        let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(all.len()));
+        for &(channel_no, generation, after, _) in all {
+            // The newest one of before is kept only where its position is one of those that are.
+            let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) {
+                after + 1
+            } else {
+                after
+            };
+            query = query.bind(channel_no).bind(generation).bind(from_count(first_removed));
+        }
+        query.execute(&mut *self.transaction).await?;
+        Ok(())
+    }
+}
+
+fn newest_of(after: u64, states: &[FoldState]) -> u64 {
+    states.last().map_or(after, |state| state.position)
+}
+
+fn from_count(count: u64) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
 }
 
 fn is_worth_keeping(position: u64, newest: u64) -> bool {

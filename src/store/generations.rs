@@ -169,9 +169,8 @@ impl Store {
     ) -> Result<(), StoreError> {
         let mut commit = self.begin().await?;
         let channel = commit.made_channel(channel, wear).await?;
-        for (segment, analysed) in analyses {
-            commit.insert_analysis(generation.0, segment, analysed).await?;
-        }
+        let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
+        commit.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
         commit.stay_maker(&channel, now).await?;
         commit.finish().await
     }
@@ -200,8 +199,9 @@ impl Store {
     ) -> Result<(), StoreError> {
         let mut commit = self.begin().await?;
         let channel = commit.made_channel(channel, generation).await?;
-        commit.set_wears_in(generation.0, wears).await?;
-        commit.set_states_in(&channel, generation.0, after, states).await?;
+        let wears = wears.iter().map(|(key, result)| (generation.0, key, result));
+        commit.set_wears(&wears.collect::<Vec<_>>()).await?;
+        commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
         commit.stay_maker(&channel, now).await?;
         commit.finish().await
     }

@@ -1,9 +1,11 @@
 //! Which assets hear through the measuring points of another one.
 
+use std::collections::BTreeSet;
+
 use sqlx::{Any, AssertSqlSafe, Transaction};
 
 use super::assets::asset_of;
-use super::rows::{asset_id, get};
+use super::rows::{asset_id, get, placeholders};
 use super::{Asset, Store, StoreError};
 use crate::asset::{AssetId, AssetSpec};
 
@@ -80,6 +82,22 @@ impl Store {
             .execute(self.write())
             .await?;
         Ok(())
+    }
+
+    /// Those of some assets that have others on their sensor.
+    pub async fn sharing_a_sensor(&self, ids: &[&AssetId]) -> Result<BTreeSet<AssetId>, StoreError> {
+        let list = placeholders(1, ids.len());
+        let text = format!("SELECT asset_id, of_asset FROM heard_through WHERE asset_id IN ({list}) OR of_asset IN ({list})");
+        let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect().keeps(ids.len()));
+        for id in ids {
+            query = query.bind(id.as_str());
+        }
+        let mut sharing = BTreeSet::new();
+        for row in query.fetch_all(self.read()).await? {
+            sharing.insert(asset_id(get(&row, "asset_id")?)?);
+            sharing.insert(asset_id(get(&row, "of_asset")?)?);
+        }
+        Ok(sharing)
     }
 
     /// An asset and all others of its sensor, in the order of their names: the one that the records come for, and those

@@ -7,6 +7,7 @@
 mod alarm_commit;
 mod alarms;
 mod assets;
+mod channel_rows;
 mod commit;
 mod database;
 mod dead_letters;
@@ -44,6 +45,7 @@ use trend::TrendShelf;
 pub use alarm_commit::{AlarmNotice, FoldedAlarms, PlacedChange};
 pub use alarms::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary, DescriptionsMark};
+pub use channel_rows::ChannelRows;
 pub use commit::Commit;
 pub use error::StoreError;
 pub use fold_states::{FoldState, SEGMENTS_PER_STATE};

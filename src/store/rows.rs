@@ -114,6 +114,18 @@ pub(super) fn placeholders(first: usize, count: usize) -> String {
     list.join(", ")
 }
 
+/// `($1, $2), ($3, $4), …`: `rows` rows of `columns` values.
+pub(super) fn rows_of_placeholders(rows: usize, columns: usize) -> String {
+    let row = |n: usize| format!("({})", placeholders(n * columns + 1, columns));
+    (0..rows).map(row).collect::<Vec<_>>().join(", ")
+}
+
+/// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: of a row that is there, what the one that was to be inserted says.
+pub(super) fn excluded(columns: &str) -> String {
+    let set: Vec<String> = columns.split(", ").map(|column| format!("{column} = excluded.{column}")).collect();
+    set.join(", ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -67,6 +67,12 @@ impl Dialect {
         self == Self::Sqlite
     }
 
+    /// Whether a statement on that many rows stays prepared. PostgreSQL's own preparing costs a way there and back, and there are as many
+    /// statements as there are numbers of rows.
+    pub(super) fn keeps(self, rows: usize) -> bool {
+        self == Self::Sqlite || rows == 1
+    }
+
     /// Waits, to the transaction's end and however long, until no other process brings the tables up to date; the number is "flankwat" in
     /// ASCII.
     fn lock_migrations(self) -> &'static [&'static str] {

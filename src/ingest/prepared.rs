@@ -1,0 +1,271 @@
+//! What new segments do to the history of their channel: folded under the channel's lock, and written.
+
+use std::collections::BTreeMap;
+
+use jiff::Timestamp;
+use tokio::sync::OwnedMutexGuard;
+
+use super::channels::{Basis, Slot};
+use super::fold::{FoldInput, FoldPoint, Folded, RecentPoints, while_recomputing};
+use super::keys::analysis_keys;
+use super::libraries::KeyedTracker;
+use super::{Ingest, IngestError};
+use crate::asset::Segment;
+use crate::estimate::METHOD;
+use crate::store::{
+    AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, FoldState, NewSegment, RunResult, SEGMENTS_PER_STATE, SegmentKey,
+};
+
+/// Stored records after a late one that are folded again at once. Where there are more, the late record gets its estimate, and those
+/// after it are folded in the background.
+const FOLDED_AT_ONCE: u64 = 512;
+
+/// A channel's new segments with what they become.
+pub(super) struct Prepared<'a> {
+    asset: &'a Asset,
+    /// As it is in the transaction.
+    channel: ChannelSummary,
+    new: BTreeMap<SegmentKey, NewSegment>,
+    slot: OwnedMutexGuard<Slot>,
+    /// Under which keys the channel's history stands.
+    keys: ChannelKeys,
+    fold: Fold,
+}
+
+/// What new segments do to a channel's history.
+enum Fold {
+    /// The estimates after position `after` are these.
+    From { after: u64, folded: Folded, tracker: KeyedTracker },
+    /// They have these results for now, and the history after them is to be folded again in the background.
+    Later { results: Vec<(SegmentKey, RunResult)> },
+}
+
+impl Ingest {
+    /// Folds the new segments of a channel as far as that is done at once.
+    pub(super) async fn prepare<'a>(
+        &self,
+        asset: &'a Asset,
+        current: &KeyedTracker,
+        channel: ChannelSummary,
+        new: BTreeMap<SegmentKey, NewSegment>,
+        mut slot: OwnedMutexGuard<Slot>,
+    ) -> Result<Prepared<'a>, IngestError> {
+        let wanted = analysis_keys(&asset.spec);
+        if new.values().any(|segment| segment.analysed.keys != wanted) {
+            return Err(IngestError::DescriptionChanged(asset.spec.id.clone()));
+        }
+        if channel.segments == 0 {
+            // The first records of a channel stand under what is asked for now.
+            let keys = ChannelKeys {
+                analysed: wanted,
+                fold: current.fold_key.clone(),
+            };
+            let occurrences = self.occurrences(asset, None, &mut slot).await?;
+            let folded = self.fold_on(current, None, inputs_of(&new), &occurrences).await?;
+            let tracker = current.clone();
+            return Ok(Prepared {
+                asset,
+                channel,
+                new,
+                slot,
+                keys,
+                fold: Fold::From { after: 0, folded, tracker },
+            });
+        }
+        let keys = channel.keys.clone();
+        let fits = new.values().all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
+        // Records go on under the tracker of the history that is served, until another one is.
+        let tracker = self.inner.libraries.kept(&keys.fold).filter(|_| fits);
+        let fold = match tracker {
+            Some(tracker) => self.fold_in(&tracker, asset, &channel, &new, &mut slot).await?,
+            None => {
+                let need = asset.spec.baseline.records;
+                let result = || while_recomputing(need, METHOD.to_owned());
+                Fold::Later {
+                    results: new.keys().map(|key| (key.clone(), result())).collect(),
+                }
+            }
+        };
+        Ok(Prepared {
+            asset,
+            channel,
+            new,
+            slot,
+            keys,
+            fold,
+        })
+    }
+
+    async fn fold_in(
+        &self,
+        tracker: &KeyedTracker,
+        asset: &Asset,
+        channel: &ChannelSummary,
+        new: &BTreeMap<SegmentKey, NewSegment>,
+        slot: &mut Slot,
+    ) -> Result<Fold, IngestError> {
+        let occurrences = self.occurrences(asset, Some(channel), slot).await?;
+        if slot.points.is_none() {
+            slot.points = Some(RecentPoints::new(self.newest_point(channel).await?));
+        }
+        let points = slot.points.get_or_insert_default();
+        let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
+            return Ok(Fold::Later { results: Vec::new() });
+        };
+        let newest = points.newest().cloned();
+        let from = match points.before(first) {
+            Some(point) => Some(point.clone()),
+            None => self.point_before(channel, first).await?,
+        };
+        let after = from.as_ref().map_or(0, |point| point.position);
+        let stored_after = newest
+            .as_ref()
+            .map_or(channel.segments, |newest| newest.position.saturating_sub(after));
+        let mut inputs = inputs_of(new);
+        let is_latest = newest.as_ref().is_some_and(|newest| newest.last < *first);
+        if is_latest {
+            let folded = self.fold_on(tracker, from, inputs, &occurrences).await?;
+            let tracker = tracker.clone();
+            return Ok(Fold::From { after, folded, tracker });
+        }
+        let fold_all = stored_after <= FOLDED_AT_ONCE && newest.is_some();
+        // All that is stored after the state, or only what lies before the last of the new ones.
+        let mut cursor = from.as_ref().map(|point| point.last.clone());
+        loop {
+            let stored = self.inner.store.features(channel, cursor.as_ref(), 1024).await?;
+            let is_end = stored.len() < 1024;
+            cursor = stored.last().map(|stored| stored.key.clone());
+            let beyond = stored.last().is_some_and(|stored| stored.key > *last);
+            let wanted = stored.into_iter().filter(|stored| fold_all || stored.key < *last);
+            inputs.extend(wanted.map(|stored| FoldInput::of(stored, &tracker.feature_key)));
+            if is_end || (beyond && !fold_all) {
+                break;
+            }
+        }
+        inputs.sort_by(|a, b| a.key.cmp(&b.key));
+        let mut folded = self.fold_on(tracker, from, inputs, &occurrences).await?;
+        if fold_all {
+            // Those before the first new one are what they were.
+            folded.results.retain(|(key, _)| key >= first);
+            let tracker = tracker.clone();
+            return Ok(Fold::From { after, folded, tracker });
+        }
+        folded.results.retain(|(key, _)| new.contains_key(key));
+        Ok(Fold::Later { results: folded.results })
+    }
+
+    pub(super) async fn commit_prepared(&self, mut commit: Commit, mut prepared: Vec<Prepared<'_>>) -> Result<Vec<Segment>, IngestError> {
+        if prepared.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut additions = Vec::with_capacity(prepared.len());
+        for prepared in &mut prepared {
+            additions.push(prepared.rows()?);
+        }
+        commit.add(&mut additions).await?;
+        let now = self.inner.clock.now();
+        let mut notices = Vec::new();
+        for prepared in &mut prepared {
+            notices.extend(prepared.set_alarms(&mut commit, now).await?);
+        }
+        commit.finish().await?;
+        let mut answer = Vec::new();
+        let mut recompute = Vec::new();
+        for prepared in prepared {
+            let Prepared {
+                asset,
+                channel,
+                mut new,
+                mut slot,
+                fold,
+                ..
+            } = prepared;
+            slot.now_of(Basis::of(asset, Some(&channel)));
+            let results = match fold {
+                Fold::From { after, folded, .. } => {
+                    slot.points.get_or_insert_default().replace(after, folded.points);
+                    folded.results
+                }
+                Fold::Later { results } => {
+                    recompute.push(asset.spec.id.clone());
+                    results
+                }
+            };
+            for (key, result) in results {
+                if let Some(segment) = new.remove(&key) {
+                    answer.push(segment.with_run(result));
+                }
+            }
+        }
+        self.announce_alarms(notices);
+        if !recompute.is_empty() {
+            self.recompute_in_background(recompute);
+        }
+        self.retain_in_background();
+        Ok(answer)
+    }
+}
+
+impl Prepared<'_> {
+    /// What is to be written.
+    fn rows(&mut self) -> Result<ChannelRows<'_>, IngestError> {
+        self.channel.keys = self.keys.clone();
+        let (wears, states, is_rewritten) = match &self.fold {
+            Fold::From { after, folded, .. } => {
+                let states = Some((*after, states_of(&folded.points)?));
+                (&folded.results, states, folded.results.len() != self.new.len())
+            }
+            Fold::Later { results } => {
+                self.channel.must_fold = true;
+                (results, None, true)
+            }
+        };
+        Ok(ChannelRows {
+            channel: &mut self.channel,
+            new: self.new.values().collect(),
+            wears,
+            states,
+            is_rewritten,
+        })
+    }
+
+    /// Writes what the fold says of the channel's alarms; returns what is new of them.
+    async fn set_alarms(&mut self, commit: &mut Commit, now: Timestamp) -> Result<Vec<AlarmNotice>, IngestError> {
+        let Fold::From { folded, tracker, .. } = &self.fold else {
+            return Ok(Vec::new());
+        };
+        let is_append = folded.results.len() == self.new.len();
+        let has_alarms = self.slot.occurrences.as_ref().is_none_or(|known| known.has_alarms);
+        // Where records were only added and nothing came of it, what is stored stands.
+        if folded.alarms.is_quiet() && (is_append || !has_alarms) {
+            return Ok(Vec::new());
+        }
+        let notices = commit
+            .set_alarms(&self.channel, folded.alarms.folded(tracker, is_append), now)
+            .await?;
+        if !has_alarms {
+            self.slot.occurrences = None;
+        }
+        Ok(notices)
+    }
+}
+
+fn inputs_of(new: &BTreeMap<SegmentKey, NewSegment>) -> Vec<FoldInput> {
+    new.iter()
+        .map(|(key, segment)| FoldInput {
+            key: key.clone(),
+            features: segment.analysed.features.clone(),
+            indicators: segment.analysed.indicators.clone(),
+        })
+        .collect()
+}
+
+/// Of the states on the way those that the store keeps, and the newest.
+pub(super) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, IngestError> {
+    let newest = points.last().map_or(0, |point| point.position);
+    points
+        .iter()
+        .filter(|point| point.position == newest || point.position.is_multiple_of(SEGMENTS_PER_STATE))
+        .map(FoldPoint::to_stored)
+        .collect()
+}

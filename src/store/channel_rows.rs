@@ -1,0 +1,293 @@
+//! Writing what a transaction adds to channels: segments, analyses, estimates and states of the fold, each kind for all channels at once.
+//!
+//! A statement costs a way to the database and back, and rows are locked meanwhile: their number does not grow with that of the records.
+
+use std::collections::BTreeMap;
+
+use jiff::Timestamp;
+use sqlx::AssertSqlSafe;
+
+use super::commit::{Commit, ROWS_AT_ONCE};
+use super::fold_states::StatesAfter;
+use super::rows::{doubles_to_bytes, excluded, finite, finite_or_none, get, rows_of_placeholders, to_json, to_ns};
+use super::{Analysed, ChannelSummary, FoldState, NewSegment, RunResult, SegmentKey, StoreError};
+use crate::asset::SegmentId;
+use crate::estimate::WearEstimate;
+
+/// What is written of an estimate.
+const ESTIMATE: &str = "status, reason, median_um, mean_um, p05_um, p25_um, p75_um, p95_um, log_evidence, estimate, run_indicators";
+
+/// What a transaction adds to a channel, in the generations that are served.
+#[derive(Debug)]
+pub struct ChannelRows<'a> {
+    /// The channel, whose row the transaction has locked; its summary is brought up to date.
+    pub channel: &'a mut ChannelSummary,
+    /// Segments that it does not have yet.
+    pub new: Vec<&'a NewSegment>,
+    /// Estimates of segments, the first ones or others than before.
+    pub wears: &'a [(SegmentKey, RunResult)],
+    /// States of the fold, in rising order, that take the place of all after a position; none where they stay.
+    pub states: Option<(u64, Vec<FoldState>)>,
+    /// Estimates of earlier segments changed.
+    pub is_rewritten: bool,
+}
+
+/// An estimate with its generation.
+type WearRow<'a> = (i64, &'a SegmentKey, &'a RunResult);
+
+/// The rows of all channels, by table.
+#[derive(Default)]
+struct Rows<'a> {
+    segments: Vec<(i64, &'a NewSegment)>,
+    analyses: Vec<(i64, &'a SegmentId, &'a Analysed)>,
+    wears: Vec<WearRow<'a>>,
+    states: Vec<StatesAfter<'a>>,
+    channels: Vec<&'a ChannelSummary>,
+}
+
+impl<'a> Rows<'a> {
+    fn take(&mut self, addition: &'a ChannelRows<'_>) {
+        let channel = &*addition.channel;
+        for segment in &addition.new {
+            self.segments.push((channel.channel_no, segment));
+            self.analyses.push((channel.analysis_generation, &segment.id, &segment.analysed));
+        }
+        let wears = addition.wears.iter();
+        self.wears.extend(wears.map(|(key, result)| (channel.wear_generation, key, result)));
+        if let Some((after, states)) = &addition.states {
+            self.states.push((channel.channel_no, channel.wear_generation, *after, states));
+        }
+        self.channels.push(channel);
+    }
+}
+
+impl ChannelSummary {
+    fn add(&mut self, segment: &NewSegment) {
+        self.note_change(segment.key());
+        self.segments += 1;
+        if self.first_start_time.is_none_or(|first| segment.start_time < first) {
+            self.first_start_time = Some(segment.start_time);
+        }
+        let last = self.last_start_time.zip(self.last_segment.as_ref());
+        if last.is_none_or(|last| last < (segment.start_time, &segment.id)) {
+            self.last_start_time = Some(segment.start_time);
+            self.last_segment = Some(segment.id.clone());
+        }
+    }
+}
+
+impl Commit {
+    /// Adds to channels. Each channel at most once.
+    pub async fn add(&mut self, additions: &mut [ChannelRows<'_>]) -> Result<(), StoreError> {
+        for addition in &mut *additions {
+            addition.new.iter().for_each(|segment| addition.channel.add(segment));
+            addition.channel.count_change(addition.is_rewritten);
+        }
+        let mut rows = Rows::default();
+        for addition in &*additions {
+            rows.take(addition);
+        }
+        self.insert_segments(&rows.segments).await?;
+        self.insert_analyses(&rows.analyses).await?;
+        self.count_raw(&rows.segments).await?;
+        self.set_wears(&rows.wears).await?;
+        self.set_states(&rows.states).await?;
+        self.set_channels(&rows.channels).await
+    }
+
+    /// Adds segments, each with its channel's number, without what is said of them.
+    async fn insert_segments(&mut self, segments: &[(i64, &NewSegment)]) -> Result<(), StoreError> {
+        for chunk in segments.chunks(ROWS_AT_ONCE) {
+            let text = format!(
+                "INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate_hz, samples, unit, operating_point,
+                    reference_wear_um, raw_sha256, raw_bytes, raw_media_type, raw_channel_index)
+                 VALUES {}",
+                rows_of_placeholders(chunk.len(), 13)
+            );
+            let mut query = sqlx::query(AssertSqlSafe(text));
+            for (channel_no, segment) in chunk {
+                let id = segment.id.0.as_str();
+                query = query
+                    .bind(id)
+                    .bind(*channel_no)
+                    .bind(to_ns(segment.start_time)?)
+                    .bind(to_ns(segment.received_at)?)
+                    .bind(finite("sample_rate_hz", segment.sample_rate_hz)?)
+                    .bind(i64::try_from(segment.samples).unwrap_or(i64::MAX))
+                    .bind(segment.unit.as_str())
+                    .bind(to_json(&segment.operating_point, "operating_point", id)?)
+                    .bind(finite_or_none("reference_wear_um", segment.reference_wear_um)?)
+                    .bind(segment.raw.sha256.as_str())
+                    .bind(i64::try_from(segment.raw.bytes).unwrap_or(i64::MAX))
+                    .bind(segment.raw.media_type.as_str())
+                    .bind(i64::from(segment.raw.channel_index));
+            }
+            query
+                .persistent(self.dialect.keeps_optional_doubles())
+                .execute(&mut *self.transaction)
+                .await?;
+        }
+        Ok(())
+    }
+
+    /// Adds what segments say by themselves, each under a generation, where it is not there yet.
+    pub(super) async fn insert_analyses(&mut self, analyses: &[(i64, &SegmentId, &Analysed)]) -> Result<(), StoreError> {
+        for chunk in analyses.chunks(ROWS_AT_ONCE) {
+            let text = format!(
+                "INSERT INTO analyses (segment_id, generation, analysis_key, feature_key, shaft_speed, basis, indicators, features)
+                 VALUES {} ON CONFLICT (segment_id, generation) DO NOTHING",
+                rows_of_placeholders(chunk.len(), 8)
+            );
+            let mut query = sqlx::query(AssertSqlSafe(text));
+            for (generation, segment, analysed) in chunk {
+                let id = segment.0.as_str();
+                for (name, value) in &analysed.indicators.values {
+                    finite(&format!("indicator {name} of segment {id}"), *value)?;
+                }
+                for (name, value) in &analysed.features.values {
+                    finite(&format!("feature {name} of segment {id}"), *value)?;
+                }
+                let shaft_speed = analysed.shaft_speed.as_ref();
+                query = query
+                    .bind(id)
+                    .bind(*generation)
+                    .bind(&*analysed.keys.analysis)
+                    .bind(&*analysed.keys.feature)
+                    .bind(shaft_speed.map(|speed| to_json(speed, "shaft_speed", id)).transpose()?)
+                    .bind(to_json(&analysed.basis, "basis", id)?)
+                    .bind(to_json(&analysed.indicators, "indicators", id)?)
+                    .bind(to_json(&analysed.features, "features", id)?);
+            }
+            query
+                .persistent(self.dialect.keeps(chunk.len()))
+                .execute(&mut *self.transaction)
+                .await?;
+        }
+        Ok(())
+    }
+
+    /// Counts the raw objects of segments among those of their assets, each once.
+    async fn count_raw(&mut self, segments: &[(i64, &NewSegment)]) -> Result<(), StoreError> {
+        // In one order in all transactions, so that they do not wait for each other in a ring.
+        let mut objects: BTreeMap<(&str, &str), (i64, Timestamp)> = BTreeMap::new();
+        for (_, segment) in segments {
+            let name = (segment.raw.sha256.as_str(), segment.asset_id.as_str());
+            let bytes = i64::try_from(segment.raw.bytes).unwrap_or(i64::MAX);
+            objects.entry(name).or_insert((bytes, segment.start_time));
+        }
+        let objects: Vec<_> = objects.into_iter().collect();
+        let mut volumes: BTreeMap<String, i64> = BTreeMap::new();
+        for chunk in objects.chunks(ROWS_AT_ONCE) {
+            let text = format!(
+                "INSERT INTO raw_objects (sha256, asset_id, bytes, start_time_ns) VALUES {}
+                 ON CONFLICT (sha256, asset_id) DO NOTHING RETURNING asset_id, bytes",
+                rows_of_placeholders(chunk.len(), 4)
+            );
+            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(chunk.len()));
+            for ((sha256, asset), (bytes, start_time)) in chunk {
+                query = query.bind(*sha256).bind(*asset).bind(*bytes).bind(to_ns(*start_time)?);
+            }
+            for row in query.fetch_all(&mut *self.transaction).await? {
+                let volume = volumes.entry(get(&row, "asset_id")?).or_default();
+                *volume = volume.saturating_add(get(&row, "bytes")?);
+            }
+        }
+        let volumes: Vec<_> = volumes.into_iter().collect();
+        for chunk in volumes.chunks(ROWS_AT_ONCE) {
+            let text = format!(
+                "INSERT INTO raw_volumes (asset_id, bytes) VALUES {}
+                 ON CONFLICT (asset_id) DO UPDATE SET bytes = raw_volumes.bytes + excluded.bytes",
+                rows_of_placeholders(chunk.len(), 2)
+            );
+            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(chunk.len()));
+            for (asset, bytes) in chunk {
+                query = query.bind(asset.as_str()).bind(*bytes);
+            }
+            query.execute(&mut *self.transaction).await?;
+        }
+        Ok(())
+    }
+
+    /// Sets estimates of segments, the first ones or new ones.
+    pub(super) async fn set_wears(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
+        for chunk in wears.chunks(ROWS_AT_ONCE) {
+            self.set_estimates(chunk).await?;
+            self.set_posteriors(chunk).await?;
+        }
+        Ok(())
+    }
+
+    async fn set_estimates(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
+        let text = format!(
+            "INSERT INTO wear_estimates (segment_id, generation, {ESTIMATE}) VALUES {}
+             ON CONFLICT (segment_id, generation) DO UPDATE SET {}",
+            rows_of_placeholders(wears.len(), 2 + ESTIMATE.split(", ").count()),
+            excluded(ESTIMATE)
+        );
+        let mut query = sqlx::query(AssertSqlSafe(text));
+        for (generation, key, RunResult { indicators, wear }) in wears {
+            let id = key.id.0.as_str();
+            for (name, value) in &indicators.values {
+                finite(&format!("indicator {name} of segment {id}"), *value)?;
+            }
+            let without_posterior = WearEstimate {
+                posterior: None,
+                ..wear.clone()
+            };
+            let status = to_json(&wear.status, "status", id)?;
+            query = query
+                .bind(id)
+                .bind(*generation)
+                .bind(status.trim_matches('"').to_owned())
+                .bind(wear.reason.as_str())
+                .bind(finite_or_none("median_um", wear.median_um)?)
+                .bind(finite_or_none("mean_um", wear.mean_um)?)
+                .bind(finite_or_none("p05_um", wear.p05_um)?)
+                .bind(finite_or_none("p25_um", wear.p25_um)?)
+                .bind(finite_or_none("p75_um", wear.p75_um)?)
+                .bind(finite_or_none("p95_um", wear.p95_um)?)
+                .bind(finite_or_none("log_evidence", wear.log_evidence)?)
+                .bind(to_json(&without_posterior, "estimate", id)?)
+                .bind(to_json(indicators, "run_indicators", id)?);
+        }
+        query
+            .persistent(self.dialect.keeps_optional_doubles())
+            .execute(&mut *self.transaction)
+            .await?;
+        Ok(())
+    }
+
+    async fn set_posteriors(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
+        let (with, without): (Vec<&WearRow<'_>>, Vec<_>) = wears.iter().partition(|(.., result)| result.wear.posterior.is_some());
+        if !without.is_empty() {
+            let text = format!(
+                "DELETE FROM wear_posteriors WHERE (segment_id, generation) IN (VALUES {})",
+                rows_of_placeholders(without.len(), 2)
+            );
+            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(without.len()));
+            for (generation, key, _) in without {
+                query = query.bind(key.id.0.as_str()).bind(*generation);
+            }
+            query.execute(&mut *self.transaction).await?;
+        }
+        if !with.is_empty() {
+            let text = format!(
+                "INSERT INTO wear_posteriors (segment_id, generation, wear_um, probability) VALUES {}
+                 ON CONFLICT (segment_id, generation) DO UPDATE SET {}",
+                rows_of_placeholders(with.len(), 4),
+                excluded("wear_um, probability")
+            );
+            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(with.len()));
+            for (generation, key, result) in with {
+                let Some(posterior) = &result.wear.posterior else { continue };
+                query = query
+                    .bind(key.id.0.as_str())
+                    .bind(*generation)
+                    .bind(doubles_to_bytes(&posterior.wear_um))
+                    .bind(doubles_to_bytes(&posterior.probability));
+            }
+            query.execute(&mut *self.transaction).await?;
+        }
+        Ok(())
+    }
+}
