@@ -1,7 +1,8 @@
 //! API node and workers on one machine beside the single machine's mode: `cargo bench --features cluster --bench cluster`.
 //!
 //! `FLANKWATCH_TEST_DATABASE` and `FLANKWATCH_TEST_NATS` name a PostgreSQL and a NATS server with JetStream. Records wait in the queue before the workers
-//! start (`FLANKWATCH_BENCH_AT_ONCE` says how many a worker has in work at once), so that nothing but the processor limits them; raw bytes are in a folder. What the servers themselves cost is read from `/proc` where they run here.
+//! start, so that nothing but the processor limits them; raw bytes are in a folder. What the servers themselves cost is read from `/proc` where they
+//! run here. `FLANKWATCH_BENCH_WORKERS` says how many workers (`1,2,4`), `FLANKWATCH_BENCH_AT_ONCE` how many records each has in work at once.
 
 mod driven;
 
@@ -26,7 +27,8 @@ fn main() {
     };
     let alone = single_machine();
     println!("one machine: {alone:.1} records a second");
-    for workers in [1, 2, 4] {
+    let asked = named("FLANKWATCH_BENCH_WORKERS").unwrap_or_else(|| "1,2,4".to_owned());
+    for workers in asked.split(',').filter_map(|count| count.parse().ok()) {
         let rate = queued(&database, &nats, workers);
         println!(
             "{workers} workers: {rate:.1} records a second, {:.2} of one machine on the same cores",
