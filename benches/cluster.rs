@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use driven::{Service, Uploads, folder, load};
-use sqlx::{AssertSqlSafe, Connection, PgConnection, Row};
+use sqlx::{Connection, PgConnection, Row};
 
 /// Records of 10 s in each measurement.
 const RECORDS: usize = 400;
@@ -176,10 +176,7 @@ impl Schema {
 
     async fn run(&self, statement: &str) {
         let mut connection = PgConnection::connect(&self.database).await.expect("the database");
-        sqlx::raw_sql(AssertSqlSafe(statement.to_owned()))
-            .execute(&mut connection)
-            .await
-            .expect("a statement");
+        sqlx::raw_sql(statement).execute(&mut connection).await.expect("a statement");
     }
 
     /// Waits until so many records are stored; returns how many then are.
@@ -188,10 +185,7 @@ impl Schema {
         runtime.block_on(async {
             let mut connection = PgConnection::connect(&self.database).await.expect("the database");
             loop {
-                let row = sqlx::query(AssertSqlSafe(statement.clone()))
-                    .fetch_one(&mut connection)
-                    .await
-                    .expect("a count");
+                let row = sqlx::query(statement).fetch_one(&mut connection).await.expect("a count");
                 let stored: i64 = row.get(0);
                 if stored as usize >= records {
                     return stored as usize;

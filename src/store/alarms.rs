@@ -1,8 +1,8 @@
 //! Alarms as they are read: where each stands, its history, and what people did to it.
 
 use jiff::Timestamp;
+use sqlx::Row;
 use sqlx::any::AnyRow;
-use sqlx::{AssertSqlSafe, Row};
 
 use super::rows::{from_json, from_ns, get, get_json, to_ns};
 use super::{ChannelSummary, Store, StoreError};
@@ -88,7 +88,7 @@ impl Store {
         let after = filter.after.as_ref().map(|(time, _)| to_ns(*time)).transpose()?;
         let last = bound.len() + 2 + usize::from(after.is_some());
         text += &format!(" ORDER BY l.changed_at_ns DESC, l.id DESC LIMIT ${last}");
-        let mut query = sqlx::query(AssertSqlSafe(text)).bind(to_ns(now)?);
+        let mut query = sqlx::query(&text).bind(to_ns(now)?);
         for value in bound {
             query = query.bind(value);
         }
@@ -102,7 +102,7 @@ impl Store {
     /// An alarm; none where there is none of that identifier.
     pub async fn alarm(&self, id: &str) -> Result<Option<StoredAlarm>, StoreError> {
         let text = format!("{ALARM} WHERE l.id = $1");
-        let row = sqlx::query(AssertSqlSafe(text)).bind(id).fetch_optional(self.read()).await?;
+        let row = sqlx::query(&text).bind(id).fetch_optional(self.read()).await?;
         row.as_ref().map(alarm_of).transpose()
     }
 
@@ -111,7 +111,7 @@ impl Store {
         let text = format!(
             "{ALARM} WHERE (l.standing <> 'normal' OR l.shelved_until_ns IS NOT NULL) AND (c.asset_id = $1 OR $1 = '') ORDER BY c.asset_id, c.channel_no, l.id"
         );
-        let rows = sqlx::query(AssertSqlSafe(text))
+        let rows = sqlx::query(&text)
             .bind(asset.map_or("", AssetId::as_str))
             .fetch_all(self.read())
             .await?;

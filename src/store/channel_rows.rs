@@ -5,7 +5,6 @@
 use std::collections::BTreeMap;
 
 use jiff::Timestamp;
-use sqlx::AssertSqlSafe;
 
 use super::commit::{Commit, ROWS_AT_ONCE};
 use super::fold_states::StatesAfter;
@@ -104,7 +103,7 @@ impl Commit {
                  VALUES {}",
                 rows_of_placeholders(chunk.len(), 13)
             );
-            let mut query = sqlx::query(AssertSqlSafe(text));
+            let mut query = sqlx::query(&text);
             for (channel_no, segment) in chunk {
                 let id = segment.id.0.as_str();
                 query = query
@@ -138,7 +137,7 @@ impl Commit {
                  VALUES {} ON CONFLICT (segment_id, generation) DO NOTHING",
                 rows_of_placeholders(chunk.len(), 8)
             );
-            let mut query = sqlx::query(AssertSqlSafe(text));
+            let mut query = sqlx::query(&text);
             for (generation, segment, analysed) in chunk {
                 let id = segment.0.as_str();
                 for (name, value) in &analysed.indicators.values {
@@ -183,7 +182,7 @@ impl Commit {
                  ON CONFLICT (sha256, asset_id) DO NOTHING RETURNING asset_id, bytes",
                 rows_of_placeholders(chunk.len(), 4)
             );
-            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
             for ((sha256, asset), (bytes, start_time)) in chunk {
                 query = query.bind(*sha256).bind(*asset).bind(*bytes).bind(to_ns(*start_time)?);
             }
@@ -199,7 +198,7 @@ impl Commit {
                  ON CONFLICT (asset_id) DO UPDATE SET bytes = raw_volumes.bytes + excluded.bytes",
                 rows_of_placeholders(chunk.len(), 2)
             );
-            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
             for (asset, bytes) in chunk {
                 query = query.bind(asset.as_str()).bind(*bytes);
             }
@@ -224,7 +223,7 @@ impl Commit {
             rows_of_placeholders(wears.len(), 2 + ESTIMATE.split(", ").count()),
             excluded(ESTIMATE)
         );
-        let mut query = sqlx::query(AssertSqlSafe(text));
+        let mut query = sqlx::query(&text);
         for (generation, key, RunResult { indicators, wear }) in wears {
             let id = key.id.0.as_str();
             for (name, value) in &indicators.values {
@@ -264,7 +263,7 @@ impl Commit {
                 "DELETE FROM wear_posteriors WHERE (segment_id, generation) IN (VALUES {})",
                 rows_of_placeholders(without.len(), 2)
             );
-            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(without.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(without.len()));
             for (generation, key, _) in without {
                 query = query.bind(key.id.0.as_str()).bind(*generation);
             }
@@ -277,7 +276,7 @@ impl Commit {
                 rows_of_placeholders(with.len(), 4),
                 excluded("wear_um, probability")
             );
-            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(with.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(with.len()));
             for (generation, key, result) in with {
                 let Some(posterior) = &result.wear.posterior else { continue };
                 query = query

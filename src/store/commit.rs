@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use jiff::Timestamp;
-use sqlx::{Any, AssertSqlSafe, Transaction};
+use sqlx::{Any, Transaction};
 
 use super::assets::{asset_of, channel_of};
 use super::rows::{excluded, placeholders, rows_of_placeholders, to_ns};
@@ -56,7 +56,7 @@ impl Commit {
             placeholders(1, ids.len()),
             self.dialect.to_rest_on()
         );
-        let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(ids.len()));
+        let mut query = sqlx::query(&text).persistent(self.dialect.keeps(ids.len()));
         for id in ids {
             query = query.bind(id.as_str());
         }
@@ -87,10 +87,7 @@ impl Commit {
     }
 
     async fn one_asset(&mut self, id: &AssetId, text: String) -> Result<Asset, StoreError> {
-        let row = sqlx::query(AssertSqlSafe(text))
-            .bind(id.as_str())
-            .fetch_optional(&mut *self.transaction)
-            .await?;
+        let row = sqlx::query(&text).bind(id.as_str()).fetch_optional(&mut *self.transaction).await?;
         let row = row.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?;
         asset_of(&row)
     }
@@ -105,7 +102,7 @@ impl Commit {
                 rows_of_placeholders(chunk.len(), 2),
                 self.dialect.to_change()
             );
-            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
             for (asset, name) in chunk {
                 query = query.bind(asset.as_str()).bind(*name);
             }
@@ -142,7 +139,7 @@ impl Commit {
             "SELECT * FROM channels WHERE asset_id = $1 AND name = $2{}",
             self.dialect.to_change()
         );
-        let row = sqlx::query(AssertSqlSafe(find))
+        let row = sqlx::query(&find)
             .bind(asset.as_str())
             .bind(channel)
             .fetch_one(&mut *self.transaction)
@@ -155,7 +152,7 @@ impl Commit {
     /// Error: [`StoreError::AssetUnknown`] where it is gone with its asset.
     pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
         let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.to_change());
-        let row = sqlx::query(AssertSqlSafe(text))
+        let row = sqlx::query(&text)
             .bind(channel.channel_no)
             .fetch_optional(&mut *self.transaction)
             .await?;
@@ -179,7 +176,7 @@ impl Commit {
                 rows_of_placeholders(chunk.len(), 3 + SUMMARY.split(", ").count()),
                 excluded(SUMMARY)
             );
-            let mut query = sqlx::query(AssertSqlSafe(text));
+            let mut query = sqlx::query(&text);
             for channel in chunk {
                 query = query
                     .bind(channel.channel_no)

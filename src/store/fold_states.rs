@@ -1,6 +1,5 @@
 //! States of the fold over a channel's records: the newest one, and some of earlier ones to begin again from.
 
-use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
 use super::commit::{Commit, ROWS_AT_ONCE};
@@ -88,7 +87,7 @@ impl Commit {
                 "INSERT INTO fold_states (channel_no, generation, position, start_time_ns, segment_id, state) VALUES {}",
                 rows_of_placeholders(chunk.len(), 6)
             );
-            let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
             for (channel_no, generation, state) in chunk {
                 query = query
                     .bind(*channel_no)
@@ -122,7 +121,7 @@ impl Commit {
         };
         let which: Vec<String> = (0..all.len()).map(one).collect();
         let text = format!("DELETE FROM fold_states WHERE {}", which.join(" OR "));
-        let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect.keeps(all.len()));
+        let mut query = sqlx::query(&text).persistent(self.dialect.keeps(all.len()));
         for &(channel_no, generation, after, _) in all {
             // The newest one of before is kept only where its position is one of those that are.
             let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) {

@@ -302,7 +302,7 @@ impl Store {
                 .await?;
             for table in ["wear_estimates", "wear_posteriors"] {
                 let text = format!("DELETE FROM {table} WHERE segment_id = $1 AND generation <> $2");
-                sqlx::query(sqlx::AssertSqlSafe(text))
+                sqlx::query(&text)
                     .bind(id.as_str())
                     .bind(channel.wear_generation)
                     .execute(&mut *commit.transaction)

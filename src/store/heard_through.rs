@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use sqlx::{Any, AssertSqlSafe, Transaction};
+use sqlx::{Any, Transaction};
 
 use super::assets::asset_of;
 use super::rows::{asset_id, get, placeholders};
@@ -29,10 +29,7 @@ const OF_SENSOR: &str = "id IN (SELECT of_asset FROM heard_through WHERE asset_i
 /// The other assets of an asset's sensor count as changed: what they are analysed with has.
 pub(super) async fn change_others(transaction: &mut Transaction<'_, Any>, id: &AssetId) -> Result<(), StoreError> {
     let text = format!("SELECT id FROM assets WHERE id <> $1 AND ({OF_SENSOR}) ORDER BY id");
-    let others = sqlx::query(AssertSqlSafe(text))
-        .bind(id.as_str())
-        .fetch_all(&mut **transaction)
-        .await?;
+    let others = sqlx::query(&text).bind(id.as_str()).fetch_all(&mut **transaction).await?;
     for other in others {
         let other: String = get(&other, "id")?;
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
@@ -88,7 +85,7 @@ impl Store {
     pub async fn sharing_a_sensor(&self, ids: &[&AssetId]) -> Result<BTreeSet<AssetId>, StoreError> {
         let list = placeholders(1, ids.len());
         let text = format!("SELECT asset_id, of_asset FROM heard_through WHERE asset_id IN ({list}) OR of_asset IN ({list})");
-        let mut query = sqlx::query(AssertSqlSafe(text)).persistent(self.dialect().keeps(ids.len()));
+        let mut query = sqlx::query(&text).persistent(self.dialect().keeps(ids.len()));
         for id in ids {
             query = query.bind(id.as_str());
         }
@@ -106,7 +103,7 @@ impl Store {
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn assets_of_sensor(&self, id: &AssetId) -> Result<Vec<Asset>, StoreError> {
         let text = format!("SELECT * FROM assets WHERE id = $1 OR {OF_SENSOR} ORDER BY id");
-        let rows = sqlx::query(AssertSqlSafe(text)).bind(id.as_str()).fetch_all(self.read()).await?;
+        let rows = sqlx::query(&text).bind(id.as_str()).fetch_all(self.read()).await?;
         let assets: Vec<Asset> = rows.iter().map(asset_of).collect::<Result<_, _>>()?;
         if assets.iter().any(|asset| asset.spec.id == *id) {
             Ok(assets)

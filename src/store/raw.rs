@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use sqlx::{Any, AssertSqlSafe, Transaction};
+use sqlx::{Any, Transaction};
 
 use super::rows::{get, get_count, placeholders};
 use super::{Store, StoreError};
@@ -117,7 +117,7 @@ async fn volume(transaction: &mut Transaction<'static, Any>, asset: Option<&Asse
     let text = "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS volume FROM raw_volumes";
     let row = match asset {
         Some(asset) => {
-            sqlx::query(AssertSqlSafe(format!("{text} WHERE asset_id = $1")))
+            sqlx::query(&format!("{text} WHERE asset_id = $1"))
                 .bind(asset.as_str())
                 .fetch_one(&mut **transaction)
                 .await?
@@ -135,7 +135,7 @@ pub(super) async fn kept_among(transaction: &mut Transaction<'static, Any>, name
             "SELECT DISTINCT sha256 FROM raw_objects WHERE sha256 IN ({})",
             placeholders(1, chunk.len())
         );
-        let mut query = sqlx::query(AssertSqlSafe(text));
+        let mut query = sqlx::query(&text);
         for name in chunk {
             query = query.bind(name.as_str());
         }

@@ -4,7 +4,6 @@
 //! row changed, and nothing of his is counted.
 
 use jiff::{SignedDuration, Timestamp};
-use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
 use super::rows::{asset_id, from_ns, get, get_count, get_time, to_ns};
@@ -181,26 +180,24 @@ impl Store {
 
     /// Uploads that are whole and that nobody reads.
     pub async fn unread_uploads(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
-        let rows = sqlx::query(AssertSqlSafe(format!(
-            "SELECT id FROM resumable_uploads WHERE {UNREAD} ORDER BY expires_at_ns LIMIT $2"
-        )))
-        .bind(to_ns(now)?)
-        .bind(i64::from(limit))
-        .fetch_all(self.read())
-        .await?;
+        let text = format!("SELECT id FROM resumable_uploads WHERE {UNREAD} ORDER BY expires_at_ns LIMIT $2");
+        let rows = sqlx::query(&text)
+            .bind(to_ns(now)?)
+            .bind(i64::from(limit))
+            .fetch_all(self.read())
+            .await?;
         rows.iter().map(|row| get(row, "id")).collect()
     }
 
     /// The right to read an upload that is whole; false where another process has it, or it is read.
     pub async fn begin_reading(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
-        let begun = sqlx::query(AssertSqlSafe(format!(
-            "UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3 WHERE id = $2 AND {UNREAD}"
-        )))
-        .bind(to_ns(now)?)
-        .bind(id)
-        .bind(alive_until(now)?)
-        .execute(self.write())
-        .await?;
+        let text = format!("UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3 WHERE id = $2 AND {UNREAD}");
+        let begun = sqlx::query(&text)
+            .bind(to_ns(now)?)
+            .bind(id)
+            .bind(alive_until(now)?)
+            .execute(self.write())
+            .await?;
         Ok(begun.rows_affected() > 0)
     }
 

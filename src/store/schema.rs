@@ -3,7 +3,7 @@
 //! Types are BIGINT (also for times: nanoseconds UTC), DOUBLE PRECISION, TEXT and the tokens `{bytes}` and `{second_of_start}`; there are no booleans,
 //! UUIDs or timestamps, which sqlx's `Any` driver cannot carry. Structures that are only read whole are JSON in TEXT.
 
-use sqlx::{AnyConnection, AssertSqlSafe, Connection, Row};
+use sqlx::{AnyConnection, Connection, Row};
 
 use super::{StoreError, dead_letters, heard_through, renamed_segments, resumable_uploads, tokens};
 
@@ -391,7 +391,7 @@ pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) ->
     for (version, statements) in (1..).zip(MIGRATIONS).skip(usize::try_from(found).unwrap_or(0)) {
         for statement in *statements {
             let statement = dialect.statement(statement);
-            sqlx::query(AssertSqlSafe(statement)).execute(&mut *transaction).await?;
+            sqlx::query(&statement).execute(&mut *transaction).await?;
         }
         sqlx::query("INSERT INTO migrations (version) VALUES ($1)")
             .bind(version as i64)

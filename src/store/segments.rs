@@ -1,7 +1,6 @@
 //! Reading segments.
 
 use jiff::Timestamp;
-use sqlx::AssertSqlSafe;
 use sqlx::any::AnyRow;
 
 use super::rows::{doubles_from_bytes, from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders, to_ns};
@@ -169,7 +168,7 @@ impl Store {
                 "{SEGMENT} FROM segments s {SERVED} WHERE s.id IN ({})",
                 placeholders(1, chunk.len())
             );
-            let mut query = sqlx::query(AssertSqlSafe(text));
+            let mut query = sqlx::query(&text);
             for id in chunk {
                 query = query.bind(id.0.as_str());
             }
@@ -254,7 +253,7 @@ impl Store {
             Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
             None => (start, ""),
         };
-        let rows = sqlx::query(AssertSqlSafe(text))
+        let rows = sqlx::query(&text)
             .bind(channel.channel_no)
             .bind(filter.from.map_or(Ok(i64::MIN), to_ns)?)
             .bind(filter.to.map_or(Ok(i64::MAX), to_ns)?)

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use flankwatch::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
-use sqlx::{AssertSqlSafe, Connection};
+use sqlx::Connection;
 
 static SCHEMAS: AtomicU32 = AtomicU32::new(0);
 
@@ -64,7 +64,7 @@ impl TestDatabase {
         let outcome = runtime.block_on(async {
             sqlx::any::install_default_drivers();
             let mut connection = sqlx::AnyConnection::connect(&self.server).await?;
-            sqlx::raw_sql(AssertSqlSafe(statements.to_owned())).execute(&mut connection).await?;
+            sqlx::raw_sql(statements).execute(&mut connection).await?;
             connection.close().await
         });
         outcome.unwrap_or_else(|error| panic!("{statements}: {error}"));
