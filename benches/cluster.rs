@@ -185,7 +185,7 @@ impl Schema {
         runtime.block_on(async {
             let mut connection = PgConnection::connect(&self.database).await.expect("the database");
             loop {
-                let row = sqlx::query(statement).fetch_one(&mut connection).await.expect("a count");
+                let row = sqlx::query(&statement).fetch_one(&mut connection).await.expect("a count");
                 let stored: i64 = row.get(0);
                 if stored as usize >= records {
                     return stored as usize;

@@ -39,7 +39,7 @@ pub struct WorkerLimits {
 impl Default for WorkerLimits {
     fn default() -> Self {
         Self {
-            at_once: 4 * std::thread::available_parallelism().map_or(2, usize::from),
+            at_once: 8 * std::thread::available_parallelism().map_or(2, usize::from),
             most_deliveries: 10,
         }
     }

@@ -330,7 +330,9 @@ impl Ingest {
         } = kept;
         let of = spec.id.clone();
         let stored = self.store_analysed(spec, &named, analysed, received_at).await?;
-        self.let_hear(&of, &named, received_at).await?;
+        if stored.iter().any(|stored| stored.is_heard) {
+            self.let_hear(&of, &named, received_at).await?;
+        }
         Ok(stored)
     }
 

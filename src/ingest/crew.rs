@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::accept::{Accepted, Named};
 use super::hearing::Hearers;
-use super::recall::recall_here;
+use super::recall::decode_again;
 use super::{Ingest, IngestError};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
 use crate::recording::RecordDefaults;
@@ -194,7 +194,7 @@ impl Ingest {
         }
         self.libraries_are_there(&asset.spec, &listeners).await?;
         let named = self.name_again(asset.spec.clone(), record.clone()).await?;
-        if !self.known_to_all(&[&named], &listeners).await?.is_empty() {
+        if !listeners.is_empty() && !self.known_to_all(&[&named], &listeners).await?.is_empty() {
             self.count(0, 1, 0);
             return Ok(TakenOver::Repeated);
         }
@@ -223,15 +223,15 @@ impl Ingest {
     }
 
     async fn name_again(&self, spec: AssetSpec, record: QueuedRecord) -> Result<Named, IngestError> {
-        let store = self.inner.store.clone();
-        let read = move || {
+        let bytes = self.raw_bytes(&record.raw).await?;
+        let name = move || {
             let defaults = RecordDefaults {
                 channel: Some(record.channel.clone()),
                 start_time: record.start_time,
                 unit: Some(record.unit),
                 operating_point: record.operating_point,
             };
-            let read = recall_here(&store, &record.raw, &defaults)?.with_channel(record.channel);
+            let read = decode_again(&bytes, &record.raw, &defaults)?.with_channel(record.channel);
             let named = Named::new(&spec.id, read, record.raw, record.reference_wear_um)?;
             if named.id == record.id {
                 Ok(named)
@@ -242,7 +242,7 @@ impl Ingest {
                 })
             }
         };
-        self.inner.workers.run("read a record", read).await?
+        self.inner.workers.run("read a record", name).await?
     }
 
     /// Brings an asset's history up to what is asked for now, and starts its library, in the background; for a worker that is told of the asset.

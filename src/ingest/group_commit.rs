@@ -1,6 +1,6 @@
 //! Storing segments: what many connections bring at once is folded and committed together, so that all share one wait for the disk.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -27,6 +27,8 @@ pub(super) struct Stored {
     pub(super) segment: Segment,
     /// It was there before.
     pub(super) repeated: bool,
+    /// Other assets were on the asset's sensor when it was stored; those described later find it stored.
+    pub(super) is_heard: bool,
 }
 
 /// Segments of one asset that are to be stored, and who waits for it.
@@ -159,7 +161,7 @@ impl Ingest {
         }
         let mut commit = self.inner.store.begin().await?;
         // Locked in the order of their names; from here on no other process changes them.
-        let assets = self.assets_of(&mut commit, &names).await?;
+        let (assets, heard) = self.assets_of(&mut commit, &names).await?;
         let channels = commit.channels(&names).await?;
         // Asked under the locks: nobody else stores them now.
         let repeats = self.inner.store.segments_by_id(&ids).await?;
@@ -186,13 +188,14 @@ impl Ingest {
             done.insert(segment.id.clone(), (segment, false));
         }
         // The same record twice in one batch is stored once and answered once in each job.
-        let answer = |(_, segments): &(AssetId, Vec<NewSegment>)| {
+        let answer = |(asset, segments): &(AssetId, Vec<NewSegment>)| {
             let mut answered = Vec::with_capacity(segments.len());
             for segment in segments {
                 if let Some((segment, repeated)) = done.get_mut(&segment.id) {
                     answered.push(Stored {
                         segment: segment.clone(),
                         repeated: std::mem::replace(repeated, true),
+                        is_heard: heard.contains(asset),
                     });
                 }
             }
@@ -201,17 +204,22 @@ impl Ingest {
         Ok(jobs.iter().map(answer).collect())
     }
 
-    /// The assets of channels as they stay until the transaction's end, the other meshes of their sensors known to them.
-    async fn assets_of(&self, commit: &mut Commit, names: &[(&AssetId, &str)]) -> Result<HashMap<AssetId, Asset>, IngestError> {
+    /// The assets of channels as they stay until the transaction's end, the other meshes of their sensors known to them; and which have any.
+    async fn assets_of(
+        &self,
+        commit: &mut Commit,
+        names: &[(&AssetId, &str)],
+    ) -> Result<(HashMap<AssetId, Asset>, BTreeSet<AssetId>), IngestError> {
         let mut ids: Vec<&AssetId> = names.iter().map(|(asset, _)| *asset).collect();
         ids.dedup();
         let mut assets = commit.assets(&ids).await?;
-        for id in self.inner.store.sharing_a_sensor(&ids).await? {
-            if let Some(asset) = assets.remove(&id) {
-                assets.insert(id, self.among_others(asset).await?);
+        let sharing = self.inner.store.sharing_a_sensor(&ids).await?;
+        for id in &sharing {
+            if let Some(asset) = assets.remove(id) {
+                assets.insert(id.clone(), self.among_others(asset).await?);
             }
         }
-        Ok(assets)
+        Ok((assets, sharing))
     }
 }
 

@@ -1,5 +1,7 @@
 //! Stored records again: their samples and their spectra, from the raw bytes.
 
+use bytes::Bytes;
+
 use super::accept::RecordFormat;
 use super::{Ingest, IngestError, with_analyzer};
 use crate::asset::{RawReference, Segment};
@@ -10,20 +12,28 @@ use crate::store::{Store, StoreError};
 impl Ingest {
     /// The record that a segment was made of, read from its raw bytes and checked against their hash.
     pub async fn recall(&self, segment: &Segment) -> Result<Record, IngestError> {
-        let (store, raw) = (self.inner.store.clone(), segment.raw.clone());
+        let raw = segment.raw.clone();
         let defaults = RecordDefaults {
             channel: Some(segment.channel.clone()),
             start_time: segment.start_time,
             unit: Some(segment.unit.clone()),
             operating_point: segment.operating_point,
         };
-        let read = move || recall_here(&store, &raw, &defaults);
-        match self.inner.workers.run("read a record", read).await? {
+        let bytes = match self.raw_bytes(&raw).await {
             Err(IngestError::Store(StoreError::ObjectMissing(name))) if !self.inner.store.keeps_raw(&segment.asset_id, &name).await? => {
-                Err(IngestError::RawGivenUp(segment.id.clone()))
+                return Err(IngestError::RawGivenUp(segment.id.clone()));
             }
-            read => read,
-        }
+            read => read?,
+        };
+        let decode = move || decode_again(&bytes, &raw, &defaults);
+        self.inner.workers.run("read a record", decode).await?
+    }
+
+    /// Raw bytes, checked against their hash. No thread that computes waits for the disk or the network.
+    pub(super) async fn raw_bytes(&self, raw: &RawReference) -> Result<Bytes, IngestError> {
+        let (store, name) = (self.inner.store.clone(), raw.sha256.clone());
+        let read = tokio::task::spawn_blocking(move || store.objects().get(&name)).await;
+        Ok(read.map_err(|_| IngestError::WorkerLost("read a record"))??)
     }
 
     /// What `analyse` makes of a segment's record and of what is known of its mesh; `task` names it if it is lost.
@@ -122,13 +132,17 @@ pub struct SegmentEnvelope {
 
 /// A record from its raw bytes, checked against their hash; `defaults` is what was stored of it. Blocks on the disk.
 pub(super) fn recall_here(store: &Store, raw: &RawReference, defaults: &RecordDefaults) -> Result<Record, IngestError> {
-    let bytes = store.objects().get(&raw.sha256)?;
+    decode_again(&store.objects().get(&raw.sha256)?, raw, defaults)
+}
+
+/// A record from its raw bytes; `defaults` is what was stored of it.
+pub(super) fn decode_again(bytes: &[u8], raw: &RawReference, defaults: &RecordDefaults) -> Result<Record, IngestError> {
     let format = RecordFormat::from_media_type(&raw.media_type).ok_or_else(|| StoreError::Unexpected {
         what: "raw_media_type",
         value: raw.media_type.clone(),
         expected: "a media type of one record",
     })?;
-    let records = format.decode(&bytes, defaults)?;
+    let records = format.decode(bytes, defaults)?;
     let record = records.into_iter().nth(raw.channel_index as usize);
     let record = record.ok_or_else(|| StoreError::Unexpected {
         what: "raw_channel_index",

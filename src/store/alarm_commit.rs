@@ -232,7 +232,7 @@ impl Commit {
             .await?;
         // What is said again is not withdrawn any more.
         let text = "SELECT * FROM alarm_changes WHERE alarm_id = $1 AND withdrawn_at_ns IS NOT NULL ORDER BY place, number";
-        let rows = sqlx::query(&text).bind(id).fetch_all(&mut *self.transaction).await?;
+        let rows = sqlx::query(text).bind(id).fetch_all(&mut *self.transaction).await?;
         for row in &rows {
             let withdrawn = change_of(row)?.change;
             if new.iter().any(|new| new.change.tells_the_same_as(&withdrawn)) {

@@ -2,7 +2,7 @@
 //!
 //! A statement costs a way to the database and back, and rows are locked meanwhile: their number does not grow with that of the records.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use jiff::Timestamp;
 
@@ -31,8 +31,14 @@ pub struct ChannelRows<'a> {
     pub is_rewritten: bool,
 }
 
-/// An estimate with its generation.
-type WearRow<'a> = (i64, &'a SegmentKey, &'a RunResult);
+/// An estimate to be written.
+pub(super) struct WearRow<'a> {
+    pub(super) generation: i64,
+    pub(super) segment: &'a SegmentId,
+    pub(super) result: &'a RunResult,
+    /// The segment is added by the same transaction: nothing was said of it before.
+    pub(super) is_first: bool,
+}
 
 /// The rows of all channels, by table.
 #[derive(Default)]
@@ -51,8 +57,14 @@ impl<'a> Rows<'a> {
             self.segments.push((channel.channel_no, segment));
             self.analyses.push((channel.analysis_generation, &segment.id, &segment.analysed));
         }
-        let wears = addition.wears.iter();
-        self.wears.extend(wears.map(|(key, result)| (channel.wear_generation, key, result)));
+        let new: HashSet<&SegmentId> = addition.new.iter().map(|segment| &segment.id).collect();
+        let wears = addition.wears.iter().map(|(key, result)| WearRow {
+            generation: channel.wear_generation,
+            segment: &key.id,
+            result,
+            is_first: new.contains(&key.id),
+        });
+        self.wears.extend(wears);
         if let Some((after, states)) = &addition.states {
             self.states.push((channel.channel_no, channel.wear_generation, *after, states));
         }
@@ -224,8 +236,9 @@ impl Commit {
             excluded(ESTIMATE)
         );
         let mut query = sqlx::query(&text);
-        for (generation, key, RunResult { indicators, wear }) in wears {
-            let id = key.id.0.as_str();
+        for row in wears {
+            let RunResult { indicators, wear } = row.result;
+            let id = row.segment.0.as_str();
             for (name, value) in &indicators.values {
                 finite(&format!("indicator {name} of segment {id}"), *value)?;
             }
@@ -236,7 +249,7 @@ impl Commit {
             let status = to_json(&wear.status, "status", id)?;
             query = query
                 .bind(id)
-                .bind(*generation)
+                .bind(row.generation)
                 .bind(status.trim_matches('"').to_owned())
                 .bind(wear.reason.as_str())
                 .bind(finite_or_none("median_um", wear.median_um)?)
@@ -257,15 +270,16 @@ impl Commit {
     }
 
     async fn set_posteriors(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
-        let (with, without): (Vec<&WearRow<'_>>, Vec<_>) = wears.iter().partition(|(.., result)| result.wear.posterior.is_some());
+        let (with, mut without): (Vec<&WearRow<'_>>, Vec<_>) = wears.iter().partition(|row| row.result.wear.posterior.is_some());
+        without.retain(|row| !row.is_first);
         if !without.is_empty() {
             let text = format!(
                 "DELETE FROM wear_posteriors WHERE (segment_id, generation) IN (VALUES {})",
                 rows_of_placeholders(without.len(), 2)
             );
             let mut query = sqlx::query(&text).persistent(self.dialect.keeps(without.len()));
-            for (generation, key, _) in without {
-                query = query.bind(key.id.0.as_str()).bind(*generation);
+            for row in without {
+                query = query.bind(row.segment.0.as_str()).bind(row.generation);
             }
             query.execute(&mut *self.transaction).await?;
         }
@@ -277,11 +291,11 @@ impl Commit {
                 excluded("wear_um, probability")
             );
             let mut query = sqlx::query(&text).persistent(self.dialect.keeps(with.len()));
-            for (generation, key, result) in with {
-                let Some(posterior) = &result.wear.posterior else { continue };
+            for row in with {
+                let Some(posterior) = &row.result.wear.posterior else { continue };
                 query = query
-                    .bind(key.id.0.as_str())
-                    .bind(*generation)
+                    .bind(row.segment.0.as_str())
+                    .bind(row.generation)
                     .bind(doubles_to_bytes(&posterior.wear_um))
                     .bind(doubles_to_bytes(&posterior.probability));
             }

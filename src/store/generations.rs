@@ -8,6 +8,7 @@
 
 use jiff::{SignedDuration, Timestamp};
 
+use super::channel_rows::WearRow;
 use super::commit::Commit;
 use super::fold_states::FoldState;
 use super::rows::{get, to_ns};
@@ -199,7 +200,12 @@ impl Store {
     ) -> Result<(), StoreError> {
         let mut commit = self.begin().await?;
         let channel = commit.made_channel(channel, generation).await?;
-        let wears = wears.iter().map(|(key, result)| (generation.0, key, result));
+        let wears = wears.iter().map(|(key, result)| WearRow {
+            generation: generation.0,
+            segment: &key.id,
+            result,
+            is_first: false,
+        });
         commit.set_wears(&wears.collect::<Vec<_>>()).await?;
         commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
         commit.stay_maker(&channel, now).await?;

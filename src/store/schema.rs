@@ -375,7 +375,7 @@ pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) ->
     // All or nothing; of several processes the first one does it, and the others find it done.
     let mut transaction = connection.begin().await?;
     for statement in dialect.lock_migrations() {
-        sqlx::query(*statement).execute(&mut *transaction).await?;
+        sqlx::query(statement).execute(&mut *transaction).await?;
     }
     sqlx::query("CREATE TABLE IF NOT EXISTS migrations (version BIGINT NOT NULL PRIMARY KEY)")
         .execute(&mut *transaction)
