@@ -66,7 +66,9 @@ enum Fault {
 }
 
 impl Worker {
-    pub(super) fn new(connection: Connection, ingest: Ingest, limits: WorkerLimits, stop: watch::Receiver<bool>) -> Self {
+    pub(super) fn new(connection: Connection, ingest: Ingest, mut limits: WorkerLimits, stop: watch::Receiver<bool>) -> Self {
+        // More than that would be refused, and held.
+        limits.at_once = limits.at_once.min(ingest.workers().queue().1).max(1);
         Self {
             connection,
             ingest,
