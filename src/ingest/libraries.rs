@@ -145,14 +145,18 @@ impl Libraries {
                 return;
             }
             // Records need not wait for the neighbours: when they are there, histories are folded again with them.
-            match source.ensemble(library, &neighbours) {
+            let ensemble = match source.ensemble(Arc::clone(&library), &neighbours) {
                 Ok(ensemble) => {
                     tracing::info!(library = %built_id, members = ensemble.members().len(), "neighbours ready");
-                    let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-                    ensembles.insert(built_id, Arc::new(ensemble));
+                    ensemble
                 }
-                Err(error) => tracing::error!(library = %built_id, %error, "neighbours failed"),
-            }
+                Err(error) => {
+                    tracing::error!(library = %built_id, %error, "neighbours failed");
+                    Ensemble::of(library)
+                }
+            };
+            let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
+            ensembles.insert(built_id, Arc::new(ensemble));
         };
         if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(build) {
             tracing::error!(%error, "no thread for a library");
@@ -182,6 +186,13 @@ impl Libraries {
             },
         };
         Ok(self.keyed(spec, ensemble))
+    }
+
+    /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded again with them.
+    pub(super) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
+        let Some(pair) = &spec.gear.pair else { return false };
+        let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);
+        self.neighbours.libraries() > 1 && !ensembles.contains_key(&library_id(pair, &self.grid))
     }
 
     /// The tracker of a fold key, where it was in use since the start.

@@ -228,6 +228,11 @@ impl Ingest {
                 self.remove_leftovers(&channel).await?;
                 return Ok(Made::Here);
             }
+            let is_other_fold = channel.keys.analysed == wanted.analysed && channel.keys.fold != wanted.fold;
+            if is_other_fold && self.inner.store.is_shared() && self.inner.libraries.awaits_neighbours(&described.spec) {
+                // Who has them already made the history with them, and would do so again.
+                return Ok(Made::Elsewhere);
+            }
             let Some(wear) = self.inner.store.begin_making(&channel, self.inner.clock.now()).await? else {
                 return Ok(Made::Elsewhere);
             };

@@ -59,6 +59,10 @@ fn records(asset: &AssetId, channel: &str, count: u32) -> Vec<Sent> {
 }
 
 async fn worker(settings: &StoreSettings, folder: &Path) -> Ingest {
+    worker_with(settings, folder, EnsembleSettings::described_alone()).await
+}
+
+async fn worker_with(settings: &StoreSettings, folder: &Path, neighbours: EnsembleSettings) -> Ingest {
     let store = Store::open(settings).await.unwrap();
     let folders = IngestFolders {
         libraries: folder.join("libraries"),
@@ -67,7 +71,7 @@ async fn worker(settings: &StoreSettings, folder: &Path) -> Ingest {
     };
     let limits = IngestLimits {
         workers: 1,
-        neighbours: EnsembleSettings::described_alone(),
+        neighbours,
         ..IngestLimits::default()
     };
     let grid = GridSettings {
@@ -287,6 +291,50 @@ fn an_alarm_is_told_of_once_whoever_takes_the_record() {
         workers[0].create_asset(&spec).await.unwrap();
         assert_eq!(told_of(&workers, &all).await, expected);
         for worker in &workers {
+            worker.store().close().await;
+        }
+    });
+}
+
+#[test]
+fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
+    let Some(database) = database() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let spec = asset("pump");
+    let all = records(&spec.id, "1", 13);
+    let neighbours = |seconds| EnsembleSettings {
+        operating_points: false,
+        seconds,
+        ..EnsembleSettings::default()
+    };
+    runtime().block_on(async {
+        let settings = StoreSettings::Shared(database.settings(folder.path()));
+        let with = worker_with(&settings, &folder.path().join("with"), neighbours(0.25)).await;
+        with.create_asset(&spec).await.unwrap();
+        for sent in &all[..12] {
+            send(&with, sent).await;
+        }
+        // The neighbours come after the first records, and the history is folded again with them.
+        for tries in 0.. {
+            with.look_at(&spec.id).await.unwrap();
+            if !with.recomputations(None).is_empty() {
+                break;
+            }
+            assert!(tries < 3000, "no neighbours");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        settle(&with, &spec.id, &[]).await;
+        let made_with = keys(&with, &spec.id).await;
+        // Longer ones take this worker longer than the test does.
+        let awaiting = worker_with(&settings, &folder.path().join("awaiting"), neighbours(20.0)).await;
+        send(&awaiting, &all[12]).await;
+        awaiting.look_at(&spec.id).await.unwrap();
+        with.look_at(&spec.id).await.unwrap();
+        settle(&with, &spec.id, &made_with).await;
+        tokio::time::sleep(Duration::from_millis(500)).await;
+        assert_eq!(keys(&with, &spec.id).await, made_with);
+        assert!(awaiting.recomputations(None).is_empty(), "{:?}", awaiting.recomputations(None));
+        for worker in [with, awaiting] {
             worker.store().close().await;
         }
     });
