@@ -8,13 +8,10 @@ use jiff::Timestamp;
 
 use super::commit::{Commit, ROWS_AT_ONCE};
 use super::fold_states::StatesAfter;
-use super::rows::{doubles_to_bytes, excluded, finite, finite_or_none, get, rows_of_placeholders, to_json, to_ns};
+use super::rows::{finite, finite_or_none, get, rows_of_placeholders, to_json, to_ns};
+use super::wear_rows::WearRow;
 use super::{Analysed, ChannelSummary, FoldState, NewSegment, RunResult, SegmentKey, StoreError};
 use crate::asset::SegmentId;
-use crate::estimate::WearEstimate;
-
-/// What is written of an estimate.
-const ESTIMATE: &str = "status, reason, median_um, mean_um, p05_um, p25_um, p75_um, p95_um, log_evidence, estimate, run_indicators";
 
 /// What a transaction adds to a channel, in the generations that are served.
 #[derive(Debug)]
@@ -29,15 +26,6 @@ pub struct ChannelRows<'a> {
     pub states: Option<(u64, Vec<FoldState>)>,
     /// Estimates of earlier segments changed.
     pub is_rewritten: bool,
-}
-
-/// An estimate to be written.
-pub(super) struct WearRow<'a> {
-    pub(super) generation: i64,
-    pub(super) segment: &'a SegmentId,
-    pub(super) result: &'a RunResult,
-    /// The segment is added by the same transaction: nothing was said of it before.
-    pub(super) is_first: bool,
 }
 
 /// The rows of all channels, by table.
@@ -213,91 +201,6 @@ impl Commit {
             let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
             for (asset, bytes) in chunk {
                 query = query.bind(asset.as_str()).bind(*bytes);
-            }
-            query.execute(&mut *self.transaction).await?;
-        }
-        Ok(())
-    }
-
-    /// Sets estimates of segments, the first ones or new ones.
-    pub(super) async fn set_wears(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
-        for chunk in wears.chunks(ROWS_AT_ONCE) {
-            self.set_estimates(chunk).await?;
-            self.set_posteriors(chunk).await?;
-        }
-        Ok(())
-    }
-
-    async fn set_estimates(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
-        let text = format!(
-            "INSERT INTO wear_estimates (segment_id, generation, {ESTIMATE}) VALUES {}
-             ON CONFLICT (segment_id, generation) DO UPDATE SET {}",
-            rows_of_placeholders(wears.len(), 2 + ESTIMATE.split(", ").count()),
-            excluded(ESTIMATE)
-        );
-        let mut query = sqlx::query(&text);
-        for row in wears {
-            let RunResult { indicators, wear } = row.result;
-            let id = row.segment.0.as_str();
-            for (name, value) in &indicators.values {
-                finite(&format!("indicator {name} of segment {id}"), *value)?;
-            }
-            let without_posterior = WearEstimate {
-                posterior: None,
-                ..wear.clone()
-            };
-            let status = to_json(&wear.status, "status", id)?;
-            query = query
-                .bind(id)
-                .bind(row.generation)
-                .bind(status.trim_matches('"').to_owned())
-                .bind(wear.reason.as_str())
-                .bind(finite_or_none("median_um", wear.median_um)?)
-                .bind(finite_or_none("mean_um", wear.mean_um)?)
-                .bind(finite_or_none("p05_um", wear.p05_um)?)
-                .bind(finite_or_none("p25_um", wear.p25_um)?)
-                .bind(finite_or_none("p75_um", wear.p75_um)?)
-                .bind(finite_or_none("p95_um", wear.p95_um)?)
-                .bind(finite_or_none("log_evidence", wear.log_evidence)?)
-                .bind(to_json(&without_posterior, "estimate", id)?)
-                .bind(to_json(indicators, "run_indicators", id)?);
-        }
-        query
-            .persistent(self.dialect.keeps_optional_doubles())
-            .execute(&mut *self.transaction)
-            .await?;
-        Ok(())
-    }
-
-    async fn set_posteriors(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
-        let (with, mut without): (Vec<&WearRow<'_>>, Vec<_>) = wears.iter().partition(|row| row.result.wear.posterior.is_some());
-        without.retain(|row| !row.is_first);
-        if !without.is_empty() {
-            let text = format!(
-                "DELETE FROM wear_posteriors WHERE (segment_id, generation) IN (VALUES {})",
-                rows_of_placeholders(without.len(), 2)
-            );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(without.len()));
-            for row in without {
-                query = query.bind(row.segment.0.as_str()).bind(row.generation);
-            }
-            query.execute(&mut *self.transaction).await?;
-        }
-        if !with.is_empty() {
-            let text = format!(
-                "INSERT INTO wear_posteriors (segment_id, generation, wear_um, probability) VALUES {}
-                 ON CONFLICT (segment_id, generation) DO UPDATE SET {}",
-                rows_of_placeholders(with.len(), 4),
-                excluded("wear_um, probability")
-            );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(with.len()));
-            for row in with {
-                let Some(posterior) = &row.result.wear.posterior else { continue };
-                query = query
-                    .bind(row.segment.0.as_str())
-                    .bind(row.generation)
-                    .bind(doubles_to_bytes(&posterior.wear_um))
-                    .bind(doubles_to_bytes(&posterior.probability));
             }
             query.execute(&mut *self.transaction).await?;
         }

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use sqlx::{Any, Transaction};
 
 use super::assets::{asset_of, channel_of};
-use super::rows::{excluded, placeholders, rows_of_placeholders, to_ns};
+use super::rows::{any_of, excluded, placeholders, rows_of_placeholders, to_ns};
 use super::schema::Dialect;
 use super::{Asset, ChannelSummary, Store, StoreError};
 use crate::asset::AssetId;
@@ -97,9 +97,9 @@ impl Commit {
     pub async fn channels(&mut self, names: &[(&AssetId, &str)]) -> Result<Vec<ChannelSummary>, StoreError> {
         let mut found = HashMap::new();
         for chunk in names.chunks(ROWS_AT_ONCE) {
+            let which = any_of(chunk.len(), &["asset_id =", "name ="]);
             let text = format!(
-                "SELECT * FROM channels WHERE (asset_id, name) IN (VALUES {}) ORDER BY asset_id, name{}",
-                rows_of_placeholders(chunk.len(), 2),
+                "SELECT * FROM channels WHERE {which} ORDER BY asset_id, name{}",
                 self.dialect.to_change()
             );
             let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));

@@ -3,7 +3,7 @@
 use sqlx::any::AnyRow;
 
 use super::commit::{Commit, ROWS_AT_ONCE};
-use super::rows::{get, get_count, get_time, rows_of_placeholders, to_ns};
+use super::rows::{any_of, get, get_count, get_time, rows_of_placeholders, to_ns};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
 use crate::asset::SegmentId;
 
@@ -115,12 +115,8 @@ impl Commit {
     }
 
     async fn remove_states_after(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
-        let one = |n: usize| {
-            let (channel, generation, position) = (3 * n + 1, 3 * n + 2, 3 * n + 3);
-            format!("(channel_no = ${channel} AND generation = ${generation} AND position >= ${position})")
-        };
-        let which: Vec<String> = (0..all.len()).map(one).collect();
-        let text = format!("DELETE FROM fold_states WHERE {}", which.join(" OR "));
+        let which = any_of(all.len(), &["channel_no =", "generation =", "position >="]);
+        let text = format!("DELETE FROM fold_states WHERE {which}");
         let mut query = sqlx::query(&text).persistent(self.dialect.keeps(all.len()));
         for &(channel_no, generation, after, _) in all {
             // The newest one of before is kept only where its position is one of those that are.

@@ -8,11 +8,11 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::channel_rows::WearRow;
 use super::commit::Commit;
 use super::fold_states::FoldState;
 use super::rows::{get, to_ns};
 use super::segments::new_segment_of;
+use super::wear_rows::WearRow;
 use super::{
     AlarmNotice, Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, FoldedAlarms, NewSegment, RunResult, SegmentKey, Store, StoreError,
     StoredFeatures,

@@ -32,6 +32,7 @@ mod shelvings;
 mod tokens;
 mod trend;
 mod upkeep;
+mod wear_rows;
 
 use std::sync::Arc;
 

@@ -120,6 +120,15 @@ pub(super) fn rows_of_placeholders(rows: usize, columns: usize) -> String {
     (0..rows).map(row).collect::<Vec<_>>().join(", ")
 }
 
+/// `(a = $1 AND b = $2) OR (a = $3 AND b = $4) OR …` for terms `a =` and `b =`. Not `(a, b) IN (VALUES …)`, for which SQLite reads the whole table.
+pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
+    let row = |n: usize| {
+        let terms = (n * terms.len() + 1..).zip(terms).map(|(place, term)| format!("{term} ${place}"));
+        format!("({})", terms.collect::<Vec<_>>().join(" AND "))
+    };
+    (0..rows).map(row).collect::<Vec<_>>().join(" OR ")
+}
+
 /// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: of a row that is there, what the one that was to be inserted says.
 pub(super) fn excluded(columns: &str) -> String {
     let set: Vec<String> = columns.split(", ").map(|column| format!("{column} = excluded.{column}")).collect();
@@ -129,6 +138,13 @@ pub(super) fn excluded(columns: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn places_are_numbered_on_from_row_to_row() {
+        assert_eq!(rows_of_placeholders(2, 3), "($1, $2, $3), ($4, $5, $6)");
+        assert_eq!(any_of(2, &["a =", "b >="]), "(a = $1 AND b >= $2) OR (a = $3 AND b >= $4)");
+        assert_eq!(excluded("a, b"), "a = excluded.a, b = excluded.b");
+    }
 
     #[test]
     fn times_go_there_and_back() {
