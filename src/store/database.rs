@@ -17,7 +17,8 @@ use super::schema::{self, Dialect};
 pub(super) struct Database {
     /// Which database it is.
     pub(super) dialect: Dialect,
-    /// Of SQLite one connection: writers queue here in order instead of meeting a locked database.
+    /// Of SQLite one connection: writers queue here in order instead of meeting a locked database, and two never write or checkpoint at the same
+    /// moment, which SQLite before 3.51.3 may not survive (its "WAL-reset" fault).
     pub(super) write: AnyPool,
     /// Readers see the last committed state and never wait for a writer.
     pub(super) read: AnyPool,
