@@ -233,11 +233,10 @@ impl Ingest {
         replay_folder::prepare(&folders)?;
         let shelf = Arc::new(LibraryShelf::new(folders.libraries.clone()));
         let source = library_source::LibrarySource::new(shelf, &store, &clock, !matches!(part, Part::Entrance(_)));
-        let (complete, completed) = tokio::sync::mpsc::unbounded_channel();
-        let ingest = Self {
+        Ok(Self {
             inner: Arc::new(Inner {
                 workers: Workers::new(limits)?,
-                libraries: Libraries::new(source, grid, limits.neighbours, limits.library_wait, complete),
+                libraries: Libraries::new(source, grid, limits.neighbours, limits.library_wait),
                 channels: channels::Channels::default(),
                 commits: group_commit::CommitQueue::default(),
                 recomputations: recompute::Recomputations::default(),
@@ -257,11 +256,7 @@ impl Ingest {
                 clock,
                 folders,
             }),
-        };
-        if !ingest.is_entrance() {
-            ingest.recompute_when_complete(completed);
-        }
-        Ok(ingest)
+        })
     }
 
     /// The store, for reading.
