@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 
 use super::IngestError;
 use super::keys::{analysis_keys, fold_key};
@@ -73,13 +73,23 @@ pub struct Libraries {
     neighbours: EnsembleSettings,
     /// By the id of the library that they are around.
     ensembles: Arc<Mutex<HashMap<String, Arc<Ensemble>>>>,
+    /// Told the id of each library whose neighbours have come.
+    complete: mpsc::UnboundedSender<String>,
     /// One build at a time: each one uses every core by itself.
     building: Arc<Mutex<()>>,
 }
 
 impl Libraries {
-    pub(super) fn new(source: LibrarySource, grid: GridSettings, neighbours: EnsembleSettings, wait: Duration) -> Self {
+    /// Each id that `complete` is told is of a library whose neighbours have come: what was folded without them is to be folded again.
+    pub(super) fn new(
+        source: LibrarySource,
+        grid: GridSettings,
+        neighbours: EnsembleSettings,
+        wait: Duration,
+        complete: mpsc::UnboundedSender<String>,
+    ) -> Self {
         Self {
+            complete,
             source,
             grid,
             wait,
@@ -121,7 +131,7 @@ impl Libraries {
         let (sender, receiver) = watch::channel(Readiness::Building { done: 0, total: 0 });
         asked.insert(id.clone(), receiver.clone());
         let (source, grid, building) = (self.source.clone(), self.grid.clone(), Arc::clone(&self.building));
-        let (neighbours, ensembles) = (self.neighbours, Arc::clone(&self.ensembles));
+        let (neighbours, ensembles, complete) = (self.neighbours, Arc::clone(&self.ensembles), self.complete.clone());
         let built_id = id.clone();
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the end of the process.
         let build = move || {
@@ -156,7 +166,10 @@ impl Libraries {
                 }
             };
             let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-            ensembles.insert(built_id, Arc::new(ensemble));
+            ensembles.insert(built_id.clone(), Arc::new(ensemble));
+            drop(ensembles);
+            // Nobody is told where the service has ended meanwhile.
+            let _ = complete.send(built_id);
         };
         if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(build) {
             tracing::error!(%error, "no thread for a library");
@@ -188,11 +201,16 @@ impl Libraries {
         Ok(self.keyed(spec, ensemble))
     }
 
+    /// The identifier of an asset's library; none where it describes no gear pair.
+    pub(super) fn id_for(&self, spec: &AssetSpec) -> Option<String> {
+        spec.gear.pair.as_ref().map(|pair| library_id(pair, &self.grid))
+    }
+
     /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded again with them.
     pub(super) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
-        let Some(pair) = &spec.gear.pair else { return false };
+        let Some(id) = self.id_for(spec) else { return false };
         let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-        self.neighbours.libraries() > 1 && !ensembles.contains_key(&library_id(pair, &self.grid))
+        self.neighbours.libraries() > 1 && !ensembles.contains_key(&id)
     }
 
     /// The tracker of a fold key, where it was in use since the start.

@@ -233,10 +233,11 @@ impl Ingest {
         replay_folder::prepare(&folders)?;
         let shelf = Arc::new(LibraryShelf::new(folders.libraries.clone()));
         let source = library_source::LibrarySource::new(shelf, &store, &clock, !matches!(part, Part::Entrance(_)));
-        Ok(Self {
+        let (complete, completed) = tokio::sync::mpsc::unbounded_channel();
+        let ingest = Self {
             inner: Arc::new(Inner {
                 workers: Workers::new(limits)?,
-                libraries: Libraries::new(source, grid, limits.neighbours, limits.library_wait),
+                libraries: Libraries::new(source, grid, limits.neighbours, limits.library_wait, complete),
                 channels: channels::Channels::default(),
                 commits: group_commit::CommitQueue::default(),
                 recomputations: recompute::Recomputations::default(),
@@ -256,7 +257,11 @@ impl Ingest {
                 clock,
                 folders,
             }),
-        })
+        };
+        if !ingest.is_entrance() {
+            ingest.recompute_when_complete(completed);
+        }
+        Ok(ingest)
     }
 
     /// The store, for reading.

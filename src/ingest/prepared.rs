@@ -182,7 +182,12 @@ impl Ingest {
             } = prepared;
             slot.now_of(Basis::of(asset, Some(&channel)));
             let results = match fold {
-                Fold::From { after, folded, .. } => {
+                Fold::From { after, folded, tracker } => {
+                    // Of a channel that has just begun nobody else saw that its library's neighbours came meanwhile.
+                    let now = || self.inner.libraries.tracker_now(&asset.spec);
+                    if after == 0 && now().is_ok_and(|now| now.fold_key != tracker.fold_key) {
+                        recompute.push(asset.spec.id.clone());
+                    }
                     slot.points.get_or_insert_default().replace(after, folded.points);
                     folded.results
                 }

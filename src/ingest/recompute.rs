@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use tokio::sync::mpsc;
 
 use super::accept::analyse;
 use super::channels::Slot;
 use super::fold::{AlarmRun, FoldInput, FoldPoint, read_point};
-
 use super::keys::analysis_keys;
 use super::libraries::KeyedTracker;
 use super::occurrences::Occurrences;
@@ -177,6 +177,37 @@ impl Ingest {
                 }
             }
         });
+    }
+
+    /// Computes the histories again, in the background, of assets whose library's neighbours have come, each time some have.
+    pub(super) fn recompute_when_complete(&self, mut completed: mpsc::UnboundedReceiver<String>) {
+        // Not held: what waits here must not keep the service alive.
+        let inner = Arc::downgrade(&self.inner);
+        tokio::spawn(async move {
+            while let Some(library) = completed.recv().await {
+                let Some(inner) = inner.upgrade() else { return };
+                let ingest = Self { inner };
+                match ingest.assets_with(&library).await {
+                    Ok(assets) => ingest.recompute_in_background(assets),
+                    Err(error) => tracing::warn!(library, %error, "histories are not computed again with the library's neighbours"),
+                }
+            }
+        });
+    }
+
+    /// The assets of a library.
+    async fn assets_with(&self, library: &str) -> Result<Vec<AssetId>, IngestError> {
+        let mut after: Option<String> = None;
+        let mut found = Vec::new();
+        loop {
+            let assets = self.inner.store.assets(after.as_deref(), 500).await?;
+            let Some(last) = assets.last() else { return Ok(found) };
+            after = Some(last.spec.id.to_string());
+            let with = assets
+                .into_iter()
+                .filter(|asset| self.inner.libraries.id_for(&asset.spec).as_deref() == Some(library));
+            found.extend(with.map(|asset| asset.spec.id));
+        }
     }
 
     fn next_to_recompute(&self) -> Option<AssetId> {

@@ -297,6 +297,30 @@ fn an_alarm_is_told_of_once_whoever_takes_the_record() {
 }
 
 #[test]
+fn a_history_is_folded_again_when_the_neighbours_have_come() {
+    let folder = tempfile::tempdir().unwrap();
+    let spec = asset("pump");
+    let neighbours = EnsembleSettings {
+        operating_points: false,
+        ..EnsembleSettings::default()
+    };
+    runtime().block_on(async {
+        let alone = worker_with(&folder.path().join("alone").as_path().into(), folder.path(), neighbours).await;
+        alone.create_asset(&spec).await.unwrap();
+        send(&alone, &records(&spec.id, "1", 1)[0]).await;
+        let without = keys(&alone, &spec.id).await;
+        for tries in 0.. {
+            if keys(&alone, &spec.id).await != without {
+                break;
+            }
+            assert!(tries < 3000, "nothing was folded again");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+        alone.store().close().await;
+    });
+}
+
+#[test]
 fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
     let Some(database) = database() else { return };
     let folder = tempfile::tempdir().unwrap();
