@@ -220,6 +220,27 @@ impl RecentPoints {
     }
 }
 
+/// Folding records as a task for a worker thread.
+pub(super) fn folding(
+    tracker: &KeyedTracker,
+    from: Option<FoldPoint>,
+    inputs: Vec<FoldInput>,
+    occurrences: &Arc<Occurrences>,
+) -> impl FnOnce() -> Folded + Send + use<> {
+    let (tracker, occurrences) = (tracker.clone(), Arc::clone(occurrences));
+    move || fold(&tracker, from, inputs, &occurrences)
+}
+
+/// Of the states on the way those that the store keeps, and the newest.
+pub(super) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, IngestError> {
+    let newest = points.last().map_or(0, |point| point.position);
+    points
+        .iter()
+        .filter(|point| point.position == newest || point.position.is_multiple_of(SEGMENTS_PER_STATE))
+        .map(FoldPoint::to_stored)
+        .collect()
+}
+
 /// Folds records, in the order of time, on from a state or from the start. CPU work: for a worker thread.
 fn fold(tracker: &KeyedTracker, from: Option<FoldPoint>, inputs: Vec<FoldInput>, occurrences: &Occurrences) -> Folded {
     let (mut state, mut position, mut last_time) = match from {
@@ -269,22 +290,8 @@ impl Ingest {
         inputs: Vec<FoldInput>,
         occurrences: &Arc<Occurrences>,
     ) -> Result<Folded, IngestError> {
-        let (tracker, occurrences) = (tracker.clone(), Arc::clone(occurrences));
-        let fold = move || fold(&tracker, from, inputs, &occurrences);
+        let fold = folding(tracker, from, inputs, occurrences);
         self.inner.workers.run_first("estimate the wear", fold).await
-    }
-
-    /// The same where nobody waits for it.
-    pub(super) async fn fold_slowly(
-        &self,
-        tracker: &KeyedTracker,
-        from: Option<FoldPoint>,
-        inputs: Vec<FoldInput>,
-        occurrences: &Arc<Occurrences>,
-    ) -> Result<Folded, IngestError> {
-        let (tracker, occurrences) = (tracker.clone(), Arc::clone(occurrences));
-        let fold = move || fold(&tracker, from, inputs, &occurrences);
-        self.inner.workers.run("estimate the wear", fold).await
     }
 
     /// The state after a channel's latest record; none before the first one, or where it cannot be read.

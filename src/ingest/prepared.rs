@@ -6,15 +6,13 @@ use jiff::Timestamp;
 use tokio::sync::OwnedMutexGuard;
 
 use super::channels::{Basis, Slot};
-use super::fold::{FoldInput, FoldPoint, Folded, RecentPoints, while_recomputing};
+use super::fold::{FoldInput, Folded, RecentPoints, states_of, while_recomputing};
 use super::keys::analysis_keys;
 use super::libraries::KeyedTracker;
 use super::{Ingest, IngestError};
 use crate::asset::Segment;
 use crate::estimate::METHOD;
-use crate::store::{
-    AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, FoldState, NewSegment, RunResult, SEGMENTS_PER_STATE, SegmentKey,
-};
+use crate::store::{AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey};
 
 /// Stored records after a late one that are folded again at once. Where there are more, the late record gets its estimate, and those
 /// after it are folded in the background.
@@ -262,15 +260,5 @@ fn inputs_of(new: &BTreeMap<SegmentKey, NewSegment>) -> Vec<FoldInput> {
             features: segment.analysed.features.clone(),
             indicators: segment.analysed.indicators.clone(),
         })
-        .collect()
-}
-
-/// Of the states on the way those that the store keeps, and the newest.
-pub(super) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, IngestError> {
-    let newest = points.last().map_or(0, |point| point.position);
-    points
-        .iter()
-        .filter(|point| point.position == newest || point.position.is_multiple_of(SEGMENTS_PER_STATE))
-        .map(FoldPoint::to_stored)
         .collect()
 }

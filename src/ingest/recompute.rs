@@ -11,11 +11,10 @@ use tokio::sync::mpsc;
 
 use super::accept::analyse;
 use super::channels::Slot;
-use super::fold::{AlarmRun, FoldInput, FoldPoint, read_point};
+use super::fold::{AlarmRun, FoldInput, FoldPoint, folding, read_point, states_of};
 use super::keys::analysis_keys;
 use super::libraries::KeyedTracker;
 use super::occurrences::Occurrences;
-use super::prepared::states_of;
 use super::recall::recall_here;
 use super::{Announcement, Ingest, IngestError, Part};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
@@ -436,7 +435,8 @@ impl Ingest {
             .map(|stored| FoldInput::of(stored, &tracker.feature_key))
             .collect();
         let position = point.as_ref().map_or(0, |point| point.position);
-        let mut folded = self.fold_slowly(tracker, point.clone(), inputs, occurrences).await?;
+        let fold = folding(tracker, point.clone(), inputs, occurrences);
+        let mut folded = self.inner.workers.run("estimate the wear", fold).await?;
         alarms.go_on(folded.alarms);
         if count == 0 {
             return Ok(0);

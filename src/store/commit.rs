@@ -78,7 +78,8 @@ impl Commit {
             .execute(&mut *self.transaction)
             .await?;
         let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.to_change());
-        let asset = self.one_asset(id, text).await?;
+        let row = sqlx::query(&text).bind(id.as_str()).fetch_optional(&mut *self.transaction).await?;
+        let asset = asset_of(&row.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?)?;
         sqlx::query("UPDATE assets SET revision = (SELECT value FROM counters WHERE name = 'asset_revision') WHERE id = $1")
             .bind(id.as_str())
             .execute(&mut *self.transaction)
@@ -86,15 +87,25 @@ impl Commit {
         Ok(asset)
     }
 
-    async fn one_asset(&mut self, id: &AssetId, text: String) -> Result<Asset, StoreError> {
-        let row = sqlx::query(&text).bind(id.as_str()).fetch_optional(&mut *self.transaction).await?;
-        let row = row.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?;
-        asset_of(&row)
-    }
-
     /// The channels of these names, in this order, of assets that are there; made where they are missing. Nobody else changes them before
     /// the transaction's end.
     pub async fn channels(&mut self, names: &[(&AssetId, &str)]) -> Result<Vec<ChannelSummary>, StoreError> {
+        let mut found = self.channels_there(names).await?;
+        let key = |&(asset, name): &(&AssetId, &str)| (asset.clone(), name.to_owned());
+        let missing: Vec<_> = names.iter().copied().filter(|name| !found.contains_key(&key(name))).collect();
+        for (asset, name) in &missing {
+            self.new_channel(asset, name).await?;
+        }
+        found.extend(self.channels_there(&missing).await?);
+        let in_order = names.iter().map(|name| {
+            let gone = || StoreError::AssetUnknown(name.0.clone());
+            found.remove(&key(name)).ok_or_else(gone)
+        });
+        in_order.collect()
+    }
+
+    /// Those of these channels that are there.
+    async fn channels_there(&mut self, names: &[(&AssetId, &str)]) -> Result<HashMap<(AssetId, String), ChannelSummary>, StoreError> {
         let mut found = HashMap::new();
         for chunk in names.chunks(ROWS_AT_ONCE) {
             let which = any_of(chunk.len(), &["asset_id =", "name ="]);
@@ -111,18 +122,11 @@ impl Commit {
                 found.insert((channel.asset_id.clone(), channel.channel.clone()), channel);
             }
         }
-        let mut channels = Vec::with_capacity(names.len());
-        for (asset, name) in names {
-            channels.push(match found.remove(&((*asset).clone(), (*name).to_owned())) {
-                Some(channel) => channel,
-                None => self.new_channel(asset, name).await?,
-            });
-        }
-        Ok(channels)
+        Ok(found)
     }
 
-    /// Makes a channel; where another process has made it meanwhile, it is that one.
-    async fn new_channel(&mut self, asset: &AssetId, channel: &str) -> Result<ChannelSummary, StoreError> {
+    /// Makes a channel where no other process has made it meanwhile.
+    async fn new_channel(&mut self, asset: &AssetId, channel: &str) -> Result<(), StoreError> {
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'channel_no'")
             .execute(&mut *self.transaction)
             .await?;
@@ -135,16 +139,7 @@ impl Commit {
         .bind(channel)
         .execute(&mut *self.transaction)
         .await?;
-        let find = format!(
-            "SELECT * FROM channels WHERE asset_id = $1 AND name = $2{}",
-            self.dialect.to_change()
-        );
-        let row = sqlx::query(&find)
-            .bind(asset.as_str())
-            .bind(channel)
-            .fetch_one(&mut *self.transaction)
-            .await?;
-        channel_of(&row)
+        Ok(())
     }
 
     /// A channel that was there a moment ago, as it is now. Nobody else changes it before the transaction's end.
