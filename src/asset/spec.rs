@@ -1,6 +1,7 @@
 //! An asset: one gear mesh seen by one or more measuring channels. Meshes that one sensor hears together are an asset each.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
@@ -321,10 +322,10 @@ impl AssetSpec {
         self.envelope_band_hz.map(|band_hz| EnvelopeBand::given(band_hz, BandSource::Asset))
     }
 
-    /// Unit of the samples of a channel where the recording does not say.
-    pub fn unit_of(&self, channel: Option<&str>) -> Option<String> {
-        let point = self.points.iter().find(|point| Some(point.channel.as_str()) == channel);
-        point.and_then(|point| point.unit.clone()).or_else(|| self.sensor.unit.clone())
+    /// Units of the samples of measuring points that have one of their own, by channel.
+    pub fn channel_units(&self) -> BTreeMap<String, String> {
+        let with_unit = |point: &MeasuringPoint| Some((point.channel.clone(), point.unit.clone()?));
+        self.points.iter().filter_map(with_unit).collect()
     }
 
     /// What is worked out of each record.
@@ -380,7 +381,8 @@ mod tests {
         )
         .unwrap();
         assert_eq!(spec.location.mesh.as_deref(), Some("first stage"));
-        assert_eq!((spec.unit_of(Some("a1")).as_deref(), spec.unit_of(Some("a2"))), (Some("g"), None));
+        let units = spec.channel_units();
+        assert_eq!((units.get("a1").map(String::as_str), units.len()), (Some("g"), 1));
         for wrong in [
             "location = { site = \"\" }",
             "location = { floor = \"2\" }",

@@ -262,13 +262,14 @@ impl Analysis<'_> {
 
     fn take_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
         let defaults = RecordDefaults {
-            channel: None,
             start_time: *next_start,
             unit: self.asset.as_ref().and_then(|asset| asset.sensor.unit.clone()),
+            channel_units: self.asset.as_ref().map(AssetSpec::channel_units).unwrap_or_default(),
             operating_point: OperatingPoint {
                 shaft_speed_hz: self.args.shaft_speed_hz,
                 torque_nm: self.args.torque_nm,
             },
+            ..RecordDefaults::default()
         };
         let cut = self.args.record_seconds.map(Cut::Seconds);
         let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::recording(path))?;

@@ -137,13 +137,13 @@ fn write_mcap(args: &ConvertArgs, asset: &AssetId, source: &mut Source, file: &F
         source,
     };
     let defaults = RecordDefaults {
-        channel: None,
         start_time: args.start_time,
         unit: args.unit.clone(),
         operating_point: OperatingPoint {
             shaft_speed_hz: args.shaft_speed_hz,
             torque_nm: args.torque_nm,
         },
+        ..RecordDefaults::default()
     };
     let cut = args.record_seconds.map(Cut::Seconds);
     let plan = CutPlan::new(cut, source.frames_at_most, source.sample_rate_hz, source.channels.len()).map_err(input)?;

@@ -14,12 +14,12 @@ use super::{CliError, output};
 use crate::asset::AssetId;
 use crate::ingest::Pace;
 use crate::recording::{BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, encode_block};
-use crate::signal::OperatingPoint;
 
 /// Tries for one record while the server is busy or away.
 const TRIES: u32 = 8;
 
-/// Longest wait between two tries.
+/// Longest wait between two tries where the server does not say how long to wait, and where it does.
+const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
 
 /// Arguments of `flankwatch replay`.
@@ -118,10 +118,8 @@ impl Sender {
         bar: &ProgressBar,
     ) -> Result<(), CliError> {
         let defaults = RecordDefaults {
-            channel: None,
             start_time: *next_start,
-            unit: None,
-            operating_point: OperatingPoint::default(),
+            ..RecordDefaults::default()
         };
         let mut file = RecordingFile::open(path, defaults, record_seconds.map(Cut::Seconds)).map_err(CliError::recording(path))?;
         let before = bar.position();
@@ -154,6 +152,7 @@ impl Sender {
         let mut tries = 0;
         loop {
             tries += 1;
+            let mut asked = None;
             let mut request = self.agent.post(&self.url).content_type("application/x-protobuf");
             if let Some(token) = &self.token {
                 request = request.header("authorization", format!("Bearer {token}"));
@@ -176,7 +175,7 @@ impl Sender {
                     if !matches!(status, 429 | 502 | 503 | 504) {
                         return Err(failed(format!("the server answered {status}: {detail}")));
                     }
-                    wait = after.map_or(wait, Duration::from_secs);
+                    asked = after.map(Duration::from_secs);
                     format!("the server answered {status}: {detail}")
                 }
                 Err(error) => error.to_string(),
@@ -187,7 +186,7 @@ impl Sender {
                     self.sent
                 )));
             }
-            thread::sleep(wait.min(LONGEST_WAIT));
+            thread::sleep(asked.map_or(wait, |asked| asked.min(LONGEST_ASKED_WAIT)));
             wait = (wait * 2).min(LONGEST_WAIT);
         }
     }

@@ -141,6 +141,9 @@ struct LimitsTable {
     recordings_at_once: Option<usize>,
     workers: Option<usize>,
     body_timeout_s: Option<u64>,
+    body_idle_s: Option<u64>,
+    body_bytes_per_s: Option<u64>,
+    form_files: Option<usize>,
     request_timeout_s: Option<u64>,
     grace_s: Option<u64>,
     connections: Option<usize>,
@@ -217,6 +220,9 @@ impl LimitsTable {
         set(&mut config.http.record_bytes, self.record_bytes);
         set(&mut config.http.recording_bytes, self.recording_bytes);
         set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
+        set(&mut config.http.body_idle, self.body_idle_s.map(Duration::from_secs));
+        set(&mut config.http.body_bytes_per_s, self.body_bytes_per_s);
+        set(&mut config.http.form_files, self.form_files);
         set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
         set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
         set(&mut config.http.connections, self.connections.map(|n| n.max(1)));

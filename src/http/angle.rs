@@ -75,7 +75,7 @@ pub(super) async fn orders(
     };
     let segment = segments::find(&app, &id).await?;
     let teeth = app.ingest.store().asset(&segment.asset_id).await?.spec.gear.teeth;
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let computed = app
         .ingest
         .analyse_stored(&segment, "compute an order spectrum", |analyzer, record, mesh| {
@@ -137,7 +137,7 @@ pub(super) struct TurnView {
 pub(super) async fn turn(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<TurnView>, Problem> {
     let segment = segments::find(&app, &id).await?;
     let teeth = app.ingest.store().asset(&segment.asset_id).await?.spec.gear.teeth;
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let computed = app
         .ingest
         .analyse_stored(&segment, "average over a turn", |analyzer, record, mesh| {

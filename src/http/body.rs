@@ -4,6 +4,7 @@ use std::future::poll_fn;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 use axum::body::{Body, HttpBody};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -49,8 +50,41 @@ impl Pieces<'_> {
     }
 }
 
+/// How fast a body comes.
+struct Arrival {
+    began: Instant,
+    bytes: u64,
+}
+
+impl Arrival {
+    fn begin() -> Self {
+        Self {
+            began: Instant::now(),
+            bytes: 0,
+        }
+    }
+
+    /// The next piece; a problem where nothing comes, or what comes is a trickle: it holds a place in the queue.
+    async fn next(&mut self, pieces: &mut Pieces<'_>, limits: &HttpLimits) -> Result<Option<Bytes>, Problem> {
+        let slow = |what: String| Problem::new(StatusCode::REQUEST_TIMEOUT, what);
+        let idle = limits.body_idle;
+        let piece = tokio::time::timeout(idle, pieces.next()).await;
+        let piece = piece.map_err(|_| slow(format!("nothing of the body came for {} s", idle.as_secs())))??;
+        self.bytes += piece.as_ref().map_or(0, |piece| piece.len() as u64);
+        let elapsed = self.began.elapsed();
+        if piece.is_some() && elapsed > idle && self.bytes < elapsed.as_secs() * limits.body_bytes_per_s {
+            let detail = format!("the body came with less than {} bytes a second", limits.body_bytes_per_s);
+            return Err(slow(detail));
+        }
+        Ok(piece)
+    }
+}
+
 /// The problem of a form that cannot be read.
 pub(super) fn broken_form(error: multer::Error) -> Problem {
+    if let multer::Error::StreamSizeExceeded { limit } = error {
+        return Problem::too_large(limit);
+    }
     Problem::new(StatusCode::BAD_REQUEST, format!("the form cannot be read: {error}"))
 }
 
@@ -84,7 +118,8 @@ pub(super) async fn read(
             }
             take(all.len() - before)
         };
-        while let Some(piece) = pieces.next().await? {
+        let mut arrival = Arrival::begin();
+        while let Some(piece) = arrival.next(&mut pieces, limits).await? {
             for step in coding.steps(&piece) {
                 let before = all.len();
                 coding.decode(step, &mut all)?;
@@ -143,8 +178,9 @@ impl SpooledBody {
             let mut written = 0;
             let mut out = Vec::new();
             let mut is_over = false;
+            let mut arrival = Arrival::begin();
             while !is_over {
-                match pieces.next().await? {
+                match arrival.next(&mut pieces, limits).await? {
                     Some(piece) => {
                         for step in coding.steps(&piece) {
                             out.clear();

@@ -66,7 +66,7 @@ pub(super) async fn cepstrum(
     };
     let segment = segments::find(&app, &id).await?;
     let teeth = app.ingest.store().asset(&segment.asset_id).await?.spec.gear.teeth;
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let computed = app
         .ingest
         .analyse_stored(&segment, "compute a cepstrum", |analyzer, record, _| analyzer.cepstrum(record));

@@ -83,8 +83,7 @@ pub(super) async fn export(
     }
     let store = app.ingest.store();
     let spec = store.asset(&asset).await?.spec;
-    // An export reads as much as a recording that is taken.
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let channels = store.channels(&asset).await?;
     let is_wanted = |name: &str| asked.channel.as_ref().is_none_or(|channel| channel == name);
     let segments: u64 = channels
@@ -122,11 +121,7 @@ pub(super) async fn export(
             // Every k-th record, so that there are about as many as were asked for.
             let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
             number += 1;
-            let spectrum = if is_chosen {
-                Some(spectrum_of(&app, &segment).await?)
-            } else {
-                None
-            };
+            let spectrum = if is_chosen { spectrum_of(&app, &segment).await? } else { None };
             with_spectra.push((segment, spectrum));
         }
         let written = app.ingest.workers().run("write a history", move || {
@@ -156,10 +151,14 @@ pub(super) async fn export(
     Ok((fields, stream(spooled).await?).into_response())
 }
 
-async fn spectrum_of(app: &App, segment: &Segment) -> Result<Spectrum, Problem> {
-    let (spectrum, _) = app.ingest.spectrum(segment).await?;
+/// The spectrum of a record; none where its raw bytes are not to be had any more.
+async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, Problem> {
+    let spectrum = match app.ingest.spectrum(segment).await {
+        Err(error) if error.is_without_raw() => return Ok(None),
+        spectrum => spectrum?.0,
+    };
     let kept = reduction::peaks(&spectrum.amplitude, SPECTRUM_POINTS);
-    Ok(Spectrum {
+    Ok(Some(Spectrum {
         start_time_ns: nanoseconds(segment.start_time),
         quantity: spectrum.quantity.to_string(),
         unit: spectrum.unit,
@@ -167,7 +166,7 @@ async fn spectrum_of(app: &App, segment: &Segment) -> Result<Spectrum, Problem> 
         bandwidth_hz: spectrum.bandwidth_hz,
         frequency_hz: kept.iter().map(|n| *n as f64 * spectrum.resolution_hz).collect(),
         amplitude: kept.iter().map(|n| spectrum.amplitude[*n]).collect(),
-    })
+    }))
 }
 
 /// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What was withdrawn is left out.

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use axum::Json;
 use axum::extract::State;
-use axum::http::StatusCode;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use serde::Serialize;
 use tokio::net::TcpListener;
@@ -83,8 +84,13 @@ pub(super) async fn alive() -> Json<Alive> {
     tag = "service",
     responses((status = 200, body = Ready), (status = 503, body = Ready, description = "Not now")),
 )]
-pub(super) async fn ready(State(app): State<App>) -> (StatusCode, Json<Ready>) {
-    readiness(&app.ingest).await
+pub(super) async fn ready(State(app): State<App>) -> Response {
+    let (status, ready) = readiness(&app.ingest).await;
+    let mut response = (status, ready).into_response();
+    if status == StatusCode::SERVICE_UNAVAILABLE {
+        response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(5));
+    }
+    response
 }
 
 async fn readiness(ingest: &Ingest) -> (StatusCode, Json<Ready>) {

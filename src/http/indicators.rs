@@ -37,7 +37,8 @@ pub(super) struct TrendParameters {
     to: Option<Timestamp>,
     /// Only records in this one of the asset's operating bins.
     operating_bin: Option<String>,
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
+    /// Points at most, 10 to 200000; of each stretch the lowest and highest of every name stay. Two of each name, the first and the last stay
+    /// in any case.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }

@@ -133,7 +133,7 @@ pub(super) async fn flank(
     if !(0.0..=most).contains(&wear_um) {
         return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {most} µm")));
     }
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let gears = app.ingest.workers().run("work out flanks", move || flanks(&spec, wear_um)).await?;
     let gears = gears.map_err(|error| Problem::query("wear_um", wear_um, &format!("a depth that the teeth allow: {error}")))?;
     Ok(Json(FlankView { wear_um, gears }))

@@ -26,6 +26,12 @@ pub struct HttpLimits {
     pub events_kept: usize,
     /// How long a body may take to arrive.
     pub body_timeout: Duration,
+    /// How long nothing of a body may come.
+    pub body_idle: Duration,
+    /// Bytes a second with which a body has to come once it takes longer than that.
+    pub body_bytes_per_s: u64,
+    /// Files of one form.
+    pub form_files: usize,
     /// How long a request may take once its body is there.
     pub request_timeout: Duration,
     /// How long the service takes to end what it has begun when it is stopped.
@@ -45,6 +51,9 @@ impl Default for HttpLimits {
             requests_per_s: NonZeroU32::new(2000).unwrap_or(NonZeroU32::MIN),
             events_kept: 4096,
             body_timeout: Duration::from_secs(300),
+            body_idle: Duration::from_secs(20),
+            body_bytes_per_s: 1024,
+            form_files: 64,
             request_timeout: Duration::from_secs(150),
             grace: Duration::from_secs(10),
         }

@@ -18,8 +18,16 @@ use crate::store::{AlarmFilter, StoredAlarm};
 /// Upper bounds of the latency histogram in seconds.
 const BOUNDS_S: [f64; 12] = [0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0];
 
-/// Indicators of each asset's latest record that are shown.
-const SHOWN_INDICATORS: [&str; 3] = ["rms", "kurtosis", "omx"];
+/// Methods that are told apart.
+const KNOWN_METHODS: [Method; 7] = [
+    Method::GET,
+    Method::HEAD,
+    Method::POST,
+    Method::PUT,
+    Method::PATCH,
+    Method::DELETE,
+    Method::OPTIONS,
+];
 
 /// Alarms that are shown, those that changed last.
 const MOST_ALARMS: u32 = 10_000;
@@ -42,10 +50,13 @@ struct RouteMeasurements {
 
 impl Measurements {
     /// Counts a request and how long it took.
-    pub(super) fn request(&self, method: &Method, route: &str, took: Duration, status: StatusCode) {
+    pub(super) fn request(&self, method: &Method, route: Option<&str>, took: Duration, status: StatusCode) {
         let took_s = took.as_secs_f64();
+        // A client may name any method and any path; each of those would be a series of its own for ever.
+        let method = if KNOWN_METHODS.contains(method) { method.as_str() } else { "other" };
+        let route = route.unwrap_or("unmatched");
         let mut by_route = self.by_route.lock().unwrap_or_else(PoisonError::into_inner);
-        let measured = by_route.entry((method.to_string(), route.to_string())).or_default();
+        let measured = by_route.entry((method.to_owned(), route.to_owned())).or_default();
         measured.latency[BOUNDS_S.partition_point(|bound| *bound < took_s)] += 1;
         measured.latency_sum_s += took_s;
         *measured.answers.entry(status.as_u16() / 100).or_default() += 1;
@@ -116,6 +127,7 @@ async fn service(app: &App, text: &mut Text) -> Result<(), Problem> {
         ("stored", tally.stored()),
         ("repeated", tally.repeated()),
         ("refused", tally.refused()),
+        ("queued", tally.queued()),
     ];
     for (outcome, count) in outcomes {
         text.line("flankwatch_records_total", &[("outcome", outcome)], count);
@@ -271,7 +283,14 @@ async fn assets(app: &App, text: &mut Text) -> Result<(), Problem> {
     );
     for segment in &latest {
         let wear = &segment.wear;
-        for (quantile, value) in [("0.05", wear.p05_um), ("0.5", wear.median_um), ("0.95", wear.p95_um)] {
+        let quantiles = [
+            ("0.05", wear.p05_um),
+            ("0.25", wear.p25_um),
+            ("0.5", wear.median_um),
+            ("0.75", wear.p75_um),
+            ("0.95", wear.p95_um),
+        ];
+        for (quantile, value) in quantiles {
             if let Some(value) = value {
                 let labels = [
                     ("asset", segment.asset_id.as_str()),
@@ -288,15 +307,13 @@ async fn assets(app: &App, text: &mut Text) -> Result<(), Problem> {
         "Condition indicators of the latest record, in its unit.",
     );
     for segment in &latest {
-        for name in SHOWN_INDICATORS {
-            if let Some(value) = segment.indicators.get(name) {
-                let labels = [
-                    ("asset", segment.asset_id.as_str()),
-                    ("channel", &segment.channel),
-                    ("indicator", name),
-                ];
-                text.line("flankwatch_indicator", &labels, value);
-            }
+        for (name, value) in &segment.indicators.values {
+            let labels = [
+                ("asset", segment.asset_id.as_str()),
+                ("channel", &segment.channel),
+                ("indicator", name),
+            ];
+            text.line("flankwatch_indicator", &labels, value);
         }
     }
     text.head(

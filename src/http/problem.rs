@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::asset::AssetError;
 use crate::estimate::AlarmError;
 use crate::ingest::IngestError;
+use crate::recording::RecordingError;
 use crate::store::StoreError;
 
 /// The media type of problem details.
@@ -178,6 +179,8 @@ impl From<IngestError> for Problem {
             IngestError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
             IngestError::HeardThrough { .. } | IngestError::HeardByOthers { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
             IngestError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
+            IngestError::Recording(ref source) if source.is_full() => Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string()),
+            IngestError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),
             IngestError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
             IngestError::Field { field, value, expected } => Self::content(field, value, expected),
             IngestError::ReplayFile { ref file, .. } => {

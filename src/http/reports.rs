@@ -66,8 +66,11 @@ pub(super) async fn show(
         let mut segments: HashMap<SegmentId, Segment> = segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
         let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
         if let Some(last) = segments.last() {
-            let _ticket = app.ingest.workers().admit()?;
-            report.last_spectrum = Some(app.ingest.spectrum(last).await?.0);
+            let _ticket = app.ingest.workers().admit_answer()?;
+            report.last_spectrum = match app.ingest.spectrum(last).await {
+                Err(error) if error.is_without_raw() => None,
+                spectrum => Some(spectrum?.0),
+            };
         }
         report.all_records = Some(all);
         report.records = segments.into_iter().map(ReportedRecord::from).collect();

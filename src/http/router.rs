@@ -91,7 +91,6 @@ fn operations() -> OpenApiRouter<App> {
 pub(super) fn router(app: App) -> Router {
     let (api, description) = operations().split_for_parts();
     let description = openapi::document(description);
-    let api = api.route_layer(from_fn_with_state(app.clone(), traffic::measure));
     let site = Router::new()
         .route("/", get(dashboard::index))
         .route("/static/{file}", get(dashboard::file));
@@ -114,6 +113,7 @@ pub(super) fn router(app: App) -> Router {
             HeaderName::from_static("permissions-policy"),
             "camera=(), microphone=(), geolocation=()",
         ))
+        .layer(from_fn_with_state(app.clone(), traffic::measure))
         .layer(from_fn(traffic::trace))
         .layer(from_fn(unread::layer))
         .with_state(app)

@@ -44,11 +44,12 @@ pub(super) fn panicked(_: Box<dyn std::any::Any + Send>) -> Response {
     Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the service made a mistake; its log says where").into_response()
 }
 
-/// Measures how long a request takes, from its head to the head of its answer.
-pub(super) async fn measure(State(app): State<App>, path: MatchedPath, request: Request, next: Next) -> Response {
+/// Measures how long a request takes, from its head to the head of its answer, whoever answers it.
+pub(super) async fn measure(State(app): State<App>, path: Option<MatchedPath>, request: Request, next: Next) -> Response {
     let began = Instant::now();
     let method = request.method().clone();
     let response = next.run(request).await;
-    app.measurements.request(&method, path.as_str(), began.elapsed(), response.status());
+    let route = path.as_ref().map(MatchedPath::as_str);
+    app.measurements.request(&method, route, began.elapsed(), response.status());
     response
 }

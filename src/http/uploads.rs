@@ -18,6 +18,7 @@ use crate::estimate::WearEstimate;
 use crate::ingest::{Accepted, BatchSummary, Given, IngestError, QueuedRecord, RecordFormat};
 use crate::recording::{JsonBlock, RawLayout};
 use crate::signal::OperatingPoint;
+use crate::store::KeyedUpload;
 
 const MCAP: &str = "application/mcap";
 const FORM: &str = "multipart/form-data";
@@ -25,8 +26,9 @@ const BARE: &str = "application/octet-stream";
 const EXPECTED: &str =
     "audio/wav, application/x-protobuf, application/json, application/mcap, application/octet-stream or multipart/form-data";
 
-/// Longest text field of a form, and longest Idempotency-Key, in bytes.
+/// Longest text field of a form, most of them before one file, and longest Idempotency-Key, in bytes.
 const MOST_TEXT: usize = 1024;
+const MOST_FIELDS: usize = 32;
 const MOST_KEY: usize = 255;
 
 /// What an upload says of the record in its address.
@@ -71,6 +73,15 @@ pub(super) struct UploadParameters {
     /// For `application/octet-stream`: value of one count in `unit`; 1 for `f32`, 1/32768 for `i16` where not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     scale: Option<f64>,
+}
+
+/// A browser's form: text fields named as the parameters of the query, then the files that they hold for.
+#[derive(utoipa::ToSchema)]
+#[expect(dead_code, reason = "described, and read piece by piece")]
+pub(super) struct UploadForm {
+    /// A recording; its format is told by the end of its name (`wav`, `mcap`, `json`, `pb`), else by its media type. There may be several.
+    #[schema(value_type = String, format = Binary)]
+    file: Vec<u8>,
 }
 
 /// What became of one channel's record.
@@ -137,9 +148,9 @@ pub(super) struct RecordingAnswer {
 /// Upload a recording
 ///
 /// Answered when it is on the disk and in the database; in a cluster when its bytes are kept and it is in the workers' queue, with the `state`
-/// `queued` and the `id` of the segment that it becomes. The same bytes for the same asset, channel and time are one segment: a repeat answers
-/// as the first did. With an `Idempotency-Key` that also holds for a recording that does not say when it began, which is then of the time
-/// of the first receipt. A form (`multipart/form-data`) has its text fields, named as the parameters here, before its files.
+/// `queued` and the `id` of the segment that it becomes. The same bytes for the same asset, channel and time are one segment: a repeat is
+/// answered with that segment as it is now. With an `Idempotency-Key` a repeat has the first answer itself, with `Idempotency-Replayed: true`,
+/// and a recording that does not say when it began is of the time of its first receipt. A form (`multipart/form-data`) has its text fields, named as the parameters here, before its files.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/segments",
@@ -157,6 +168,7 @@ pub(super) struct RecordingAnswer {
             (Vec<u8> = "application/x-protobuf"),
             (Vec<u8> = "application/mcap"),
             (Vec<u8> = "application/octet-stream"),
+            (UploadForm = "multipart/form-data"),
         ),
         description = "One recording",
     ),
@@ -230,18 +242,42 @@ impl Upload<'_> {
         let mut given = self.given()?;
         if self.key.is_some() {
             let first = self.begin(&format.media_type(), &Sha256::digest(&bytes)).await?;
+            if let Some(answer) = answer_before(&first) {
+                return Ok(answer);
+            }
             given.start_time = Some(given.start_time.unwrap_or(first.received_at));
         }
-        let accepted = app.ingest.accept(self.asset, format, bytes, given, ticket).await?;
-        let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
-        let answer = match segments.pop() {
-            Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
-            last => {
-                segments.extend(last);
-                UploadAnswer::Several { segments }
-            }
+        let (ingest, asset) = (app.ingest.clone(), self.asset.clone());
+        let work = async move {
+            let accepted = ingest.accept(&asset, format, bytes, given, ticket).await?;
+            let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
+            Ok(match segments.pop() {
+                Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
+                last => {
+                    segments.extend(last);
+                    UploadAnswer::Several { segments }
+                }
+            })
         };
-        Ok(Answered::Now(answer))
+        self.answer(work).await
+    }
+
+    /// Does an upload's work and keeps its answer for repeats under the same key, in a task of its own: a client that hangs up must not leave
+    /// half of it.
+    async fn answer(&self, work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static) -> Result<Answered, Problem> {
+        let (ingest, asset, key) = (self.app.ingest.clone(), self.asset.clone(), self.key.clone());
+        let task = tokio::spawn(async move {
+            let answer = work.await?;
+            if let Some(key) = key
+                && let Ok(text) = serde_json::to_string(&answer)
+                && let Some(first) = ingest.store().finish_upload(&asset, &key, &text).await?
+                && let Ok(first) = serde_json::from_str(&first)
+            {
+                return Ok(Answered::Before(first));
+            }
+            Ok(Answered::Now(answer))
+        });
+        task.await.map_err(|_| IngestError::WorkerLost("take an upload"))?
     }
 
     async fn take_mcap(&self, headers: &HeaderMap, pieces: Pieces<'_>) -> Result<Answered, Problem> {
@@ -256,22 +292,17 @@ impl Upload<'_> {
         let ticket = app.ingest.workers().admit()?;
         let spooled = SpooledBody::receive(headers, pieces, &app.uploads, &app.limits).await?;
         if self.key.is_some()
-            && let Some(answer) = self.begin(MCAP, spooled.sha256()).await?.answer
-            && let Ok(answer) = serde_json::from_str(&answer)
+            && let Some(answer) = answer_before(&self.begin(MCAP, spooled.sha256()).await?)
         {
-            return Ok(Answered::Before(answer));
+            return Ok(answer);
         }
-        let answer = take_recording(app, self.asset, spooled, ticket).await?;
-        if let Some(key) = &self.key
-            && let Ok(text) = serde_json::to_string(&answer)
-        {
-            app.ingest.store().finish_upload(self.asset, key, &text).await?;
-        }
-        Ok(Answered::Now(answer))
+        let (app, asset) = (app.clone(), self.asset.clone());
+        self.answer(async move { take_recording(&app, &asset, spooled, ticket).await })
+            .await
     }
 
     /// What is known of this upload's key, which is taken where nobody has.
-    async fn begin(&self, media_type: &str, content: &[u8]) -> Result<crate::store::KeyedUpload, Problem> {
+    async fn begin(&self, media_type: &str, content: &[u8]) -> Result<KeyedUpload, Problem> {
         let key = self.key.as_deref().unwrap_or_default();
         let mut hash = Sha256::new();
         hash.update(media_type);
@@ -330,17 +361,27 @@ impl Upload<'_> {
         if headers.contains_key(header::CONTENT_ENCODING) {
             return Err(body::unsupported(Some(FORM), "no content-encoding of the form as a whole"));
         }
-        let mut form = multer::Multipart::new(body.into_data_stream(), boundary);
+        let limits = &self.app.limits;
+        let whole = multer::SizeLimit::new().whole_stream(limits.recording_bytes);
+        let constraints = multer::Constraints::new().size_limit(whole);
+        let mut form = multer::Multipart::with_constraints(body.into_data_stream(), boundary, constraints);
         let mut fields = Vec::new();
         let mut files = Vec::new();
         let base = self.key.take();
         while let Some(part) = form.next_field().await.map_err(body::broken_form)? {
             let name = part.name().unwrap_or_default().to_string();
             let Some(file) = part.file_name().map(str::to_string) else {
+                if fields.len() == MOST_FIELDS {
+                    return Err(Problem::content("form", "more text fields", "at most 32 before a file"));
+                }
                 let text = body::text(part, MOST_TEXT).await?;
                 fields.push((name, text));
                 continue;
             };
+            if files.len() == limits.form_files {
+                let most = format!("at most {} in one form", limits.form_files);
+                return Err(Problem::content("file", "more files", &most));
+            }
             if !fields.is_empty() {
                 self.asked = self.asked.with(&std::mem::take(&mut fields))?;
             }
@@ -358,6 +399,11 @@ impl Upload<'_> {
     }
 }
 
+/// What was answered to an upload before.
+fn answer_before(first: &KeyedUpload) -> Option<Answered> {
+    serde_json::from_str(first.answer.as_deref()?).ok().map(Answered::Before)
+}
+
 /// Reads an MCAP file into an asset.
 pub(super) async fn take_recording(
     app: &App,
@@ -365,15 +411,8 @@ pub(super) async fn take_recording(
     spooled: SpooledBody,
     ticket: crate::ingest::Ticket,
 ) -> Result<UploadAnswer, Problem> {
-    let (ingest, of) = (app.ingest.clone(), asset.clone());
-    // A client that hangs up must not leave half of the work: it goes on by itself.
-    let task = tokio::spawn(async move {
-        let _ticket = ticket;
-        let summary = ingest.accept_mcap(&of, spooled.path()).await;
-        drop(spooled);
-        summary
-    });
-    let summary = task.await.map_err(|_| IngestError::WorkerLost("read a recording"))??;
+    let summary = app.ingest.accept_mcap(asset, spooled.path()).await?;
+    drop((spooled, ticket));
     let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
     let wear = match channel.and_then(|channel| channel.last_segment) {
         Some(id) => app.ingest.store().segment(&id).await?.map(|segment| segment.wear),

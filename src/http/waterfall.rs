@@ -97,7 +97,8 @@ struct WaterfallRow {
     start_time: Timestamp,
     /// Shaft speed in hertz, where it is known.
     shaft_speed_hz: Option<f64>,
-    /// Level of each cell in dB of one unit; null where the axis is orders and the speed unknown.
+    /// Level of each cell in dB of one unit; null where the axis is orders and the speed
+    /// unknown, and where the raw recording is not kept any more.
     #[serde(serialize_with = "as_list")]
     #[schema(value_type = Option<Vec<f32>>)]
     level_db: Option<Line>,
@@ -208,7 +209,7 @@ pub(super) async fn show(
             .map(|speed| speed.mesh_frequency_hz),
     };
     view.position = (0..cells).map(|n| (n as f64 + 0.5) * end / cells as f64).collect();
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let lines = lines(&app, &segments, grid).await?;
     view.items = segments
         .into_iter()
@@ -238,7 +239,8 @@ pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
     (0..most).map(|n| n * (length - 1) / (most - 1)).collect()
 }
 
-/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown.
+/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or the raw bytes are not to be had
+/// any more.
 async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
     let mut lines: Vec<Option<Line>> = segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
     let mut missing = lines.iter().enumerate().filter(|(_, line)| line.is_none()).map(|(n, _)| n);
@@ -264,7 +266,10 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
         }
         while let Some(done) = tasks.join_next().await {
             let (n, line) = done.map_err(|_| IngestError::WorkerLost("reduce a spectrum"))?;
-            let line: Line = line?.into();
+            let line: Line = match line {
+                Err(error) if error.is_without_raw() => continue,
+                line => line?.into(),
+            };
             app.lines.keep(segments[n].id.clone(), grid, line.clone());
             lines[n] = Some(line);
         }

@@ -72,7 +72,7 @@ pub(super) async fn waveform(
         return Err(Problem::query("from_s, to_s", format!("{from_s} to {to_s}"), expected));
     }
     let segment = segments::find(&app, &id).await?;
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let record = app.ingest.recall(&segment).await?;
     let reduce = move || {
         let rate_hz = record.sample_rate_hz();
@@ -158,7 +158,7 @@ pub(super) async fn spectrum(
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
     let max_hz = max_hz(asked.max_hz)?;
     let segment = segments::find(&app, &id).await?;
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let (spectrum, lines) = app.ingest.spectrum(&segment).await?;
     Ok(Json(view(segment, spectrum, lines, most, max_hz)))
 }
@@ -223,7 +223,7 @@ pub(super) async fn envelope(
             return Err(Problem::query("band_low_hz, band_high_hz", found, &expected));
         }
     };
-    let _ticket = app.ingest.workers().admit()?;
+    let _ticket = app.ingest.workers().admit_answer()?;
     let computed = app.ingest.envelope(&segment, band).await;
     let envelope = computed.map_err(|error| match error {
         // A band that the record does not resolve, and that the address asked for.

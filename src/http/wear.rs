@@ -109,7 +109,7 @@ pub(super) struct HistoryParameters {
     to: Option<Timestamp>,
     /// Only records in this one of the asset's operating bins.
     operating_bin: Option<String>,
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest stay.
+    /// Points at most, 10 to 200000; of each stretch the lowest and highest median, 5 and 95 % quantile and known depth stay.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }

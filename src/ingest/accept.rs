@@ -391,6 +391,17 @@ impl Ingest {
     }
 }
 
+/// What holds for an asset's records where they do not say.
+pub(super) fn defaults_of(spec: &AssetSpec, start_time: Timestamp) -> RecordDefaults {
+    RecordDefaults {
+        channel: spec.sensor.channel.clone(),
+        start_time,
+        unit: spec.sensor.unit.clone(),
+        channel_units: spec.channel_units(),
+        ..RecordDefaults::default()
+    }
+}
+
 fn decode_and_name(
     spec: &AssetSpec,
     format: RecordFormat,
@@ -398,13 +409,17 @@ fn decode_and_name(
     given: &Given,
     received_at: Timestamp,
 ) -> Result<Vec<Named>, IngestError> {
-    let defaults = RecordDefaults {
+    let mut defaults = RecordDefaults {
         channel: given.channel.clone(),
-        start_time: given.start_time.unwrap_or(received_at),
-        unit: given.unit.clone().or_else(|| spec.unit_of(given.channel.as_deref())),
+        channel_names: given.channel_names.clone(),
         operating_point: given.operating_point,
+        ..defaults_of(spec, given.start_time.unwrap_or(received_at))
     };
-    let mut records = format.decode(bytes, &defaults)?;
+    if given.unit.is_some() {
+        defaults.unit.clone_from(&given.unit);
+        defaults.channel_units.clear();
+    }
+    let records = format.decode(bytes, &defaults)?;
     let names = &given.channel_names;
     if !names.is_empty() {
         if names.len() != records.len() {
@@ -421,11 +436,6 @@ fn decode_and_name(
                 expected: "every name once",
             });
         }
-        records = records
-            .into_iter()
-            .zip(names)
-            .map(|(record, name)| record.with_channel(name))
-            .collect();
     }
     let sha256 = Objects::name(bytes);
     let named = (0..).zip(records).map(|(channel_index, record)| {

@@ -12,12 +12,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 use tokio::sync::mpsc;
 
-use super::accept::{Kept, Named, RecordFormat};
+use super::accept::{Kept, Named, RecordFormat, defaults_of};
 use super::hearing::Hearers;
 use super::{Crew, Ingest, IngestError, Part, QueuedRecord};
 use crate::asset::{AssetId, AssetSpec, RawReference};
-use crate::recording::{McapReader, RecordDefaults, Recorded, RecordingError};
-use crate::signal::OperatingPoint;
+use crate::recording::{McapReader, Recorded, RecordingError};
 use crate::store::Objects;
 
 /// Raw bytes of one batch, beyond which the next one begins: bounds memory and the length of a transaction.
@@ -161,12 +160,7 @@ impl Ingest {
     pub async fn accept_mcap(&self, asset: &AssetId, path: &Path) -> Result<BatchSummary, IngestError> {
         let _turn = self.recording_turn()?;
         let spec = self.hearers(asset).await?.asset.spec;
-        let defaults = RecordDefaults {
-            channel: spec.sensor.channel,
-            start_time: self.inner.clock.now(),
-            unit: spec.sensor.unit,
-            operating_point: OperatingPoint::default(),
-        };
+        let defaults = defaults_of(&spec, self.inner.clock.now());
         let path = path.to_path_buf();
         let mut records = RecordStream::spawn(move || {
             let file = File::open(&path).map_err(RecordingError::from)?;

@@ -230,6 +230,7 @@ impl Ingest {
                 start_time: record.start_time,
                 unit: Some(record.unit),
                 operating_point: record.operating_point,
+                ..RecordDefaults::default()
             };
             let read = decode_again(&bytes, &record.raw, &defaults)?.with_channel(record.channel);
             let named = Named::new(&spec.id, read, record.raw, record.reference_wear_um)?;

@@ -256,6 +256,7 @@ fn heard_again(store: &Store, listener: &AssetSpec, segment: &Segment) -> Option
         start_time: segment.start_time,
         unit: Some(segment.unit.clone()),
         operating_point: segment.operating_point,
+        ..RecordDefaults::default()
     };
     let record = recall_here(store, &segment.raw, &defaults)
         .inspect_err(|error| tracing::debug!(segment = %segment.id, %error, "not heard by those that hear through its asset"))

@@ -18,6 +18,7 @@ impl Ingest {
             start_time: segment.start_time,
             unit: Some(segment.unit.clone()),
             operating_point: segment.operating_point,
+            ..RecordDefaults::default()
         };
         let bytes = match self.raw_bytes(&raw).await {
             Err(IngestError::Store(StoreError::ObjectMissing(name))) if !self.inner.store.keeps_raw(&segment.asset_id, &name).await? => {

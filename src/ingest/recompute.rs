@@ -518,6 +518,7 @@ fn analyse_one(store: &Store, spec: &AssetSpec, segment: NewSegment) -> (Segment
         start_time: segment.start_time,
         unit: Some(segment.unit.clone()),
         operating_point: segment.operating_point,
+        ..RecordDefaults::default()
     };
     match recall_here(store, &segment.raw, &defaults) {
         Ok(record) => (segment.id, analyse(&record, spec), true),

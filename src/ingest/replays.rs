@@ -7,12 +7,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 
+use super::accept::defaults_of;
 use super::batch::RecordStream;
 use super::replay::{Replay, ReplayRequest, ReplayState};
 use super::{Announcement, Ingest, IngestError, replay_folder};
 use crate::asset::AssetSpec;
-use crate::recording::{RecordDefaults, RecordingFile};
-use crate::signal::OperatingPoint;
+use crate::recording::RecordingFile;
 
 /// Ended replays that are remembered.
 const MOST_REMEMBERED: usize = 1000;
@@ -156,12 +156,7 @@ impl Ingest {
                 held.by_number.remove(&number);
             }
         }
-        let defaults = RecordDefaults {
-            channel: spec.sensor.channel,
-            start_time: replay.started_at,
-            unit: spec.sensor.unit,
-            operating_point: OperatingPoint::default(),
-        };
+        let defaults = defaults_of(&spec, replay.started_at);
         let done = usize::try_from(replay.records_done).unwrap_or(usize::MAX);
         let records = RecordStream::spawn(move || Ok(RecordingFile::open(&path, defaults, None)?.skip(done)));
         let ingest = self.clone();

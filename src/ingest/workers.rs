@@ -25,6 +25,7 @@ pub struct Workers {
     /// For what is short and others wait for, so that it does not stand behind records.
     first: rayon::ThreadPool,
     requests: Arc<Semaphore>,
+    answers: Arc<Semaphore>,
     kibibytes: Arc<Semaphore>,
     limits: IngestLimits,
 }
@@ -44,6 +45,7 @@ impl Workers {
             pool: threads(limits.workers, "worker")?,
             first: threads(limits.workers, "first")?,
             requests: Arc::new(Semaphore::new(limits.requests_at_once)),
+            answers: Arc::new(Semaphore::new(limits.requests_at_once)),
             kibibytes: Arc::new(Semaphore::new(limits.bytes_at_once / 1024)),
             limits: limits.clone(),
         })
@@ -51,10 +53,18 @@ impl Workers {
 
     /// The right to one more request, or [`IngestError::Busy`] at once.
     pub fn admit(&self) -> Result<Ticket, IngestError> {
-        let request = Arc::clone(&self.requests).try_acquire_owned().map_err(|_| IngestError::Busy {
-            what: "the queue of records is full",
-            retry_after_s: 1,
-        })?;
+        self.admit_to(&self.requests, "the queue of records is full")
+    }
+
+    /// The right to one more answer that is worked out of stored records, or [`IngestError::Busy`] at once. It has a queue of its own: who sends
+    /// slowly does not keep others from looking.
+    pub fn admit_answer(&self) -> Result<Ticket, IngestError> {
+        self.admit_to(&self.answers, "too many spectra and recordings are asked for")
+    }
+
+    fn admit_to(&self, queue: &Arc<Semaphore>, what: &'static str) -> Result<Ticket, IngestError> {
+        let busy = |_| IngestError::Busy { what, retry_after_s: 1 };
+        let request = Arc::clone(queue).try_acquire_owned().map_err(busy)?;
         Ok(Ticket {
             _request: request,
             kibibytes: Arc::clone(&self.kibibytes),

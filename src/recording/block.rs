@@ -1,5 +1,7 @@
 //! One `WaveformBlock` message to a [`Record`] and back, in protobuf or JSON.
 
+use std::collections::BTreeMap;
+
 use jiff::Timestamp;
 use prost::Message;
 
@@ -40,18 +42,22 @@ impl BlockEncoding {
 pub struct RecordDefaults {
     /// Channel name.
     pub channel: Option<String>,
+    /// Names of the channels in their order, in place of what the recording calls them; none, or one for each.
+    pub channel_names: Vec<String>,
     /// Time of the first sample of the recording.
     pub start_time: Timestamp,
     /// Unit of the samples.
     pub unit: Option<String>,
+    /// Units of channels that have one of their own, by name; they count before `unit`.
+    pub channel_units: BTreeMap<String, String>,
     /// What the machine was doing; each field stands in for one that the recording leaves out.
     pub operating_point: OperatingPoint,
 }
 
 impl RecordDefaults {
-    /// The unit where the recording has none: `"1"` if nobody knows it.
-    pub(crate) fn unit_or_unknown(&self) -> &str {
-        self.unit.as_deref().unwrap_or("1")
+    /// The unit of a channel where the recording has none: `"1"` if nobody knows it.
+    pub(crate) fn unit_of(&self, channel: &str) -> &str {
+        self.channel_units.get(channel).or(self.unit.as_ref()).map_or("1", String::as_str)
     }
 }
 
@@ -129,8 +135,9 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
 impl DecodedBlock {
     /// Checks everything; `channel` overrides the block's own.
     pub(crate) fn into_record(self, channel: Option<&str>, defaults: &RecordDefaults) -> Result<Record, RecordingError> {
-        let channel = match (channel, self.channel.as_str()) {
-            (Some(topic), _) => topic,
+        let given = channel.or(defaults.channel_names.first().map(String::as_str));
+        let channel = match (given, self.channel.as_str()) {
+            (Some(given), _) => given,
             (None, "") => defaults.channel.as_deref().unwrap_or("1"),
             (None, own) => own,
         };
@@ -142,7 +149,7 @@ impl DecodedBlock {
             ));
         }
         let unit = if self.unit.is_empty() {
-            defaults.unit_or_unknown()
+            defaults.unit_of(channel)
         } else {
             &self.unit
         };
@@ -298,6 +305,7 @@ mod tests {
                 shaft_speed_hz: Some(30.0),
                 torque_nm: None,
             },
+            ..RecordDefaults::default()
         };
         let record = decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &defaults).unwrap();
         assert_eq!((record.channel(), record.unit(), record.start_time().as_second()), ("x", "g", 5));

@@ -74,7 +74,8 @@ impl CutPlan {
 #[derive(Debug)]
 pub(crate) struct Cutter {
     channels: Vec<String>,
-    unit: String,
+    /// Of each channel.
+    units: Vec<String>,
     sample_rate_hz: f64,
     start_time: Timestamp,
     operating_point: OperatingPoint,
@@ -88,8 +89,8 @@ impl Cutter {
     pub(crate) fn new(channels: Vec<String>, sample_rate_hz: f64, defaults: &RecordDefaults, plan: CutPlan) -> Self {
         Self {
             columns: vec![Vec::new(); channels.len()],
+            units: channels.iter().map(|channel| defaults.unit_of(channel).to_owned()).collect(),
             channels,
-            unit: defaults.unit_or_unknown().to_owned(),
             sample_rate_hz,
             start_time: defaults.start_time,
             operating_point: defaults.operating_point,
@@ -119,8 +120,9 @@ impl Cutter {
             Err(error) => return vec![Err(error)],
         };
         let columns: Vec<Vec<f32>> = self.columns.iter_mut().map(std::mem::take).collect();
-        let records = self.channels.iter().zip(columns).map(|(channel, samples)| {
-            Record::new(channel, start_time, self.sample_rate_hz, &self.unit, samples)
+        let named = self.channels.iter().zip(&self.units);
+        let records = named.zip(columns).map(|((channel, unit), samples)| {
+            Record::new(channel, start_time, self.sample_rate_hz, unit, samples)
                 .and_then(|record| record.with_operating_point(self.operating_point))
                 .map_err(|source| match (first_sample, source) {
                     (0, source) => RecordingError::Record(source),

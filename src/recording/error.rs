@@ -7,6 +7,16 @@ use thiserror::Error;
 
 use crate::signal::RecordError;
 
+impl RecordingError {
+    /// Whether the disk that it is written to is full.
+    pub fn is_full(&self) -> bool {
+        match self {
+            Self::Io(error) | Self::McapWrite(McapError::Io(error)) => error.kind() == std::io::ErrorKind::StorageFull,
+            _ => false,
+        }
+    }
+}
+
 /// Why a recording cannot be read or written.
 #[derive(Debug, Error)]
 #[non_exhaustive]

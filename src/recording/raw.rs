@@ -146,13 +146,8 @@ pub fn decode_raw(bytes: &[u8], layout: RawLayout, defaults: &RecordDefaults) ->
     let record = |(channel, name): (usize, String)| {
         let at = (channel * layout.sample.bytes()..bytes.len()).step_by(frame);
         let samples = at.map(|at| (value(at) * layout.scale) as f32).collect();
-        let record = Record::new(
-            name,
-            defaults.start_time,
-            layout.sample_rate_hz,
-            defaults.unit_or_unknown(),
-            samples,
-        )?;
+        let unit = defaults.unit_of(&name);
+        let record = Record::new(name.as_str(), defaults.start_time, layout.sample_rate_hz, unit, samples)?;
         Ok(record.with_operating_point(defaults.operating_point)?)
     };
     names.into_iter().enumerate().map(record).collect()

@@ -37,6 +37,7 @@ pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
 /// Names of the channels of a WAV recording.
 pub(crate) fn channel_names(channels: usize, defaults: &RecordDefaults) -> Vec<String> {
     match &defaults.channel {
+        _ if defaults.channel_names.len() == channels => defaults.channel_names.clone(),
         Some(name) if channels == 1 => vec![name.clone()],
         _ => (1..=channels).map(|k| k.to_string()).collect(),
     }

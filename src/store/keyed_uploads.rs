@@ -16,7 +16,7 @@ pub struct KeyedUpload {
     pub request_sha256: String,
     /// When it first came.
     pub received_at: Timestamp,
-    /// What was answered, for a recording of many records that is done.
+    /// What was answered, once it is done.
     pub answer: Option<String>,
 }
 
@@ -58,14 +58,24 @@ impl Store {
         })
     }
 
-    /// Keeps what an upload was answered with.
-    pub async fn finish_upload(&self, asset: &AssetId, key: &str, answer: &str) -> Result<(), StoreError> {
-        sqlx::query("UPDATE keyed_uploads SET answer = $3 WHERE asset_id = $1 AND upload_key = $2")
+    /// Keeps what an upload was answered with. Where an answer is kept already, that one stays and is returned.
+    pub async fn finish_upload(&self, asset: &AssetId, key: &str, answer: &str) -> Result<Option<String>, StoreError> {
+        let kept = sqlx::query("UPDATE keyed_uploads SET answer = $3 WHERE asset_id = $1 AND upload_key = $2 AND answer IS NULL")
             .bind(asset.as_str())
             .bind(key)
             .bind(answer)
             .execute(self.write())
             .await?;
-        Ok(())
+        if kept.rows_affected() > 0 {
+            return Ok(None);
+        }
+        let row = sqlx::query("SELECT answer FROM keyed_uploads WHERE asset_id = $1 AND upload_key = $2")
+            .bind(asset.as_str())
+            .bind(key)
+            .fetch_optional(self.read())
+            .await?;
+        // No row: forgotten at this very moment, or gone with its asset.
+        let first: Option<Option<String>> = row.map(|row| get(&row, "answer")).transpose()?;
+        Ok(first.flatten())
     }
 }
