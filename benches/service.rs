@@ -174,7 +174,7 @@ fn polling() {
         "filling: {records} records of 256 samples in {seconds:.1} s = {:.2} ms each",
         1e3 * seconds / records as f64
     );
-    let get = "GET /v1/assets/pump/wear HTTP/1.1\r\nhost: bench\r\n\r\n";
+    let get = "GET /v1/assets/pump/wear HTTP/1.1\r\nhost: localhost\r\n\r\n";
     let (seconds, times) = load(&service, 8, 10_000, None, |_, stream| assert_eq!(exchange(stream, get, b""), 200));
     println!(
         "polling: {:.0} GET wear a second over 8 connections, p50 {:.2} ms, p99 {:.2} ms",
@@ -182,7 +182,7 @@ fn polling() {
         1e3 * quantile(&times, 0.5),
         1e3 * quantile(&times, 0.99)
     );
-    let trend = "GET /v1/assets/pump/indicators?names=rms&max_points=1000 HTTP/1.1\r\nhost: bench\r\n\r\n";
+    let trend = "GET /v1/assets/pump/indicators?names=rms&max_points=1000 HTTP/1.1\r\nhost: localhost\r\n\r\n";
     let (_, first) = load(&service, 1, 1, None, |_, stream| assert_eq!(exchange(stream, trend, b""), 200));
     let (_, times) = load(&service, 1, 200, None, |_, stream| assert_eq!(exchange(stream, trend, b""), 200));
     println!(

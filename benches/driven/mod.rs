@@ -237,7 +237,7 @@ impl Uploads {
         body.extend_from_slice(&[0xfd, 0x7f]);
         body.extend_from_slice(&(n as u32).to_le_bytes());
         let head = format!(
-            "POST /v1/assets/{asset}/segments?start_time={start}&channel={channel} HTTP/1.1\r\nhost: bench\r\ncontent-type: application/x-protobuf\r\ncontent-length: {}\r\n\r\n",
+            "POST /v1/assets/{asset}/segments?start_time={start}&channel={channel} HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/x-protobuf\r\ncontent-length: {}\r\n\r\n",
             body.len()
         );
         let status = exchange(stream, &head, &body);

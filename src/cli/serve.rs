@@ -43,6 +43,10 @@ pub(super) struct ServeArgs {
     /// Ask nobody for a token: everyone who reaches the address may do everything.
     #[arg(long)]
     pub insecure_no_tokens: bool,
+    /// A name by which others reach the service through another server on this machine; may be given more than once. Needed where nobody is
+    /// asked for a token.
+    #[arg(long, value_name = "NAME")]
+    pub host_name: Vec<String>,
     #[cfg(feature = "cluster")]
     #[command(flatten)]
     pub mqtt: super::mqtt::MqttArgs,
@@ -103,6 +107,7 @@ struct ConfigFile {
     tls_certificate: Option<PathBuf>,
     tls_key: Option<PathBuf>,
     insecure_no_tokens: bool,
+    host_names: Vec<String>,
     limits: LimitsTable,
     retention: RetentionTable,
     #[cfg(feature = "cluster")]
@@ -178,6 +183,11 @@ impl ServeArgs {
             (None, Some(_)) => return Err(ServeError::Tls("tls_certificate")),
         };
         config.insecure_no_tokens = self.insecure_no_tokens || file.insecure_no_tokens;
+        config.host_names = if self.host_name.is_empty() {
+            file.host_names
+        } else {
+            self.host_name.clone()
+        };
         file.limits.apply(&mut config);
         config.ingest.quotas = RawQuotas {
             bytes: file.retention.raw_bytes,

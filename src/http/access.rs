@@ -1,10 +1,12 @@
 //! Who may do what: tokens, their scopes and their rate, and requests that other web pages make.
 
+use std::net::IpAddr;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use axum::extract::{Request, State};
+use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
@@ -34,23 +36,35 @@ impl TokenPlace {
     }
 }
 
+/// Who is asked for a token.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Asked {
+    /// Everybody, also where there are none.
+    Everybody,
+    /// Everybody as soon as there are some. Before, requests are taken that are for this machine by its own names or by these.
+    OnceThereAreTokens {
+        /// Further names.
+        host_names: Vec<String>,
+    },
+    /// Nobody, not even where there are some.
+    Nobody,
+}
+
 /// The guard before every operation.
 pub(super) struct Access {
     tokens: TokenPlace,
+    asked: Asked,
     /// Set once tokens are asked for: that they all go away opens nothing.
     is_closed: AtomicBool,
-    /// Nobody is asked for a token.
-    is_open: bool,
     rate: RateLimiter<String, HashMapStateStore<String>, DefaultClock>,
 }
 
 impl Access {
-    /// `needs_tokens`: also where there are none. `is_open`: not even where there are some.
-    pub(super) fn new(tokens: TokenPlace, needs_tokens: bool, is_open: bool, requests_per_s: NonZeroU32) -> Self {
+    pub(super) fn new(tokens: TokenPlace, asked: Asked, requests_per_s: NonZeroU32) -> Self {
         Self {
             tokens,
-            is_closed: AtomicBool::new(needs_tokens),
-            is_open,
+            is_closed: AtomicBool::new(asked == Asked::Everybody),
+            asked,
             rate: RateLimiter::hashmap(Quota::per_second(requests_per_s)),
         }
     }
@@ -58,7 +72,7 @@ impl Access {
     async fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
         refuse_other_pages(method, uri, headers)?;
         let path = uri.path();
-        if self.is_open || is_public(path) {
+        if self.asked == Asked::Nobody || is_public(path) {
             return Ok(());
         }
         let tokens = self.tokens.list().await.map_err(|error| {
@@ -71,7 +85,10 @@ impl Access {
         if tokens.is_some() {
             self.is_closed.store(true, Ordering::Relaxed);
         } else if !self.is_closed.load(Ordering::Relaxed) {
-            return Ok(());
+            return match &self.asked {
+                Asked::OnceThereAreTokens { host_names } => refuse_other_hosts(uri, headers, host_names),
+                Asked::Everybody | Asked::Nobody => Ok(()),
+            };
         }
         let presented = headers
             .get(header::AUTHORIZATION)
@@ -125,13 +142,36 @@ fn needed(method: &Method, path: &str) -> Scope {
     }
 }
 
+/// The host that a request is for, with its port.
+fn host_of<'a>(uri: &'a Uri, headers: &'a HeaderMap) -> Option<&'a str> {
+    let named = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    named.or_else(|| uri.authority().map(Authority::as_str))
+}
+
+/// A page of a host whose name is made to lead to this machine is, for a browser, one of this service. Its requests are for that name.
+fn refuse_other_hosts(uri: &Uri, headers: &HeaderMap, host_names: &[String]) -> Result<(), Problem> {
+    let Some(host) = host_of(uri, headers) else { return Ok(()) };
+    let name = host
+        .parse()
+        .map(|host: Authority| host.host().trim_end_matches('.').to_ascii_lowercase());
+    let is_own = name.is_ok_and(|name| {
+        let is_address = name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok();
+        is_address || name == "localhost" || name.ends_with(".localhost") || host_names.iter().any(|own| own.eq_ignore_ascii_case(&name))
+    });
+    if is_own {
+        return Ok(());
+    }
+    let detail = format!("the request is for the host {host:?}, expected localhost, an address, or a name given with --host-name");
+    Err(Problem::new(StatusCode::FORBIDDEN, detail))
+}
+
 /// A browser says where the page comes from that makes it send something: only our own may.
 fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
     if matches!(*method, Method::GET | Method::HEAD) {
         return Ok(());
     }
     let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
-    let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).or_else(|| uri.host());
+    let host = host_of(uri, headers);
     let from = origin
         .to_str()
         .ok()
@@ -177,6 +217,29 @@ mod tests {
         ] {
             assert_eq!(needed(&method, path), scope, "{method} {path}");
         }
+    }
+
+    #[test]
+    fn a_name_that_is_made_to_lead_here_is_refused() {
+        let uri = Uri::from_static("/v1/assets");
+        let names = ["Wear.example".to_owned()];
+        for (host, is_own) in [
+            ("127.0.0.1:8600", true),
+            ("[::1]:8600", true),
+            ("localhost:8600", true),
+            ("LOCALHOST", true),
+            ("wear.example", true),
+            ("wear.example.:443", true),
+            ("evil.example:8600", false),
+            ("127.0.0.1.evil.example", false),
+            ("localhost.evil.example", false),
+            ("", false),
+        ] {
+            let mut headers = HeaderMap::new();
+            headers.insert(header::HOST, HeaderValue::from_static(host));
+            assert_eq!(refuse_other_hosts(&uri, &headers, &names).is_ok(), is_own, "{host:?}");
+        }
+        assert!(refuse_other_hosts(&Uri::from_static("http://evil.example/v1"), &HeaderMap::new(), &names).is_err());
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! `GET /v1/assets/{asset}/export`: everything that was computed, as one MCAP recording.
 
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,11 +17,11 @@ use tokio::io::AsyncReadExt;
 use super::body::SpooledBody;
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
-use super::reduction;
 use super::router::App;
+use super::{provenance, reduction};
 use crate::asset::{AssetId, Segment};
 use crate::estimate::Severity;
-use crate::ingest::IngestError;
+use crate::ingest::{IngestError, Readiness};
 use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
 use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
 use crate::store::{AlarmFilter, SegmentFilter, SegmentKey, StoredAlarmChange};
@@ -59,7 +58,8 @@ pub(super) struct ExportParameters {
 /// Export an asset's history
 ///
 /// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on `/{asset}/{channel}/indicators`, `…/wear`,
-/// `…/spectrum` and `…/alarm`.
+/// `…/spectrum` and `…/alarm`; metadata records `asset`, `sensor`, `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment
+/// `library.json`. Records whose raw recordings are not kept any more have no spectrum.
 /// Plot `wear.median_um`, `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
 #[utoipa::path(
     get,
@@ -99,9 +99,17 @@ pub(super) async fn export(
         source,
     })?;
     let mut writer = HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(IngestError::from)?;
-    let about = [("id", spec.id.to_string()), ("name", spec.name.clone())];
-    let about: BTreeMap<String, String> = about.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
-    writer.metadata("asset", about).map_err(IngestError::from)?;
+    let wanted = channels.iter().filter(|channel| is_wanted(&channel.channel));
+    let latest: Vec<_> = wanted.filter_map(|channel| channel.last_segment.clone()).collect();
+    for (name, entries) in provenance::metadata(&spec, &store.segments_by_id(&latest).await?) {
+        writer.metadata(name, entries).map_err(IngestError::from)?;
+    }
+    if let (_, Readiness::Ready(library)) = app.ingest.libraries().readiness(&spec)
+        && let Ok(manifest) = serde_json::to_vec_pretty(library.manifest())
+    {
+        let attached = writer.attach("library.json", "application/json", app.ingest.now(), &manifest);
+        attached.map_err(IngestError::from)?;
+    }
     let mut filter = SegmentFilter {
         channel: asked.channel.clone(),
         from: asked.from,

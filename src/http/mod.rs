@@ -29,6 +29,7 @@ mod metrics;
 mod openapi;
 mod plotly;
 mod problem;
+mod provenance;
 mod query;
 mod recomputations;
 mod reduction;

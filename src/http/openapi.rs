@@ -30,7 +30,10 @@ const ABOUT: &str = "Vibration records in, condition indicators and wear depth w
 const ALWAYS: &[(&str, &str)] = &[
     ("400", "A parameter cannot be used"),
     ("401", "A token is needed"),
-    ("403", "The token's scope does not reach so far"),
+    (
+        "403",
+        "The token's scope does not reach so far, or the request comes from a page of another host",
+    ),
     ("429", "Too many requests with this token"),
     ("431", "The head of the request is too large"),
     ("500", "A fault of the service"),
@@ -44,6 +47,13 @@ const WITH_BODY: &[(&str, &str)] = &[
     ("422", "The body does not say what is needed"),
     ("507", "There is no room"),
 ];
+
+/// Of operations that read a record's raw bytes.
+const FROM_RAW: &[(&str, &str)] = &[("410", "The raw recording was given up for the quota")];
+const READ_RAW: [&str; 6] = ["/waveform", "/spectrum", "/envelope", "/orders", "/turn", "/cepstrum"];
+
+/// Of operations without a body that write a file.
+const WITH_FILE: &[(&str, &str)] = &[("507", "There is no room")];
 
 /// The finished description as JSON.
 pub(super) fn document(generated: OpenApi) -> Value {
@@ -87,6 +97,12 @@ fn add_problems(path: &str, operation: &mut Value) {
     }
     if operation.get("requestBody").is_some() {
         problems.extend(WITH_BODY);
+    }
+    if READ_RAW.iter().any(|end| path.ends_with(end)) {
+        problems.extend(FROM_RAW);
+    }
+    if path.ends_with("/export") {
+        problems.extend(WITH_FILE);
     }
     for (status, description) in problems {
         let answers = &mut operation["responses"];

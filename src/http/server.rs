@@ -9,7 +9,7 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
-use super::access::{Access, TokenPlace};
+use super::access::{Access, Asked, TokenPlace};
 use super::connections::{self, TlsFiles};
 use super::events::{Events, SharedEvents};
 use super::limits::HttpLimits;
@@ -22,6 +22,9 @@ use crate::ingest::{Clock, Crew, Ingest, IngestError, IngestFolders, IngestLimit
 use crate::library::GridSettings;
 use crate::store::{Store, StoreError, StoreSettings};
 
+/// How long the database may take to close after everything else has ended.
+const CLOSING: std::time::Duration = std::time::Duration::from_secs(2);
+
 /// What the service is started with.
 #[derive(Debug, Clone)]
 pub struct ServiceConfig {
@@ -31,6 +34,9 @@ pub struct ServiceConfig {
     pub tls: Option<TlsFiles>,
     /// Nobody is asked for a token, on whatever address.
     pub insecure_no_tokens: bool,
+    /// Names by which others know the service, where it listens on this machine alone, asks nobody for a token and another server passes on
+    /// what is for it.
+    pub host_names: Vec<String>,
     /// Where everything is kept.
     pub data_dir: PathBuf,
     /// The store, where it is not in the data folder.
@@ -52,6 +58,7 @@ impl ServiceConfig {
             listen,
             tls: None,
             insecure_no_tokens: false,
+            host_names: Vec::new(),
             data_dir: data_dir.into(),
             store: None,
             replay_dir: None,
@@ -218,7 +225,16 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
             source,
         })?
     };
-    let access = Access::new(tokens, !is_loopback, config.insecure_no_tokens, config.http.requests_per_s);
+    let who = if config.insecure_no_tokens {
+        Asked::Nobody
+    } else if is_loopback {
+        Asked::OnceThereAreTokens {
+            host_names: config.host_names,
+        }
+    } else {
+        Asked::Everybody
+    };
+    let access = Access::new(tokens, who, config.http.requests_per_s);
     let limits = Arc::new(config.http);
     let app = App {
         ingest: ingest.clone(),
@@ -262,7 +278,7 @@ impl RunningService {
         &self.ingest
     }
 
-    /// Stops taking requests, ends within the time of grace what was begun, and closes the store.
+    /// Stops taking requests, ends within the time of grace what was begun, and closes the store within 2 s more.
     pub async fn stop(self) -> Result<(), ServiceError> {
         let _ = self.stop.send(());
         self.events.end();
@@ -286,7 +302,10 @@ impl RunningService {
                 Ok(())
             }
         };
-        self.ingest.store().close().await;
+        // A connection that works on something long is not waited for: the database repairs itself at the next start.
+        if tokio::time::timeout(CLOSING, self.ingest.store().close()).await.is_err() {
+            tracing::warn!("the database was still at work when the service ended");
+        }
         ended
     }
 }

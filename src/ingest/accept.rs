@@ -9,6 +9,7 @@ use tokio::sync::RwLockReadGuard;
 
 use super::group_commit::Stored;
 use super::hearing::Hearers;
+use super::kept_raw::KeptRaw;
 use super::keys::analysis_keys;
 use super::{Ingest, IngestError, Part, QueuedRecord, Ticket, with_analyzer};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
@@ -121,6 +122,7 @@ pub(super) struct Kept<'a> {
     named: Arc<Vec<Named>>,
     analysed: Vec<NewSegment>,
     received_at: Timestamp,
+    raw: KeptRaw,
     _keeping: RwLockReadGuard<'a, ()>,
 }
 
@@ -284,6 +286,7 @@ impl Ingest {
         received_at: Timestamp,
     ) -> Result<Kept<'_>, IngestError> {
         let keeping = self.inner.keeping.read().await;
+        let raw = KeptRaw::new(self, raws.iter().map(|(name, _)| name.clone()).collect());
         let ingest = self.clone();
         let keep = tokio::spawn(async move { ingest.keep_raw(raws).await });
         let named = Arc::new(named);
@@ -294,6 +297,7 @@ impl Ingest {
             named,
             analysed: analysed?,
             received_at,
+            raw,
             _keeping: keeping,
         })
     }
@@ -308,6 +312,7 @@ impl Ingest {
             named,
             analysed,
             received_at,
+            raw: KeptRaw::new(self, Vec::new()),
             _keeping: keeping,
         })
     }
@@ -326,10 +331,12 @@ impl Ingest {
             named,
             analysed,
             received_at,
+            raw,
             _keeping,
         } = kept;
         let of = spec.id.clone();
         let stored = self.store_analysed(spec, &named, analysed, received_at).await?;
+        raw.are_stored();
         if stored.iter().any(|stored| stored.is_heard) {
             self.let_hear(&of, &named, received_at).await?;
         }

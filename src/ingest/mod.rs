@@ -19,6 +19,7 @@ mod feed;
 mod fold;
 mod group_commit;
 mod hearing;
+mod kept_raw;
 mod keys;
 mod libraries;
 mod library_source;

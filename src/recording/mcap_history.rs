@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::{Seek, Write};
 
 use jiff::Timestamp;
+use mcap::Attachment;
 use mcap::records::{MessageHeader, Metadata};
 use prost::Message;
 
@@ -108,6 +109,19 @@ impl<W: Write + Seek> HistoryWriter<W> {
             metadata: entries,
         };
         self.inner.write_metadata(&record).map_err(RecordingError::McapWrite)
+    }
+
+    /// Writes an attachment: a file of its own within the recording.
+    pub fn attach(&mut self, name: &str, media_type: &str, made_at: Timestamp, data: &[u8]) -> Result<(), RecordingError> {
+        let time = mcap_time("the attachment's time", made_at)?;
+        let attachment = Attachment {
+            log_time: time,
+            create_time: time,
+            name: name.to_owned(),
+            media_type: media_type.to_owned(),
+            data: data.into(),
+        };
+        self.inner.attach(&attachment).map_err(RecordingError::McapWrite)
     }
 
     /// Writes the summary and the end. Without this the recording is not whole.

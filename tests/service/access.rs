@@ -91,6 +91,23 @@ fn an_address_that_others_reach_needs_tokens() {
 }
 
 #[test]
+fn a_name_that_leads_here_is_not_enough() {
+    let service = Service::start_with(|config| config.host_names = vec!["wear.example".to_owned()]);
+    let as_host = |host: &str, path: &str| service.send("GET", path, &[("host", host)], b"");
+    as_host("evil.example:8600", "/v1/assets").expect_problem(403, &["evil.example", "--host-name"]);
+    as_host("wear.example", "/v1/assets").expect(200);
+    as_host("localhost", "/v1/assets").expect(200);
+    // The pages show nothing by themselves.
+    as_host("evil.example:8600", "/").expect(200);
+    let token = Tokens::of(service.folder())
+        .create("a", Scope::Read, Timestamp::UNIX_EPOCH)
+        .unwrap();
+    let authorization = format!("Bearer {token}");
+    let headers = [("host", "evil.example"), ("authorization", authorization.as_str())];
+    service.send("GET", "/v1/assets", &headers, b"").expect(200);
+}
+
+#[test]
 fn a_page_of_another_host_sends_nothing() {
     let service = Service::start();
     let headers = [("origin", "http://evil.example"), ("content-type", "application/json")];
@@ -241,7 +258,7 @@ fn a_head_that_is_too_large_is_told_so() {
         let mut stream = TcpStream::connect(&address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         // The service may hang up before all of it is written.
-        let _ = write!(stream, "GET /v1/assets HTTP/1.1\r\nhost: x\r\n{fields}\r\n");
+        let _ = write!(stream, "GET /v1/assets HTTP/1.1\r\nhost: localhost\r\n{fields}\r\n");
         let mut answer = String::new();
         stream.read_to_string(&mut answer).unwrap();
         let (head, body) = answer.split_once("\r\n\r\n").unwrap();

@@ -145,6 +145,21 @@ fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay()
         .expect(200)
         .json();
     assert_eq!(shown["indicators"], segments[0]["indicators"]);
+    // Answers on many records go without what needs the bytes.
+    let export = service.get("/v1/assets/pump/export?spectra=12").expect(200);
+    let summary = mcap::Summary::read(&export.bytes).unwrap().unwrap();
+    let messages = |kind: &str| {
+        let topic = format!("/pump/1/{kind}");
+        let (id, _) = summary.channels.iter().find(|(_, channel)| channel.topic == topic).unwrap();
+        summary.stats.as_ref().unwrap().channel_message_counts[id]
+    };
+    let has_raw = segments.iter().filter(|segment| waveform(segment).status == 200).count();
+    assert!((1..12).contains(&has_raw));
+    assert_eq!((messages("indicators"), messages("spectrum")), (12, has_raw as u64));
+    let waterfall = service.get("/v1/assets/pump/waterfall").expect(200).json();
+    let rows = waterfall["items"].as_array().unwrap();
+    assert_eq!(rows.len(), 12);
+    assert_eq!(rows.iter().filter(|row| !row["level_db"].is_null()).count(), has_raw);
     // A repeat is answered with what is stored, and does not bring the bytes back.
     assert_eq!(service.upload("pump", &record("1", 0))["id"], segments[0]["id"]);
     for n in 20..26 {

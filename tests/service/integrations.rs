@@ -83,6 +83,8 @@ from mcap_protobuf.decoder import DecoderFactory
 with open(sys.argv[1], "rb") as file:
     reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
     assert reader.get_summary().statistics.message_count > 0
+    for metadata in reader.iter_metadata():
+        print(json.dumps({"topic": "metadata", "name": metadata.name, "entries": metadata.metadata}))
     for schema, channel, message, decoded in reader.iter_decoded_messages():
         out = {"topic": channel.topic, "schema": schema.name, "publish_time": message.publish_time}
         if schema.name.endswith("Indicators"):
@@ -119,6 +121,11 @@ fn pythons_reader_opens_an_exported_history() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let lines = String::from_utf8(output.stdout).unwrap();
     let messages: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let (metadata, messages): (Vec<Value>, Vec<Value>) = messages.into_iter().partition(|message| message["topic"] == "metadata");
+    let names: Vec<&str> = metadata.iter().map(|record| record["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["asset", "sensor", "gear_pair", "acquisition"]);
+    assert_eq!(metadata[2]["entries"]["teeth"], "[31,62]");
+    assert_eq!(metadata[3]["entries"]["channel"], "in");
     let of = |kind: &str| -> Vec<&Value> {
         messages
             .iter()

@@ -127,7 +127,7 @@ fn in_pieces(service: &Service, media_type: &str, body: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
     let head = format!(
-        "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: x\r\ncontent-type: {media_type}\r\ntransfer-encoding: chunked\r\nconnection: close\r\n\r\n"
+        "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media_type}\r\ntransfer-encoding: chunked\r\nconnection: close\r\n\r\n"
     );
     stream.write_all(head.as_bytes()).unwrap();
     for piece in body.chunks(4000) {
@@ -154,7 +154,7 @@ fn a_full_queue_says_when_to_come_again() {
     // One upload takes the only place and does not end.
     let mut slow = TcpStream::connect(address).unwrap();
     let head = format!(
-        "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ncontent-length: {}\r\n\r\n",
+        "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: {}\r\n\r\n",
         block.len()
     );
     slow.write_all(head.as_bytes()).unwrap();
@@ -204,12 +204,12 @@ fn a_refusal_before_the_body_was_read_keeps_the_connection() {
         ("/v1/assets/pump/segments", "audio/wav", "413"),
     ] {
         let head = format!(
-            "POST {path} HTTP/1.1\r\nhost: x\r\ncontent-type: {media_type}\r\ncontent-length: {}\r\n\r\n",
+            "POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media_type}\r\ncontent-length: {}\r\n\r\n",
             body.len()
         );
         let (head, _) = exchange(&mut stream, &[head.as_bytes(), &body].concat());
         assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{path} {media_type}: {head}");
-        let (head, _) = exchange(&mut stream, b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n");
+        let (head, _) = exchange(&mut stream, b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n");
         assert!(head.starts_with("HTTP/1.1 200 "), "after {path} {media_type}: {head}");
     }
 }
@@ -220,11 +220,93 @@ fn a_refusal_of_a_body_that_was_not_asked_for_says_that_the_connection_ends() {
     let address = service.url("").trim_start_matches("http://").to_string();
     let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
     stream.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    let request = b"POST /v1/nothing HTTP/1.1\r\nhost: x\r\ncontent-type: audio/wav\r\ncontent-length: 9\r\nexpect: 100-continue\r\n\r\n";
+    let request =
+        b"POST /v1/nothing HTTP/1.1\r\nhost: localhost\r\ncontent-type: audio/wav\r\ncontent-length: 9\r\nexpect: 100-continue\r\n\r\n";
     let (head, _) = exchange(&mut stream, request);
     assert!(
         head.starts_with("HTTP/1.1 404 ") && head.contains("connection: close\r\n"),
         "{head}"
     );
     assert_eq!(stream.read(&mut [0]).unwrap(), 0);
+}
+
+#[test]
+fn a_body_that_does_not_come_gives_its_place_back() {
+    let service = Service::start_with(|config| {
+        config.ingest.requests_at_once = 1;
+        config.http.body_idle = Duration::from_millis(300);
+        config.http.body_bytes_per_s = 10_000;
+    });
+    service.plain_asset("pump");
+    let stored = service.upload("pump", &record("1", 1));
+    let address = service.url("").trim_start_matches("http://").to_string();
+    let head =
+        "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: 100000\r\n\r\n";
+    // Nothing at all; then a byte at a time.
+    for trickles in [false, true] {
+        let mut slow = TcpStream::connect(&address).unwrap();
+        slow.write_all(head.as_bytes()).unwrap();
+        while service.get("/readyz").status != 503 {}
+        // Whoever asks for what is stored does not wait for senders.
+        service
+            .get(&format!("/v1/segments/{}/spectrum", stored["id"].as_str().unwrap()))
+            .expect(200);
+        let mut reader = BufReader::new(slow.try_clone().unwrap());
+        let done = std::sync::atomic::AtomicBool::new(!trickles);
+        let mut answer = String::new();
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                    std::thread::sleep(Duration::from_millis(20));
+                    if slow.write_all(b" ").is_err() {
+                        break;
+                    }
+                }
+            });
+            reader.read_line(&mut answer).unwrap();
+            done.store(true, std::sync::atomic::Ordering::Relaxed);
+        });
+        assert!(answer.starts_with("HTTP/1.1 408"), "{answer}");
+        service.wait_for("/readyz", |ready| ready["status"] == "ok");
+    }
+}
+
+#[test]
+fn a_form_has_so_many_files_and_fields() {
+    let service = Service::start_with(|config| config.http.form_files = 2);
+    service.plain_asset("pump");
+    let part =
+        |name: &str, file: &str, text: &str| format!("--b\r\ncontent-disposition: form-data; name=\"{name}\"{file}\r\n\r\n{text}\r\n");
+    let block = |n: u32| String::from_utf8(encode_block(&record("1", n), BlockEncoding::Json)).unwrap();
+    let file = |n: u32| part("file", &format!("; filename=\"{n}.json\""), &block(n));
+    let send = |form: String| {
+        let form = form + "--b--\r\n";
+        service.post("/v1/assets/pump/segments", "multipart/form-data; boundary=b", form.as_bytes())
+    };
+    let stored = send(file(1) + &file(2)).expect(201).json();
+    assert_eq!(stored["files"].as_array().map(Vec::len), Some(2));
+    send(file(1) + &file(2) + &file(3)).expect_problem(422, &["at most 2"]);
+    let fields: String = (0..33).map(|_| part("unit", "", "g")).collect();
+    send(fields + &file(4)).expect_problem(422, &["at most 32"]);
+}
+
+#[test]
+fn every_answer_is_counted_also_those_that_no_operation_gives() {
+    let service = Service::start();
+    service.get("/nowhere").expect(404);
+    service.delete("/v1/assets").expect(405);
+    service
+        .send("POST", "/v1/assets", &[("origin", "http://evil.example")], b"")
+        .expect(403);
+    service.send("BREW", "/v1/assets", &[], b"").expect(405);
+    let metrics = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
+    for labels in [
+        r#"method="GET",route="unmatched",status="4xx""#,
+        r#"method="DELETE",route="/v1/assets",status="4xx""#,
+        r#"method="POST",route="/v1/assets",status="4xx""#,
+        r#"method="other",route="/v1/assets",status="4xx""#,
+    ] {
+        let line = format!("flankwatch_requests_total{{{labels}}} 1");
+        assert!(metrics.lines().any(|found| found == line), "{line} is not in\n{metrics}");
+    }
 }

@@ -1,8 +1,11 @@
 //! Recordings of many records: uploads and replays.
 
+use std::collections::BTreeMap;
+
+use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
-use crate::running::{Service, mcap, record};
+use crate::running::{Service, mcap, plain_asset, record, samples, wav};
 
 fn wait_for_end(service: &Service, replay: &Value) -> Value {
     let path = format!("/v1/replays/{}", replay["id"].as_str().unwrap());
@@ -154,4 +157,46 @@ fn only_recordings_inside_the_folder_are_replayed() {
     let ended = wait_for_end(&service, &replay);
     assert_eq!(ended["state"], "failed");
     assert!(!ended["error"].as_str().unwrap().is_empty());
+}
+
+#[test]
+fn every_measuring_point_has_its_unit_however_its_records_come() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["sensor"] = json!({ "unit": "m/s2" });
+    asset["points"] = json!([{ "channel": "velocity", "unit": "mm/s" }, { "channel": "elsewhere" }]);
+    service.post_json("/v1/assets", &asset).expect(201);
+    let units = || -> BTreeMap<String, String> {
+        let segments = service.get("/v1/assets/pump/segments").expect(200).json();
+        let items = segments["items"].as_array().unwrap().iter();
+        let text = |value: &Value| value.as_str().unwrap().to_owned();
+        items.map(|segment| (text(&segment["channel"]), text(&segment["unit"]))).collect()
+    };
+    let expected = |pairs: &[(&str, &str)]| -> BTreeMap<String, String> {
+        let owned = |(channel, unit): &(&str, &str)| ((*channel).to_owned(), (*unit).to_owned());
+        pairs.iter().map(owned).collect()
+    };
+    let both = wav(&[samples(1), samples(2)]);
+    let names = "/v1/assets/pump/segments?channel_names=velocity,other&start_time=2026-01-01T00:00:00Z";
+    service.post(names, "audio/wav", &both).expect(201);
+    assert_eq!(units(), expected(&[("velocity", "mm/s"), ("other", "m/s2")]));
+    // What the sender says counts for all of them.
+    let named = "/v1/assets/pump/segments?channel_names=velocity,other&unit=g&start_time=2026-01-02T00:00:00Z";
+    let stored = service.post(named, "audio/wav", &both).expect(201).json();
+    assert_eq!(
+        (&stored["segments"][0]["unit"], &stored["segments"][1]["unit"]),
+        (&json!("g"), &json!("g"))
+    );
+    service.delete("/v1/assets/pump").expect(204);
+
+    service.post_json("/v1/assets", &asset).expect(201);
+    let block = json!({ "channel": "velocity", "sample_rate_hz": 4096.0, "start_time": "2026-01-01T00:00:00Z", "samples": samples(1) });
+    service.post_json("/v1/assets/pump/segments", &block).expect(201);
+    let without_unit = |channel: &str, n: u32| {
+        let record = record(channel, n);
+        Record::new(channel, record.start_time(), record.sample_rate_hz(), "", record.samples().to_vec()).unwrap()
+    };
+    let recording = mcap(&[without_unit("velocity", 3), without_unit("elsewhere", 3)]);
+    service.post("/v1/assets/pump/segments", "application/mcap", &recording).expect(201);
+    assert_eq!(units(), expected(&[("velocity", "mm/s"), ("elsewhere", "m/s2")]));
 }

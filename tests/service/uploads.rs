@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde_json::Value;
 
-use crate::running::{Service, mcap, record, samples, wav};
+use crate::running::{Service, mcap, plain_asset, record, samples, wav};
 
 const SEGMENTS: &str = "/v1/assets/pump/segments";
 
@@ -147,11 +147,15 @@ fn an_upload_under_a_key_happens_once() {
         .json();
     assert_eq!(again, first);
     service.restart();
-    let again = service
-        .send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes)
-        .expect(201)
-        .json();
-    assert_eq!(again, first);
+    // Also where the segment is not what it was any more.
+    let mut changed = plain_asset("pump");
+    changed["gear"]["teeth"] = serde_json::json!([37, 62]);
+    service.put_json("/v1/assets/pump", &changed).expect(200);
+    let segment = format!("/v1/segments/{}", first["id"].as_str().unwrap());
+    service.wait_for(&segment, |now| now["indicators"] != first["indicators"]);
+    let again = service.send("POST", SEGMENTS, &headers("one", "audio/wav"), &bytes).expect(201);
+    assert_eq!(again.header("idempotency-replayed"), "true");
+    assert_eq!(again.json(), first);
     service
         .send("POST", SEGMENTS, &headers("one", "audio/wav"), &wav(&[samples(2)]))
         .expect_problem(409, &["one"]);
