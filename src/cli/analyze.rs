@@ -268,6 +268,7 @@ impl Analysis<'_> {
             operating_point: OperatingPoint {
                 shaft_speed_hz: self.args.shaft_speed_hz,
                 torque_nm: self.args.torque_nm,
+                ..OperatingPoint::default()
             },
             ..RecordDefaults::default()
         };

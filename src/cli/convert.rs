@@ -142,6 +142,7 @@ fn write_mcap(args: &ConvertArgs, asset: &AssetId, source: &mut Source, file: &F
         operating_point: OperatingPoint {
             shaft_speed_hz: args.shaft_speed_hz,
             torque_nm: args.torque_nm,
+            ..OperatingPoint::default()
         },
         ..RecordDefaults::default()
     };

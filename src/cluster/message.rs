@@ -28,6 +28,7 @@ pub(super) fn encode(record: &QueuedRecord) -> Result<Bytes, ClusterError> {
         unit: record.unit.clone(),
         shaft_speed_hz: record.operating_point.shaft_speed_hz,
         torque_nm: record.operating_point.torque_nm,
+        temperature_c: record.operating_point.temperature_c,
         reference_wear_um: record.reference_wear_um,
         raw_sha256: record.raw.sha256.clone(),
         raw_bytes: record.raw.bytes,
@@ -61,6 +62,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
         operating_point: OperatingPoint {
             shaft_speed_hz: message.shaft_speed_hz,
             torque_nm: message.torque_nm,
+            temperature_c: message.temperature_c,
         },
         reference_wear_um: message.reference_wear_um,
         raw: RawReference {
@@ -102,6 +104,7 @@ mod tests {
             operating_point: OperatingPoint {
                 shaft_speed_hz: Some(0.1 + 0.2),
                 torque_nm: None,
+                temperature_c: Some(62.5),
             },
             reference_wear_um: Some(12.5),
             raw: RawReference {

@@ -93,6 +93,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
                     record.with_operating_point(OperatingPoint {
                         shaft_speed_hz: None,
                         torque_nm: Some(vibration.torque_nm),
+                        ..OperatingPoint::default()
                     })
                 })
                 .expect("a simulated vibration is finite, and its rate and torque were checked by the model");

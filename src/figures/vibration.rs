@@ -109,6 +109,7 @@ pub(super) fn state(
     let speed = OperatingPoint {
         shaft_speed_hz: Some(run.shaft_speed_hz),
         torque_nm: Some(run.torque_nm),
+        ..OperatingPoint::default()
     };
     let samples = signal.iter().map(|value| *value as f32).collect();
     let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?.with_operating_point(speed)?;

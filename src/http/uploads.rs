@@ -46,6 +46,10 @@ pub(super) struct UploadParameters {
     /// Torque on the driving shaft in newton metres.
     #[serde(skip_serializing_if = "Option::is_none")]
     torque_nm: Option<f64>,
+    /// Oil or housing temperature in degrees Celsius.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[param(example = 62.5)]
+    temperature_c: Option<f64>,
     /// The channel's name, where the recording has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     channel: Option<String>,
@@ -347,6 +351,7 @@ impl Upload<'_> {
             operating_point: OperatingPoint {
                 shaft_speed_hz: asked.shaft_speed_hz,
                 torque_nm: asked.torque_nm,
+                temperature_c: asked.temperature_c,
             },
             reference_wear_um: asked.reference_wear_um,
         })

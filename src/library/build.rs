@@ -239,6 +239,7 @@ pub(super) fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, re
     let point = OperatingPoint {
         shaft_speed_hz: Some(run.shaft_speed_hz),
         torque_nm: Some(run.torque_nm),
+        ..OperatingPoint::default()
     };
     let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?.with_operating_point(point)?;
     let mesh = MeshContext {

@@ -173,6 +173,7 @@ pub(crate) fn filled(own: OperatingPoint, other: OperatingPoint) -> OperatingPoi
     OperatingPoint {
         shaft_speed_hz: own.shaft_speed_hz.or(other.shaft_speed_hz),
         torque_nm: own.torque_nm.or(other.torque_nm),
+        temperature_c: own.temperature_c.or(other.temperature_c),
     }
 }
 
@@ -194,17 +195,18 @@ pub(crate) fn message_of(record: &Record) -> WaveformBlock {
             start_time_ns: 0,
             shaft_speed_hz: point.shaft_speed_hz,
             torque_nm: point.torque_nm,
-            temperature_c: None,
+            temperature_c: point.temperature_c,
         }),
         tachometer: Pulses::of_record(record).map(message::Tachometer::from),
     }
 }
 
-/// The part of the message that the analysis uses.
+/// The message without its time.
 pub(crate) fn operating_point_of(message: &message::OperatingPoint) -> OperatingPoint {
     OperatingPoint {
         shaft_speed_hz: message.shaft_speed_hz,
         torque_nm: message.torque_nm,
+        temperature_c: message.temperature_c,
     }
 }
 
@@ -250,17 +252,23 @@ mod tests {
             "[a-z/²0-9]{1,8}",
             prop::collection::vec(finite, 1..200),
             prop::option::of(1e-6f64..1e4),
-            prop::option::of(-1e6f64..1e6),
+            [prop::option::of(-1e6f64..1e6), prop::option::of(-1e2f64..1e3)],
             any::<[bool; 2]>(),
         )
-            .prop_map(|(channel, time, rate, unit, samples, shaft_speed_hz, torque_nm, [clipped, gap])| {
-                let time = Timestamp::from_nanosecond(time.into()).unwrap();
-                Record::new(channel, time, rate, unit, samples)
-                    .unwrap()
-                    .with_operating_point(OperatingPoint { shaft_speed_hz, torque_nm })
-                    .unwrap()
-                    .with_quality(Quality { clipped, gap })
-            })
+            .prop_map(
+                |(channel, time, rate, unit, samples, shaft_speed_hz, [torque_nm, temperature_c], [clipped, gap])| {
+                    let time = Timestamp::from_nanosecond(time.into()).unwrap();
+                    Record::new(channel, time, rate, unit, samples)
+                        .unwrap()
+                        .with_operating_point(OperatingPoint {
+                            shaft_speed_hz,
+                            torque_nm,
+                            temperature_c,
+                        })
+                        .unwrap()
+                        .with_quality(Quality { clipped, gap })
+                },
+            )
     }
 
     proptest! {
@@ -304,6 +312,7 @@ mod tests {
             operating_point: OperatingPoint {
                 shaft_speed_hz: Some(30.0),
                 torque_nm: None,
+                ..OperatingPoint::default()
             },
             ..RecordDefaults::default()
         };

@@ -125,11 +125,12 @@ impl JsonOperatingPoint {
         Ok(serde_json::from_slice(bytes)?)
     }
 
-    /// The part that the analysis uses.
+    /// The message without its time.
     pub(crate) fn operating_point(&self) -> OperatingPoint {
         OperatingPoint {
             shaft_speed_hz: self.shaft_speed_hz,
             torque_nm: self.torque_nm,
+            temperature_c: self.temperature_c,
         }
     }
 }
@@ -160,6 +161,7 @@ impl JsonBlock {
             operating_point: (point != OperatingPoint::default()).then_some(JsonOperatingPoint {
                 shaft_speed_hz: point.shaft_speed_hz,
                 torque_nm: point.torque_nm,
+                temperature_c: point.temperature_c,
                 ..Default::default()
             }),
             tachometer: Pulses::of_record(record).as_ref().map(JsonTachometer::from),

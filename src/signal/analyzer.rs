@@ -175,6 +175,7 @@ impl Analyzer {
         features.operating_point = OperatingPoint {
             shaft_speed_hz: speed.map(|speed| speed.shaft_speed_hz),
             torque_nm: record.operating_point().torque_nm,
+            ..OperatingPoint::default()
         };
         let flagged = record.quality().clipped.then_some(Absence::Clipped);
         features.fault = fault(record.samples(), moments.range).or(flagged);
@@ -301,6 +302,7 @@ mod tests {
         let point = OperatingPoint {
             shaft_speed_hz: Some(shaft_speed_hz),
             torque_nm: None,
+            ..OperatingPoint::default()
         };
         record.with_operating_point(point).unwrap()
     }
@@ -457,7 +459,7 @@ mod tests {
             teeth in 0_u32..300,
             tolerance in 0.0..1.5,
         ) {
-            let point = OperatingPoint { shaft_speed_hz, torque_nm: None };
+            let point = OperatingPoint { shaft_speed_hz, torque_nm: None, ..OperatingPoint::default() };
             let record = record(samples).with_operating_point(point).unwrap();
             let got = analyze(&record, MeshContext { teeth, tolerance, ..MESH });
             prop_assert!(got.indicators.values.values().all(|x| x.is_finite()), "{:?}", got.indicators);

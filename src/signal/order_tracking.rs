@@ -356,6 +356,7 @@ mod tests {
         let fast = OperatingPoint {
             shaft_speed_hz: Some(500.0),
             torque_nm: None,
+            ..OperatingPoint::default()
         };
         assert_eq!(
             reason(&with(noise.clone()).with_operating_point(fast).unwrap(), &MESH),

@@ -21,6 +21,9 @@ pub struct OperatingPoint {
     /// Torque on the driving shaft in newton metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torque_nm: Option<f64>,
+    /// Oil or housing temperature in degrees Celsius; kept beside the record, nothing is computed with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
 }
 
 /// What the acquisition says of a record's samples.
@@ -162,14 +165,19 @@ impl Record {
                 expected: "a finite number above 0",
             });
         }
-        if let Some(value) = operating_point.torque_nm
-            && !value.is_finite()
-        {
-            return Err(RecordError::OperatingPoint {
-                field: "torque_nm",
-                value,
-                expected: "a finite number",
-            });
+        for (field, value) in [
+            ("torque_nm", operating_point.torque_nm),
+            ("temperature_c", operating_point.temperature_c),
+        ] {
+            if let Some(value) = value
+                && !value.is_finite()
+            {
+                return Err(RecordError::OperatingPoint {
+                    field,
+                    value,
+                    expected: "a finite number",
+                });
+            }
         }
         self.operating_point = operating_point;
         Ok(self)
@@ -281,6 +289,7 @@ mod tests {
         let point = OperatingPoint {
             shaft_speed_hz: Some(30.0),
             torque_nm: Some(100.0),
+            ..OperatingPoint::default()
         };
         let tachometer = Tachometer {
             pulse_times_s: (0..40).map(|pulse| f64::from(pulse) / 60.0).collect(),
@@ -288,7 +297,9 @@ mod tests {
         };
         let record = record(vec![1.0]).unwrap().with_operating_point(point).unwrap();
         let geared = record.with_tachometer(Some(tachometer)).seen_from_shaft(24.0 / 36.0);
-        let OperatingPoint { shaft_speed_hz, torque_nm } = geared.operating_point();
+        let OperatingPoint {
+            shaft_speed_hz, torque_nm, ..
+        } = geared.operating_point();
         assert!((shaft_speed_hz.unwrap() - 20.0).abs() < 1e-12 && (torque_nm.unwrap() - 150.0).abs() < 1e-12);
         let angle = geared.tachometer_angle().unwrap().unwrap();
         assert!((angle.mean_speed_hz() - 20.0).abs() < 1e-9);

@@ -71,6 +71,7 @@ fn indicators_and_lines_equal_scipy() {
         let point = OperatingPoint {
             shaft_speed_hz: case.mesh_bins.map(|bins| bins / 12.0),
             torque_nm: None,
+            ..OperatingPoint::default()
         };
         let got = analyzer()
             .analyze(&record(&case).with_operating_point(point).unwrap(), &mesh)

@@ -148,6 +148,7 @@ impl Run {
         let record = record.with_operating_point(OperatingPoint {
             shaft_speed_hz: None,
             torque_nm: Some(torque_nm),
+            ..OperatingPoint::default()
         })?;
         Ok(SimulatedRecord { record, wear_um })
     }

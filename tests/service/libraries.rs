@@ -34,7 +34,11 @@ fn on_threads(count: usize, pair: &PairSpec, grid: &GridSettings) -> Library {
 }
 
 fn at(torque_nm: Option<f64>, shaft_speed_hz: Option<f64>) -> OperatingPoint {
-    OperatingPoint { shaft_speed_hz, torque_nm }
+    OperatingPoint {
+        shaft_speed_hz,
+        torque_nm,
+        ..OperatingPoint::default()
+    }
 }
 
 #[test]

@@ -298,7 +298,7 @@ fn every_answer_is_counted_also_those_that_no_operation_gives() {
     service
         .send("POST", "/v1/assets", &[("origin", "http://evil.example")], b"")
         .expect(403);
-    service.send("BREW", "/v1/assets", &[], b"").expect(405);
+    service.send("TRACE", "/v1/assets", &[], b"").expect(405);
     let metrics = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
     for labels in [
         r#"method="GET",route="unmatched",status="4xx""#,

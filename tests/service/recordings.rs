@@ -181,12 +181,13 @@ fn every_measuring_point_has_its_unit_however_its_records_come() {
     service.post(names, "audio/wav", &both).expect(201);
     assert_eq!(units(), expected(&[("velocity", "mm/s"), ("other", "m/s2")]));
     // What the sender says counts for all of them.
-    let named = "/v1/assets/pump/segments?channel_names=velocity,other&unit=g&start_time=2026-01-02T00:00:00Z";
+    let named = "/v1/assets/pump/segments?channel_names=velocity,other&unit=g&temperature_c=62.5&start_time=2026-01-02T00:00:00Z";
     let stored = service.post(named, "audio/wav", &both).expect(201).json();
     assert_eq!(
         (&stored["segments"][0]["unit"], &stored["segments"][1]["unit"]),
         (&json!("g"), &json!("g"))
     );
+    assert_eq!(stored["segments"][1]["operating_point"], json!({ "temperature_c": 62.5 }));
     service.delete("/v1/assets/pump").expect(204);
 
     service.post_json("/v1/assets", &asset).expect(201);

@@ -41,6 +41,7 @@ fn at_speed(record: Record, shaft_speed_hz: f64) -> Record {
     let point = OperatingPoint {
         shaft_speed_hz: Some(shaft_speed_hz),
         torque_nm: Some(40.0),
+        ..OperatingPoint::default()
     };
     record.with_operating_point(point).unwrap()
 }

@@ -13,6 +13,7 @@ fn record(channel: &str, second: i64, samples: Vec<f32>) -> Record {
         .with_operating_point(OperatingPoint {
             shaft_speed_hz: Some(29.7),
             torque_nm: None,
+            ..OperatingPoint::default()
         })
         .unwrap()
 }
