@@ -141,6 +141,7 @@ struct RetentionTable {
 struct LimitsTable {
     record_bytes: Option<usize>,
     recording_bytes: Option<u64>,
+    uploads_at_once: Option<u32>,
     bytes_at_once: Option<usize>,
     requests_at_once: Option<usize>,
     recordings_at_once: Option<usize>,
@@ -229,6 +230,7 @@ impl LimitsTable {
         }
         set(&mut config.http.record_bytes, self.record_bytes);
         set(&mut config.http.recording_bytes, self.recording_bytes);
+        set(&mut config.http.uploads_at_once, self.uploads_at_once.map(|n| n.max(1)));
         set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
         set(&mut config.http.body_idle, self.body_idle_s.map(Duration::from_secs));
         set(&mut config.http.body_bytes_per_s, self.body_bytes_per_s);
@@ -313,7 +315,7 @@ mod tests {
         let path = folder.path().join("flankwatch.toml");
         fs::write(
             &path,
-            "listen = \"127.0.0.1:1\"\ndata_dir = \"d\"\n[limits]\nrecord_bytes = 1000\n[retention]\nraw_bytes = 5\n",
+            "listen = \"127.0.0.1:1\"\ndata_dir = \"d\"\n[limits]\nrecord_bytes = 1000\nuploads_at_once = 3\n[retention]\nraw_bytes = 5\n",
         )
         .unwrap();
         let args = ServeArgs {
@@ -324,7 +326,7 @@ mod tests {
         let config = args.resolve().unwrap().service;
         assert_eq!(config.listen.port(), 2);
         assert_eq!(config.data_dir, PathBuf::from("d"));
-        assert_eq!(config.http.record_bytes, 1000);
+        assert_eq!((config.http.record_bytes, config.http.uploads_at_once), (1000, 3));
         assert_eq!((config.ingest.quotas.bytes, config.ingest.quotas.bytes_per_asset), (Some(5), None));
     }
 

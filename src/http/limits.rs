@@ -10,6 +10,8 @@ pub struct HttpLimits {
     pub record_bytes: usize,
     /// Bytes of a recording's body (many records; it is read from a file, not held in memory).
     pub recording_bytes: u64,
+    /// Resumable uploads under way: begun, and neither read nor given up. In a cluster those of all nodes.
+    pub uploads_at_once: u32,
     /// Bytes of any other body.
     pub description_bytes: usize,
     /// Connections at once; further ones wait in the system's queue.
@@ -43,6 +45,7 @@ impl Default for HttpLimits {
         Self {
             record_bytes: 256 << 20,
             recording_bytes: 4 << 30,
+            uploads_at_once: 256,
             description_bytes: 1 << 20,
             connections: 1024,
             header_bytes: 32 << 10,

@@ -99,9 +99,14 @@ impl Problem {
         &self.0.detail
     }
 
-    /// Whether the same request can succeed later without anything being changed.
+    /// Whether the same request can succeed later without anything being changed in it.
     pub(super) fn may_pass(&self) -> bool {
-        self.0.status == StatusCode::SERVICE_UNAVAILABLE
+        self.0.status == StatusCode::SERVICE_UNAVAILABLE || self.is_no_room()
+    }
+
+    /// Whether the disk is full.
+    pub(super) fn is_no_room(&self) -> bool {
+        self.0.status == StatusCode::INSUFFICIENT_STORAGE
     }
 
     /// The same request can succeed after this time.

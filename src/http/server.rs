@@ -219,7 +219,8 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
         ResumableUploads::shared(config.http.recording_bytes)
     } else {
         let folder = config.data_dir.join("resumable");
-        ResumableUploads::open(folder.clone(), config.http.recording_bytes).map_err(|source| IngestError::File {
+        let opened = ResumableUploads::open(folder.clone(), config.http.recording_bytes, clock.now());
+        opened.map_err(|source| IngestError::File {
             action: "read",
             path: folder,
             source,

@@ -11,7 +11,7 @@ use axum::response::{IntoResponse, Response};
 use super::body;
 use super::problem::{Details, Problem};
 use super::query::NameInPath;
-use super::resumable::ResumableUpload;
+use super::resumable::{ResumableUpload, ResumableUploads};
 use super::router::App;
 use crate::asset::AssetId;
 
@@ -187,7 +187,7 @@ pub(super) async fn go_on(State(app): State<App>, NameInPath(id): NameInPath, he
         return Err(body::unsupported(media_type.as_deref(), OFFSET_TYPE));
     }
     let at = number(&headers, &OFFSET)?;
-    let upload = app.resumable.go_on(&app, &id, at, body).await?;
+    let upload = ResumableUploads::go_on(&app, &id, at, body).await?;
     Ok(answer(StatusCode::NO_CONTENT, &upload, &[]))
 }
 

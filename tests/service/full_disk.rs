@@ -1,9 +1,13 @@
 //! A disk that is full: nothing is lost, everything can be read, and it goes on when there is room.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use serde_json::Value;
+
 use crate::left_out::unless_absent;
+use crate::resumable_uploads::{begin, expect_read, file, offset, patch, recording};
 use crate::running::{Service, record};
 
 /// A small file system in memory, gone when dropped.
@@ -28,6 +32,14 @@ impl SmallDisk {
 
     fn path(&self) -> &Path {
         &self.folder
+    }
+
+    /// Fills what there is of room; removing the file that is returned makes it again.
+    fn fill(&self) -> PathBuf {
+        let path = self.folder.join("filling");
+        let mut file = std::fs::File::create(&path).unwrap();
+        while file.write_all(&[1; 4096]).is_ok() {}
+        path
     }
 }
 
@@ -94,4 +106,42 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
     service.restart();
     is_readable(&service, &stored);
     service.stop();
+}
+
+#[test]
+fn a_resumable_upload_that_a_full_disk_keeps_from_being_read_waits_for_room() {
+    let Some(disk) = unless_absent(SmallDisk::mount(), "the right to mount a small file system") else {
+        return;
+    };
+    let mut service = Service::start_at(disk.path());
+    service.plain_asset("pump");
+    let whole = recording(0, 20);
+    let paths = [begin(&service, whole.len()), begin(&service, whole.len())];
+    // What is missing has room in the last block of the file.
+    let at = whole.len() - 1;
+    assert_ne!(at % 4096, 0);
+    for path in &paths {
+        patch(&service, path, 0, &whole[..at]).expect(204);
+    }
+    let filling = disk.fill();
+    for path in &paths {
+        patch(&service, path, at, &whole[at..]).expect(204);
+        let waiting = service.wait_for(path, |upload| upload["waits_for"] != Value::Null);
+        assert_eq!(
+            (&waiting["state"], &waiting["error"]),
+            (&"reading".into(), &Value::Null),
+            "{waiting}"
+        );
+        assert_eq!(offset(&service, path), whole.len());
+        assert_eq!(std::fs::read(file(&service, path, "part")).unwrap(), whole);
+    }
+    // One that waits may be given up, which makes room.
+    service.send("DELETE", &paths[1], &[("tus-resumable", "1.0.0")], b"").expect(204);
+    assert!(!file(&service, &paths[1], "part").exists());
+    std::fs::remove_file(filling).unwrap();
+    expect_read(&service, &paths[0], 20);
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 20);
+    assert!(!file(&service, &paths[0], "part").exists());
+    service.restart();
+    expect_read(&service, &paths[0], 20);
 }

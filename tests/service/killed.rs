@@ -86,6 +86,14 @@ impl Program {
         serde_json::from_str(&text).unwrap()
     }
 
+    pub(crate) fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> ureq::http::Response<ureq::Body> {
+        let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.url));
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        self.agent.run(request.body(body).unwrap()).unwrap()
+    }
+
     /// The segment of an upload that was acknowledged; none where the program is gone.
     fn upload(&self, asset: &str, n: u32) -> Option<Value> {
         let body = encode_block(&record("1", n), BlockEncoding::Protobuf);

@@ -39,6 +39,7 @@ mod real_gearbox;
 mod real_novelty;
 mod recomputing;
 mod recordings;
+mod resumable_uploads;
 mod running;
 mod segments;
 #[cfg(feature = "cluster")]

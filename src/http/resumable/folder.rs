@@ -1,210 +1,211 @@
-//! Uploads of one machine: a file that grows and a description beside it, so that one is resumed after a restart too.
+//! Uploads of one machine: a file that grows and a description beside it, so that one is resumed, and read, after a restart too.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::io::{self, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use axum::body::Body;
 use axum::http::StatusCode;
 use jiff::Timestamp;
+use tokio::task::spawn_blocking;
 
-use super::{KEPT, ResumableUpload, UploadState, in_use, read, unknown};
-use crate::http::body::{Pieces, SpooledBody};
+use super::files::UploadFiles;
+use super::incoming::Incoming;
+use super::reading::read;
+use super::{KEPT, LOOKED_EVERY, ResumableUpload, UploadState, in_use, too_many, unknown};
 use crate::http::problem::Problem;
 use crate::http::router::App;
 use crate::ingest::IngestError;
 
-/// Uploads at once.
-const MOST_UPLOADS: usize = 64;
-
 /// Uploads in a folder.
 #[derive(Debug)]
 pub(in crate::http) struct FolderUploads {
-    folder: PathBuf,
+    files: UploadFiles,
     most_bytes: u64,
     held: Mutex<BTreeMap<String, Held>>,
 }
 
+/// An upload; locked as long as it is written to.
 type Held = Arc<tokio::sync::Mutex<ResumableUpload>>;
 
 impl FolderUploads {
     /// Takes up what is in the folder.
-    pub(super) fn open(folder: PathBuf, most_bytes: u64) -> io::Result<Self> {
-        fs::create_dir_all(&folder)?;
+    pub(super) fn open(folder: PathBuf, most_bytes: u64, now: Timestamp) -> io::Result<Self> {
+        let files = UploadFiles::open(folder)?;
         let mut held = BTreeMap::new();
-        for entry in fs::read_dir(&folder)?.flatten() {
-            let path = entry.path();
-            if path.extension().is_none_or(|extension| extension != "json") {
-                continue;
-            }
-            let read = fs::read(&path)
-                .ok()
-                .and_then(|text| serde_json::from_slice::<ResumableUpload>(&text).ok());
-            let Some(mut upload) = read else {
-                tracing::warn!(file = %path.display(), "description of an upload cannot be read");
-                continue;
-            };
-            match upload.state {
-                // What the file holds counts: the description may be older.
-                UploadState::Receiving => {
-                    upload.offset = fs::metadata(path.with_extension("part")).map_or(0, |file| file.len().min(upload.length))
-                }
-                UploadState::Reading => {
-                    upload.state = UploadState::Failed;
-                    upload.error = Some("the service stopped while it was read: upload it again, what is stored stays".into());
-                }
-                UploadState::Finished | UploadState::Failed => {}
+        for mut upload in files.take_up()? {
+            if upload.is_unread() {
+                // Nobody could read it while no service ran.
+                upload.expires_at = upload.expires_at.max(now + KEPT);
             }
             held.insert(upload.id.clone(), Arc::new(tokio::sync::Mutex::new(upload)));
         }
         Ok(Self {
-            folder,
+            files,
             most_bytes,
             held: Mutex::new(held),
         })
-    }
-
-    fn path(&self, id: &str) -> PathBuf {
-        self.folder.join(id).with_extension("part")
-    }
-
-    fn keep(&self, upload: &ResumableUpload) -> Result<(), Problem> {
-        let path = self.folder.join(&upload.id).with_extension("json");
-        let next = path.with_extension("new");
-        let text = serde_json::to_vec(upload).unwrap_or_default();
-        let written = fs::write(&next, text).and_then(|()| fs::rename(&next, &path));
-        written.map_err(|source| file_problem(&path, source))
     }
 
     pub(super) fn most_bytes(&self) -> u64 {
         self.most_bytes
     }
 
+    fn held(&self) -> MutexGuard<'_, BTreeMap<String, Held>> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     pub(super) fn find(&self, id: &str) -> Result<Held, Problem> {
-        let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        held.get(id).cloned().ok_or_else(|| unknown(id))
+        self.held().get(id).cloned().ok_or_else(|| unknown(id))
+    }
+
+    fn all(&self) -> Vec<Held> {
+        self.held().values().cloned().collect()
     }
 
     fn forget(&self, id: &str) {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner).remove(id);
-        for extension in ["part", "json"] {
-            // The part may have become the recording already.
-            let _ = fs::remove_file(self.folder.join(id).with_extension(extension));
-        }
+        self.held().remove(id);
+        self.files.remove(id);
     }
 
     /// Removes uploads that nobody went on with.
     fn sweep(&self, now: Timestamp) {
-        let all: Vec<(String, Held)> = {
-            let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-            held.iter().map(|(id, upload)| (id.clone(), Arc::clone(upload))).collect()
-        };
-        for (id, upload) in all {
+        for held in self.all() {
             // One that is being written to or read is not stale.
-            let is_over = upload
-                .try_lock()
-                .is_ok_and(|upload| upload.expires_at < now && upload.state != UploadState::Reading);
-            if is_over {
-                self.forget(&id);
+            if let Ok(upload) = held.try_lock()
+                && upload.expires_at < now
+                && upload.state != UploadState::Reading
+            {
+                self.forget(&upload.id);
             }
         }
     }
 
-    pub(super) fn begin(&self, app: &App, upload: ResumableUpload) -> Result<ResumableUpload, Problem> {
-        self.sweep(app.ingest.now());
-        fs::File::create(self.path(&upload.id)).map_err(|source| file_problem(&self.folder, source))?;
-        self.keep(&upload)?;
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        if held.len() >= MOST_UPLOADS {
-            drop(held);
-            self.forget(&upload.id);
-            return Err(Problem::busy("too many uploads are under way", 60));
+    pub(super) async fn begin(self: &Arc<Self>, app: &App, upload: ResumableUpload) -> Result<ResumableUpload, Problem> {
+        let (uploads, now, most) = (Arc::clone(self), app.ingest.now(), app.limits.uploads_at_once);
+        let begun = spawn_blocking(move || {
+            uploads.sweep(now);
+            uploads.add(upload, most as usize)
+        });
+        begun.await.map_err(|_| IngestError::WorkerLost("begin an upload"))?
+    }
+
+    fn add(&self, upload: ResumableUpload, most: usize) -> Result<ResumableUpload, Problem> {
+        {
+            let mut held = self.held();
+            // One that is locked is being written to.
+            let is_open = |held: &&Held| held.try_lock().map_or(true, |upload| upload.state.is_open());
+            if held.values().filter(is_open).count() >= most {
+                return Err(too_many());
+            }
+            held.insert(upload.id.clone(), Arc::new(tokio::sync::Mutex::new(upload.clone())));
         }
-        held.insert(upload.id.clone(), Arc::new(tokio::sync::Mutex::new(upload.clone())));
+        if let Err(error) = self.files.begin(&upload) {
+            self.forget(&upload.id);
+            return Err(error.into());
+        }
         Ok(upload)
     }
 
-    pub(super) async fn go_on(&self, app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
-        let held = self.find(id)?;
+    pub(super) async fn go_on(self: &Arc<Self>, app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
         // Two at once would write over each other.
-        let Ok(mut upload) = Arc::clone(&held).try_lock_owned() else {
+        let Ok(mut upload) = self.find(id)?.try_lock_owned() else {
             return Err(Problem::new(StatusCode::CONFLICT, "the upload is being written to"));
         };
+        // It may have been given up before it was locked.
+        self.find(id)?;
         upload.check_offset(at)?;
-        let path = self.path(id);
-        let opened = fs::OpenOptions::new().write(true).open(&path);
-        let mut file = opened.map_err(|source| file_problem(&path, source))?;
-        file.seek(SeekFrom::Start(at)).map_err(|source| file_problem(&path, source))?;
-        let mut pieces = Pieces::Body(body);
-        let deadline = tokio::time::Instant::now() + app.limits.body_timeout;
+        let mut file = self.files.append(id, at)?;
+        let mut incoming = Incoming::new(app, &upload, body);
+        let mut end = at;
         let received = loop {
-            let piece = match tokio::time::timeout_at(deadline, pieces.next()).await {
-                Err(_) => break Err(Problem::new(StatusCode::REQUEST_TIMEOUT, "the body took too long")),
-                Ok(Err(problem)) => break Err(problem),
-                Ok(Ok(None)) => break Ok(()),
-                Ok(Ok(Some(piece))) => piece,
+            let bytes = match incoming.next().await {
+                Ok(Some(bytes)) => bytes,
+                Ok(None) => break Ok(()),
+                Err(problem) => break Err(problem),
             };
-            if upload.offset + piece.len() as u64 > upload.length {
-                break Err(Problem::too_large(upload.length - at));
-            }
             // To the page cache: short enough for this thread.
-            if let Err(source) = file.write_all(&piece) {
-                break Err(file_problem(&path, source));
+            if let Err(source) = file.write_all(&bytes) {
+                let (action, path) = ("write", self.files.part(id));
+                break Err(IngestError::File { action, path, source }.into());
             }
-            upload.offset += piece.len() as u64;
+            end += bytes.len() as u64;
         };
         // What has come is kept, also where the rest did not.
-        let synced = tokio::task::spawn_blocking(move || file.sync_data()).await;
-        if let Ok(Err(source)) = synced {
-            return Err(file_problem(&path, source));
-        }
-        upload.expires_at = app.ingest.now() + KEPT;
-        self.keep(&upload)?;
+        let (files, expires_at) = (self.files.clone(), app.ingest.now() + KEPT);
+        let kept = spawn_blocking(move || {
+            files.sync(&upload.id, &file, at, end)?;
+            upload.offset = end;
+            let before = std::mem::replace(&mut upload.expires_at, expires_at);
+            if let Err(error) = files.keep(&upload) {
+                // The file says how far it is; the description that there was still holds.
+                tracing::warn!(upload = upload.id, %error, "description of an upload not kept anew");
+                upload.expires_at = before;
+            }
+            Ok::<_, IngestError>(upload)
+        });
+        let mut upload = kept.await.map_err(|_| IngestError::WorkerLost("keep an upload"))??;
+        self.take_on(app, &mut upload);
         received?;
-        let answer = upload.clone();
-        if upload.offset == upload.length {
+        Ok(upload.clone())
+    }
+
+    /// Reads an upload in the background where it is whole and nobody does.
+    fn take_on(self: &Arc<Self>, app: &App, upload: &mut ResumableUpload) {
+        if upload.is_unread() {
             upload.state = UploadState::Reading;
-            self.keep(&upload)?;
-            drop(upload);
-            tokio::spawn(read_file(app.clone(), held));
+            tokio::spawn(Arc::clone(self).read_part(app.clone(), upload.clone()));
         }
-        Ok(answer)
     }
 
-    pub(super) fn give_up(&self, id: &str) -> Result<(), Problem> {
-        let held = self.find(id)?;
-        match held.try_lock() {
-            Ok(upload) if upload.state != UploadState::Reading => {}
-            _ => return Err(in_use()),
+    async fn read_part(self: Arc<Self>, app: App, upload: ResumableUpload) {
+        let Some(taken) = read(&app, &upload, &self.files.part(&upload.id)).await else {
+            return;
+        };
+        let Ok(held) = self.find(&upload.id) else { return };
+        let mut upload = held.lock_owned().await;
+        upload.end(taken, app.ingest.now());
+        let ended = spawn_blocking(move || {
+            if let Err(error) = self.files.end(&upload) {
+                tracing::warn!(upload = upload.id, %error, "end of an upload not kept");
+            }
+        });
+        if ended.await.is_err() {
+            tracing::warn!("end of an upload not kept");
         }
-        self.forget(id);
-        Ok(())
+    }
+
+    pub(super) async fn note_wait(&self, id: &str, what: Option<&str>) -> bool {
+        let Ok(held) = self.find(id) else { return false };
+        held.lock().await.waits_for = what.map(str::to_owned);
+        true
+    }
+
+    pub(super) async fn give_up(self: &Arc<Self>, id: &str) -> Result<(), Problem> {
+        let upload = self.find(id)?.try_lock_owned().map_err(|_| in_use())?;
+        // One that waits to be read may go: it may be what fills the disk.
+        if upload.state == UploadState::Reading && upload.waits_for.is_none() {
+            return Err(in_use());
+        }
+        let uploads = Arc::clone(self);
+        let given_up = spawn_blocking(move || uploads.forget(&upload.id));
+        Ok(given_up.await.map_err(|_| IngestError::WorkerLost("give up an upload"))?)
     }
 }
 
-/// Reads an upload that is whole.
-async fn read_file(app: App, held: Held) {
-    let super::ResumableUploads::Folder(uploads) = &*app.resumable else {
-        return;
-    };
-    let upload = held.lock().await.clone();
-    let path = uploads.path(&upload.id);
-    let taken = read(&app, &upload, &path).await;
-    let mut upload = held.lock().await;
-    upload.end(taken);
-    if let Err(problem) = uploads.keep(&upload) {
-        tracing::warn!(upload = upload.id, problem = problem.detail(), "end of an upload not kept");
+/// Reads what an earlier process left unread, and removes what nobody went on with, until the store is closed.
+pub(super) async fn watch(app: App, uploads: Arc<FolderUploads>) {
+    while !app.ingest.store().is_closed() {
+        for held in uploads.all() {
+            if let Ok(mut upload) = held.try_lock() {
+                uploads.take_on(&app, &mut upload);
+            }
+        }
+        let (swept, now) = (Arc::clone(&uploads), app.ingest.now());
+        if spawn_blocking(move || swept.sweep(now)).await.is_err() {
+            tracing::warn!("uploads that nobody went on with are looked for again later");
+        }
+        tokio::time::sleep(LOOKED_EVERY).await;
     }
-    drop(SpooledBody::at(path));
-}
-
-fn file_problem(path: &Path, source: io::Error) -> Problem {
-    IngestError::File {
-        action: "write",
-        path: path.to_path_buf(),
-        source,
-    }
-    .into()
 }

@@ -2,81 +2,47 @@
 //!
 //! One machine keeps a file that grows. Where processes share a store, what has come is in the store, so that any of them goes on with it.
 
+mod files;
 mod folder;
+mod incoming;
+mod reading;
 mod shared;
+mod upload;
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::StatusCode;
-use jiff::{SignedDuration, Timestamp};
-use serde::{Deserialize, Serialize};
+use jiff::Timestamp;
 
-use super::body::SpooledBody;
 use super::problem::Problem;
 use super::router::App;
-use super::uploads::{self, UploadAnswer};
 use crate::asset::AssetId;
+use crate::ingest::IngestError;
 use folder::FolderUploads;
 use shared::SharedUploads;
+pub(in crate::http) use upload::ResumableUpload;
+use upload::{KEPT, UploadState};
 
-/// How long an upload that does not go on is kept.
-const KEPT: SignedDuration = SignedDuration::from_hours(24);
-
-/// Waits before an upload is read again that could not be read now.
-const READ_AGAIN: Duration = Duration::from_secs(1);
-
-/// What an upload is doing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum UploadState {
-    /// Bytes are missing.
-    Receiving,
-    /// All bytes are there and are being read.
-    Reading,
-    /// Its records are stored.
-    Finished,
-    /// It could not be read.
-    Failed,
-}
-
-/// A resumable upload.
-#[derive(Debug, Clone, Serialize, Deserialize, utoipa::ToSchema)]
-pub(in crate::http) struct ResumableUpload {
-    /// Identifier.
-    pub(in crate::http) id: String,
-    /// The asset whose records it holds.
-    asset: AssetId,
-    /// Its length in bytes.
-    pub(in crate::http) length: u64,
-    /// Bytes that are there.
-    pub(in crate::http) offset: u64,
-    /// What it is doing.
-    state: UploadState,
-    /// When it goes if nothing more comes.
-    pub(in crate::http) expires_at: Timestamp,
-    /// What became of its records, once it is finished.
-    #[schema(value_type = Option<Object>)]
-    result: Option<serde_json::Value>,
-    /// Why it failed.
-    error: Option<String>,
-}
+/// How often uploads are looked for that are whole and that nobody reads, or that nobody went on with.
+const LOOKED_EVERY: Duration = Duration::from_secs(5);
 
 /// All resumable uploads.
 #[derive(Debug)]
 pub(super) enum ResumableUploads {
     /// Of one machine.
-    Folder(FolderUploads),
+    Folder(Arc<FolderUploads>),
     /// Of all processes on a store.
     Shared(SharedUploads),
 }
 
 impl ResumableUploads {
     /// Those of one machine; takes up what is in the folder.
-    pub(super) fn open(folder: PathBuf, most_bytes: u64) -> io::Result<Self> {
-        Ok(Self::Folder(FolderUploads::open(folder, most_bytes)?))
+    pub(super) fn open(folder: PathBuf, most_bytes: u64, now: Timestamp) -> io::Result<Self> {
+        Ok(Self::Folder(Arc::new(FolderUploads::open(folder, most_bytes, now)?)))
     }
 
     /// Those of all processes on a store.
@@ -84,11 +50,12 @@ impl ResumableUploads {
         Self::Shared(SharedUploads::new(most_bytes))
     }
 
-    /// Goes on with what other processes have left, in the background.
+    /// Goes on with what other processes, or an earlier one, have left, and removes what nobody went on with, in the background.
     pub(super) fn watch(app: &App) {
-        if let Self::Shared(_) = &*app.resumable {
-            tokio::spawn(shared::watch(app.clone()));
-        }
+        match &*app.resumable {
+            Self::Folder(uploads) => tokio::spawn(folder::watch(app.clone(), Arc::clone(uploads))),
+            Self::Shared(_) => tokio::spawn(shared::watch(app.clone())),
+        };
     }
 
     /// The longest that is taken.
@@ -103,18 +70,10 @@ impl ResumableUploads {
     pub(super) async fn begin(&self, app: &App, asset: AssetId, length: u64) -> Result<ResumableUpload, Problem> {
         let mut random = [0; 12];
         getrandom::fill(&mut random).map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
-        let upload = ResumableUpload {
-            id: random.iter().map(|byte| format!("{byte:02x}")).collect(),
-            asset,
-            length,
-            offset: 0,
-            state: UploadState::Receiving,
-            expires_at: app.ingest.now() + KEPT,
-            result: None,
-            error: None,
-        };
+        let id = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        let upload = ResumableUpload::new(id, asset, length, app.ingest.now());
         match self {
-            Self::Folder(uploads) => uploads.begin(app, upload),
+            Self::Folder(uploads) => uploads.begin(app, upload).await,
             Self::Shared(uploads) => uploads.begin(app, upload).await,
         }
     }
@@ -128,17 +87,30 @@ impl ResumableUploads {
     }
 
     /// Takes the bytes behind the first `at`, and has the upload read when it is whole.
-    pub(super) async fn go_on(&self, app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
+    pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
+        // Where the client goes away, what it has sent is still kept.
+        let (app, id) = (app.clone(), id.to_owned());
+        let task = tokio::spawn(async move {
+            match &*app.resumable {
+                Self::Folder(uploads) => uploads.go_on(&app, &id, at, body).await,
+                Self::Shared(uploads) => uploads.go_on(&app, &id, at, body).await,
+            }
+        });
+        task.await.map_err(|_| IngestError::WorkerLost("keep an upload"))?
+    }
+
+    /// Says what the reading of an upload waits for, or that it does not; false where the upload was given up.
+    async fn note_wait(&self, id: &str, what: Option<&str>) -> bool {
         match self {
-            Self::Folder(uploads) => uploads.go_on(app, id, at, body).await,
-            Self::Shared(uploads) => uploads.go_on(app, id, at, body).await,
+            Self::Folder(uploads) => uploads.note_wait(id, what).await,
+            Self::Shared(_) => true,
         }
     }
 
     /// Removes an upload.
     pub(super) async fn give_up(&self, app: &App, id: &str) -> Result<(), Problem> {
         match self {
-            Self::Folder(uploads) => uploads.give_up(id),
+            Self::Folder(uploads) => uploads.give_up(id).await,
             Self::Shared(uploads) => uploads.give_up(app, id).await,
         }
     }
@@ -152,57 +124,6 @@ fn in_use() -> Problem {
     Problem::new(StatusCode::CONFLICT, "the upload is being written to or read")
 }
 
-impl ResumableUpload {
-    /// Refuses bytes for another place than the one that comes next.
-    fn check_offset(&self, at: u64) -> Result<(), Problem> {
-        if self.state == UploadState::Receiving && self.offset == at {
-            return Ok(());
-        }
-        let detail = format!("upload-offset is {at}, expected {} of {}", self.offset, self.length);
-        Err(Problem::new(StatusCode::CONFLICT, detail))
-    }
-
-    /// Notes what became of its reading.
-    fn end(&mut self, taken: Result<UploadAnswer, Problem>) {
-        match taken {
-            Ok(taken) => {
-                self.state = UploadState::Finished;
-                self.result = serde_json::to_value(taken).ok();
-            }
-            Err(problem) => {
-                self.state = UploadState::Failed;
-                self.error = Some(problem.detail().to_string());
-            }
-        }
-    }
-}
-
-/// Reads an upload that is whole, waiting for its turn; what may pass is waited for, as long as the upload is kept. `path` is where it is, or where
-/// it is put together.
-async fn read(app: &App, upload: &ResumableUpload, path: &Path) -> Result<UploadAnswer, Problem> {
-    loop {
-        let taken = match app.ingest.workers().admit() {
-            Err(busy) => Err(busy.into()),
-            Ok(ticket) => match spool(app, upload, path).await {
-                Ok(spooled) => uploads::take_recording(app, &upload.asset, spooled, ticket).await,
-                Err(problem) => Err(problem),
-            },
-        };
-        match taken {
-            Err(problem) if problem.may_pass() && app.ingest.now() < upload.expires_at => {
-                tracing::debug!(upload = upload.id, problem = problem.detail(), "read again later");
-                tokio::time::sleep(READ_AGAIN).await;
-            }
-            taken => return taken,
-        }
-    }
-}
-
-/// An upload as one file.
-async fn spool(app: &App, upload: &ResumableUpload, path: &Path) -> Result<SpooledBody, Problem> {
-    match &*app.resumable {
-        // It is read again where it could not be read now.
-        ResumableUploads::Folder(_) => Ok(SpooledBody::kept_at(path.to_path_buf())),
-        ResumableUploads::Shared(_) => shared::compose(app, upload, path).await,
-    }
+fn too_many() -> Problem {
+    Problem::busy("too many uploads are under way", 60)
 }

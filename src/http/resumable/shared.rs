@@ -10,21 +10,17 @@ use axum::body::Body;
 use axum::http::StatusCode;
 use tokio::io::AsyncWriteExt;
 
-use super::{KEPT, ResumableUpload, UploadState, in_use, read, unknown};
-use crate::http::body::{Pieces, SpooledBody};
+use super::incoming::Incoming;
+use super::reading::read;
+use super::{KEPT, LOOKED_EVERY, ResumableUpload, UploadState, in_use, too_many, unknown};
+use crate::http::body::SpooledBody;
 use crate::http::problem::Problem;
 use crate::http::router::App;
 use crate::ingest::IngestError;
 use crate::store::{NewUpload, StoredUpload, UploadPiece, UploadProgress};
 
-/// Uploads under way at once, of all processes.
-const MOST_UPLOADS: u32 = 256;
-
 /// Bytes of one piece; what a process that is killed may lose of an upload.
 const PIECE_BYTES: usize = 4 << 20;
-
-/// How often a process looks for uploads that are whole and that nobody reads.
-const LOOKED_EVERY: Duration = Duration::from_secs(5);
 
 /// Uploads taken on after one look.
 const TAKEN_ON: u32 = 4;
@@ -55,10 +51,10 @@ impl SharedUploads {
             length: upload.length,
             expires_at: upload.expires_at,
         };
-        if app.ingest.store().begin_resumable(&new, MOST_UPLOADS).await? {
+        if app.ingest.store().begin_resumable(&new, app.limits.uploads_at_once).await? {
             Ok(upload)
         } else {
-            Err(Problem::busy("too many uploads are under way", 60))
+            Err(too_many())
         }
     }
 
@@ -72,13 +68,7 @@ impl SharedUploads {
         upload.check_offset(at)?;
         let mut ticket = app.ingest.workers().admit()?;
         ticket.grow(usize::try_from(upload.length - at).map_or(PIECE_BYTES, |missing| missing.min(PIECE_BYTES)))?;
-        // Where the client goes away, what it has sent is still kept.
-        let app = app.clone();
-        let task = tokio::spawn(async move {
-            let _ticket = ticket;
-            receive(&app, upload, body).await
-        });
-        task.await.map_err(|_| IngestError::WorkerLost("keep an upload"))?
+        receive(app, upload, body).await
     }
 
     pub(super) async fn give_up(&self, app: &App, id: &str) -> Result<(), Problem> {
@@ -92,20 +82,14 @@ impl SharedUploads {
 
 /// Takes what comes, piece by piece.
 async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<ResumableUpload, Problem> {
-    let mut pieces = Pieces::Body(body);
-    let deadline = tokio::time::Instant::now() + app.limits.body_timeout;
-    let missing = upload.length - upload.offset;
+    let mut incoming = Incoming::new(app, &upload, body);
     let mut piece = Vec::new();
     let received = loop {
-        let bytes = match tokio::time::timeout_at(deadline, pieces.next()).await {
-            Err(_) => break Err(Problem::new(StatusCode::REQUEST_TIMEOUT, "the body took too long")),
-            Ok(Err(problem)) => break Err(problem),
-            Ok(Ok(None)) => break Ok(()),
-            Ok(Ok(Some(bytes))) => bytes,
+        let bytes = match incoming.next().await {
+            Ok(Some(bytes)) => bytes,
+            Ok(None) => break Ok(()),
+            Err(problem) => break Err(problem),
         };
-        if upload.offset + (piece.len() + bytes.len()) as u64 > upload.length {
-            break Err(Problem::too_large(missing));
-        }
         piece.extend_from_slice(&bytes);
         if piece.len() >= PIECE_BYTES {
             keep(app, &mut upload, std::mem::take(&mut piece)).await?;
@@ -181,8 +165,11 @@ async fn read_pieces(app: App, upload: ResumableUpload) {
     };
     let path = app.uploads.join(format!("{}.part", upload.id));
     let read_and_end = async {
+        let Some(taken) = read(&app, &upload, &path).await else {
+            return;
+        };
         let mut ended = upload.clone();
-        ended.end(read(&app, &upload, &path).await);
+        ended.end(taken, app.ingest.now());
         while let Err(problem) = end(&app, &ended).await {
             tracing::warn!(upload = ended.id, problem = problem.detail(), "end of an upload not kept yet");
             if app.ingest.store().is_closed() || !problem.may_pass() {
@@ -205,7 +192,7 @@ async fn end(app: &App, upload: &ResumableUpload) -> Result<(), Problem> {
         (_, error) => Err(error.as_deref().unwrap_or("its result cannot be written down")),
     };
     let store = app.ingest.store();
-    store.finish_reading(&upload.id, result, app.ingest.now() + KEPT).await?;
+    store.finish_reading(&upload.id, result, upload.expires_at).await?;
     Ok(app.ingest.remove_pieces(vec![upload.id.clone()]).await?)
 }
 
@@ -250,6 +237,7 @@ impl From<StoredUpload> for ResumableUpload {
                 UploadProgress::Failed => UploadState::Failed,
             },
             expires_at: stored.expires_at,
+            waits_for: None,
             result: stored.result.and_then(|text| serde_json::from_str(&text).ok()),
             error: stored.error,
         }

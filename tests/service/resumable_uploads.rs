@@ -1,0 +1,317 @@
+//! Resumable uploads: what has come is kept, and read when it is whole, whatever happens to the client, the service or the disk.
+
+use std::io::Write;
+use std::net::{Shutdown, TcpStream};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::killed::Program;
+use crate::running::{Answer, Service, mcap, plain_asset, record};
+
+const TUS: (&str, &str) = ("tus-resumable", "1.0.0");
+const OFFSET_TYPE: (&str, &str) = ("content-type", "application/offset+octet-stream");
+
+/// Asks for an upload of so many bytes for the asset `pump`.
+fn ask(service: &Service, length: usize) -> Answer {
+    let length = length.to_string();
+    // "pump" in base64
+    let headers = [TUS, ("upload-length", length.as_str()), ("upload-metadata", "asset cHVtcA==")];
+    service.send("POST", "/v1/uploads", &headers, b"")
+}
+
+/// Begins an upload for the asset `pump` and returns its path.
+#[track_caller]
+pub(crate) fn begin(service: &Service, length: usize) -> String {
+    ask(service, length).expect(201).header("location").to_owned()
+}
+
+pub(crate) fn patch(service: &Service, path: &str, at: usize, bytes: &[u8]) -> Answer {
+    let at = at.to_string();
+    service.send("PATCH", path, &[TUS, OFFSET_TYPE, ("upload-offset", &at)], bytes)
+}
+
+#[track_caller]
+pub(crate) fn offset(service: &Service, path: &str) -> usize {
+    let head = service.send("HEAD", path, &[TUS], b"").expect(200);
+    head.header("upload-offset").parse().unwrap()
+}
+
+/// Waits until an upload is read, and checks that so many records of it are stored.
+#[track_caller]
+pub(crate) fn expect_read(service: &Service, path: &str, records: u64) {
+    let done = service.wait_for(path, |upload| upload["error"] != Value::Null || upload["state"] == "finished");
+    let count = |what: &str| done["result"][what].as_u64().unwrap_or_default();
+    assert_eq!(count("stored") + count("repeated"), records, "{done}");
+    assert_eq!((&done["error"], &done["waits_for"]), (&Value::Null, &Value::Null), "{done}");
+}
+
+/// A file of an upload.
+pub(crate) fn file(service: &Service, path: &str, extension: &str) -> PathBuf {
+    let id = path.rsplit('/').next().unwrap();
+    service.folder().join("resumable").join(id).with_extension(extension)
+}
+
+/// A recording of the records `from..to`.
+pub(crate) fn recording(from: u32, to: u32) -> Vec<u8> {
+    mcap(&(from..to).map(|n| record("1", n)).collect::<Vec<_>>())
+}
+
+fn base64(text: &str) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let chunk = |chunk: &[u8]| -> String {
+        let word = (0..3).fold(0_u32, |word, n| word << 8 | u32::from(chunk.get(n).copied().unwrap_or(0)));
+        let digit = |n: usize| {
+            if n <= chunk.len() {
+                char::from(DIGITS[(word >> (18 - 6 * n) & 63) as usize])
+            } else {
+                '='
+            }
+        };
+        (0..4).map(digit).collect()
+    };
+    text.as_bytes().chunks(3).map(chunk).collect()
+}
+
+#[test]
+fn a_large_recording_is_resumed_also_after_a_restart() {
+    let mut service = Service::start();
+    service.plain_asset("pump");
+    let recording = mcap(&(0..5).map(|n| record("1", n)).collect::<Vec<_>>());
+    let tus = ("tus-resumable", "1.0.0");
+    let length = recording.len().to_string();
+    let metadata = format!("asset {}", base64("pump"));
+    let options = service.send("OPTIONS", "/v1/uploads", &[], b"").expect(204);
+    assert_eq!(
+        (options.header("tus-version"), options.header("tus-extension")),
+        ("1.0.0", "creation,termination,expiration")
+    );
+    let begin = |metadata: &str, length: &str| {
+        service.send(
+            "POST",
+            "/v1/uploads",
+            &[tus, ("upload-length", length), ("upload-metadata", metadata)],
+            b"",
+        )
+    };
+    begin("asset eA==", &length).expect_problem(404, &["x"]);
+    begin("", &length).expect_problem(400, &["asset"]);
+    begin(&metadata, "9999999999999").expect_problem(413, &[]);
+    service
+        .send("POST", "/v1/uploads", &[("upload-length", "1")], b"")
+        .expect_problem(412, &["tus-resumable"]);
+    let location = begin(&metadata, &length).expect(201).header("location").to_string();
+    let given_up = begin(&metadata, &length).expect(201).header("location").to_string();
+    service.send("DELETE", &given_up, &[tus], b"").expect(204);
+    service.send("HEAD", &given_up, &[tus], b"").expect(404);
+    let patch = |service: &Service, at: usize, bytes: &[u8]| {
+        let at = at.to_string();
+        let headers = [
+            tus,
+            ("upload-offset", at.as_str()),
+            ("content-type", "application/offset+octet-stream"),
+        ];
+        service.send("PATCH", &location, &headers, bytes)
+    };
+    let half = recording.len() / 2;
+    assert_eq!(
+        patch(&service, 0, &recording[..half]).expect(204).header("upload-offset"),
+        half.to_string()
+    );
+    patch(&service, 0, &recording[..half]).expect_problem(409, &["upload-offset"]);
+    service.restart();
+    let head = service.send("HEAD", &location, &[tus], b"").expect(200);
+    assert_eq!(
+        (head.header("upload-offset"), head.header("upload-length")),
+        (half.to_string().as_str(), length.as_str())
+    );
+    patch(&service, half, &[&recording[half..], b"more"].concat()).expect_problem(413, &[]);
+    let head = service.send("HEAD", &location, &[tus], b"").expect(200);
+    let at: usize = head.header("upload-offset").parse().unwrap();
+    patch(&service, at, &recording[at..]).expect(204);
+    let done = service.wait_for(&location, |upload| upload["state"] == "finished");
+    assert_eq!((&done["result"]["stored"], &done["error"]), (&5.into(), &Value::Null));
+    service.clock.advance(25 * 3600);
+    begin_again(&service, &metadata);
+    service.get(&location).expect_problem(404, &[]);
+}
+
+fn begin_again(service: &Service, metadata: &str) {
+    let headers = [("tus-resumable", "1.0.0"), ("upload-length", "1"), ("upload-metadata", metadata)];
+    service.send("POST", "/v1/uploads", &headers, b"").expect(201);
+}
+
+#[test]
+fn what_was_whole_when_the_service_stopped_is_read_after_the_start() {
+    let mut service = Service::start();
+    service.plain_asset("pump");
+    let uploads = [(0, "reading"), (5, "receiving")].map(|(from, state)| {
+        let whole = recording(from, from + 5);
+        let path = begin(&service, whole.len());
+        patch(&service, &path, 0, &whole[..100]).expect(204);
+        (path, whole, state)
+    });
+    service.stop();
+    for (path, whole, state) in &uploads {
+        // As a process leaves it that is killed after the last byte.
+        std::fs::write(file(&service, path, "part"), whole).unwrap();
+        let description = file(&service, path, "json");
+        let mut text: Value = serde_json::from_slice(&std::fs::read(&description).unwrap()).unwrap();
+        assert_eq!(text["state"], "receiving");
+        text["state"] = json!(state);
+        std::fs::write(description, text.to_string()).unwrap();
+    }
+    // Longer than an upload is kept that nobody goes on with.
+    service.clock.advance(30 * 3600);
+    service.launch();
+    for (path, whole, _) in &uploads {
+        assert_eq!(offset(&service, path), whole.len());
+        expect_read(&service, path, 5);
+        assert!(!file(&service, path, "part").exists());
+    }
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
+    service.restart();
+    expect_read(&service, &uploads[0].0, 5);
+}
+
+#[test]
+fn an_upload_that_a_killed_program_has_acknowledged_is_read_after_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = Program::start_with(folder.path(), &[]);
+    program.make(&plain_asset("pump"));
+    let whole = recording(0, 300);
+    let length = whole.len().to_string();
+    let headers = [TUS, ("upload-length", length.as_str()), ("upload-metadata", "asset cHVtcA==")];
+    let path = program.send("POST", "/v1/uploads", &headers, b"").headers()["location"]
+        .to_str()
+        .unwrap()
+        .to_owned();
+    let headers = [TUS, OFFSET_TYPE, ("upload-offset", "0")];
+    assert_eq!(program.send("PATCH", &path, &headers, &whole).status(), 204);
+    program.kill();
+    let program = Program::start_with(folder.path(), &[]);
+    let began = Instant::now();
+    let done = loop {
+        let upload = program.get(&path);
+        if upload["state"] == "finished" {
+            break upload;
+        }
+        assert!(began.elapsed() < Duration::from_secs(100), "still {upload}");
+        std::thread::sleep(Duration::from_millis(10));
+    };
+    assert_eq!(done["error"], Value::Null, "{done}");
+    assert_eq!(program.get("/v1/assets/pump")["summary"]["segments"], 300);
+    program.kill();
+}
+
+/// Sends the head of a request for all of `length` bytes, `bytes` of them, and hangs up without an answer.
+fn hang_up_after(service: &Service, path: &str, length: usize, bytes: &[u8]) {
+    let address = service.url("").replace("http://", "");
+    let mut stream = TcpStream::connect(&address).unwrap();
+    let head = format!(
+        "PATCH {path} HTTP/1.1\r\nhost: {address}\r\ntus-resumable: 1.0.0\r\nupload-offset: 0\r\n\
+         content-type: application/offset+octet-stream\r\ncontent-length: {length}\r\n\r\n"
+    );
+    stream.write_all(&[head.as_bytes(), bytes].concat()).unwrap();
+    stream.shutdown(Shutdown::Both).unwrap();
+}
+
+#[test]
+fn what_a_client_sent_that_hung_up_is_kept() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let whole = recording(0, 5);
+    let path = begin(&service, whole.len());
+    hang_up_after(&service, &path, whole.len(), &whole[..1000]);
+    let began = Instant::now();
+    while offset(&service, &path) < 1000 {
+        assert!(began.elapsed() < Duration::from_secs(30));
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    patch(&service, &path, 1000, &whole[1000..]).expect(204);
+    expect_read(&service, &path, 5);
+    for from in (10..50).step_by(5) {
+        let whole = recording(from, from + 5);
+        let path = begin(&service, whole.len());
+        hang_up_after(&service, &path, whole.len(), &whole);
+        expect_read(&service, &path, 5);
+    }
+}
+
+#[test]
+fn only_uploads_under_way_count_against_the_limit() {
+    let service = Service::start_with(|config| config.http.uploads_at_once = 2);
+    service.plain_asset("pump");
+    let whole = recording(0, 1);
+    for _ in 0..65 {
+        let path = begin(&service, whole.len());
+        patch(&service, &path, 0, &whole).expect(204);
+        expect_read(&service, &path, 1);
+    }
+    let broken = begin(&service, 4);
+    patch(&service, &broken, 0, b"none").expect(204);
+    service.wait_for(&broken, |upload| upload["state"] == "failed");
+    let open = [begin(&service, 10), begin(&service, 10)];
+    let refused = ask(&service, 10);
+    assert_eq!(refused.header("retry-after"), "60");
+    refused.expect_problem(503, &["too many uploads"]);
+    service.send("DELETE", &open[0], &[TUS], b"").expect(204);
+    begin(&service, 10);
+    ask(&service, 10).expect_problem(503, &[]);
+}
+
+#[test]
+fn files_that_no_description_belongs_to_are_removed_at_the_start() {
+    let id = "00112233445566778899aabb";
+    let description = |state: &str| {
+        json!({
+            "id": id, "asset": "pump", "length": 10, "offset": 0, "state": state, "expires_at": "2026-01-02T00:00:00Z",
+            "result": null, "error": null,
+        })
+        .to_string()
+    };
+    let service = Service::start_on(|data| {
+        let folder = data.join("resumable");
+        std::fs::create_dir_all(&folder).unwrap();
+        let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+        write(&format!("{id}.json"), &description("receiving"));
+        write(&format!("{id}.part"), "123");
+        write(&format!("{id}.new"), "{\"id\":");
+        write("alone.part", "12345");
+        write("cut-short.json", "{\"id\": \"cut");
+        write("cut-short.part", "12345");
+        // May be gone on with by the program that wrote it.
+        write("later.json", &description("of a later version"));
+        write("later.part", "12345");
+        write("notes.txt", "not of an upload");
+    });
+    assert_eq!(offset(&service, &format!("/v1/uploads/{id}")), 3);
+    let folder = service.folder().join("resumable");
+    let (description, part) = (format!("{id}.json"), format!("{id}.part"));
+    assert_eq!(names(&folder), [&description, &part, "later.json", "later.part", "notes.txt"]);
+}
+
+#[test]
+fn an_upload_that_nobody_goes_on_with_goes_without_another_request() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let path = begin(&service, 10);
+    patch(&service, &path, 0, b"12345").expect(204);
+    assert_eq!(names(&service.folder().join("resumable")).len(), 2);
+    service.clock.advance(25 * 3600);
+    let began = Instant::now();
+    while !names(&service.folder().join("resumable")).is_empty() {
+        assert!(began.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    service.get(&path).expect_problem(404, &[]);
+}
+
+/// The names in a folder, in order.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort_unstable();
+    names
+}
