@@ -10,7 +10,7 @@ use super::block::{decode_message, filled, operating_point_of};
 use super::json::{JsonOperatingPoint, JsonTachometer};
 use super::mcap_frames::McapFrames;
 use super::mcap_record::{ChannelView, Damage, MessageView, MetadataView, SchemaView, opcode};
-use super::mcap_topic::{asset_of, channel_of};
+use super::mcap_topic::{asset_of, channel_of, shaft_of};
 use super::message::{self, OPERATING_POINT_SCHEMA, TACHOMETER_SCHEMA, WAVEFORM_SCHEMA};
 use super::pulses::{PulseTrains, Pulses, end_ns};
 use super::{BlockEncoding, RecordDefaults, RecordingError, pulse_count};
@@ -65,7 +65,8 @@ impl Recorded {
 /// record's channel is the topic `/{asset}/{channel}/waveform` without its first and last part, so `/pump/gearbox/x/waveform` is
 /// `gearbox/x`; another topic is taken whole. Messages on `/{asset}/operating_point` hold for the asset's following waveforms where these say nothing themselves.
 /// Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same time, before or after them in the file, where these bring none
-/// of their own; a waveform waits for pulses past its end while no more than 64 records, 4 million samples or 128 MiB wait.
+/// of their own; a waveform waits for pulses past its end while no more than 64 records, 4 million samples or 128 MiB wait. A message on
+/// `/{asset}/driven/tachometer` that names no shaft is of the driven one, and not used; other words there are the name of a place.
 /// A start time of 0 stands for the message's publish time.
 ///
 /// A bad message is an `Err` and reading goes on. Damage is an `Err` that says at which byte, and the last item: the records before it are whole, those
@@ -316,7 +317,10 @@ impl Contents {
                 }
             }
             Kind::Tachometer(encoding) => match decode_tachometer(message.data, encoding) {
-                Ok(pulses) => {
+                Ok(mut pulses) => {
+                    if pulses.shaft.is_empty() {
+                        pulses.shaft = shaft_of(&channel.topic).to_owned();
+                    }
                     self.pulses.take(asset_of(&channel.topic), &pulses);
                     Outcome::Nothing
                 }

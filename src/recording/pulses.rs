@@ -11,6 +11,9 @@ use crate::signal::{Record, Tachometer};
 /// Names of the shaft whose angle is meant.
 const DRIVING: [&str; 2] = ["", "driving"];
 
+/// Name of the other shaft of a pair.
+pub(super) const DRIVEN: &str = "driven";
+
 /// Most pulses of a message, and most kept of a shaft: one at 100 Hz with 60 pulses a turn for 11 minutes.
 pub(super) const MOST_PULSES: usize = 1 << 22;
 

@@ -10,7 +10,7 @@ use super::*;
 const LONGEST: usize = 79 << 20;
 
 /// A recording compressed with zstd: schema, topic, encoding and bytes of each message.
-fn mcap_of(messages: &[(&str, &str, &str, Vec<u8>)]) -> Vec<u8> {
+pub(super) fn mcap_of(messages: &[(&str, &str, &str, Vec<u8>)]) -> Vec<u8> {
     let options = mcap::WriteOptions::new()
         .compression(Some(mcap::Compression::Zstd))
         .compression_threads(0);

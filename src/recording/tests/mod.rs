@@ -4,6 +4,7 @@ mod fixtures;
 mod memory;
 mod real_data;
 mod round_trip;
+mod tachometers;
 
 use std::path::{Path, PathBuf};
 
