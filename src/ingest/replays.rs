@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tokio::sync::watch;
 
-use super::batch::RecordStream;
+use super::read_ahead::RecordStream;
 use super::replay::{Replay, ReplayRequest, ReplayState};
 use super::{Announcement, Ingest, IngestError, replay_folder};
 use crate::asset::AssetSpec;
@@ -163,7 +163,9 @@ impl Ingest {
             operating_point: OperatingPoint::default(),
         };
         let done = usize::try_from(replay.records_done).unwrap_or(usize::MAX);
-        let records = RecordStream::spawn(move || Ok(RecordingFile::open(&path, defaults, None)?.skip(done)));
+        let records = RecordStream::spawn(self.inner.workers.recording_bytes(), move || {
+            Ok(RecordingFile::open(&path, defaults, None)?.skip(done))
+        });
         let ingest = self.clone();
         tokio::spawn(async move {
             let _turn = turn;
