@@ -11,6 +11,7 @@ use super::group_commit::Stored;
 use super::hearing::Hearers;
 use super::kept_raw::KeptRaw;
 use super::keys::analysis_keys;
+use super::workers::is_large;
 use super::{Ingest, IngestError, Part, QueuedRecord, Ticket, with_analyzer};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
 use crate::recording::{BlockEncoding, RawLayout, RecordDefaults, RecordingError, decode_block, decode_raw, decode_wav};
@@ -188,6 +189,10 @@ impl Named {
         }
     }
 
+    fn samples(&self) -> usize {
+        self.record.samples().len()
+    }
+
     /// The segment of the record, with everything that the record says by itself. To be called on a worker thread.
     fn analyse(&self, spec: &AssetSpec, received_at: Timestamp) -> NewSegment {
         let record = &self.record;
@@ -198,7 +203,7 @@ impl Named {
             start_time: record.start_time(),
             received_at,
             sample_rate_hz: record.sample_rate_hz(),
-            samples: record.samples().len() as u64,
+            samples: self.samples() as u64,
             unit: record.unit().to_string(),
             operating_point: record.operating_point(),
             reference_wear_um: self.reference_wear_um,
@@ -210,8 +215,9 @@ impl Named {
 
 /// Everything that a record says by itself. To be called on a worker thread.
 pub(super) fn analyse(record: &Record, spec: &AssetSpec) -> Analysed {
-    let Condition { analysis, basis } =
-        with_analyzer(|analyzer| analyzer.condition(&spec.seen_from_shaft(record), &spec.condition_settings()));
+    let Condition { analysis, basis } = with_analyzer(record.samples().len(), |analyzer| {
+        analyzer.condition(&spec.seen_from_shaft(record), &spec.condition_settings())
+    });
     Analysed {
         keys: analysis_keys(spec),
         shaft_speed: analysis.shaft_speed,
@@ -377,9 +383,25 @@ impl Ingest {
         named: &Arc<Vec<Named>>,
         received_at: Timestamp,
     ) -> Result<Vec<NewSegment>, IngestError> {
-        let (spec, named) = (spec.clone(), Arc::clone(named));
-        let analyse = move || named.par_iter().map(|named| named.analyse(&spec, received_at)).collect();
-        self.inner.workers.run("analyse records", analyse).await
+        const TASK: &str = "analyse records";
+        let workers = &self.inner.workers;
+        let ordinary = {
+            let (spec, named) = (spec.clone(), Arc::clone(named));
+            let analyse = move |named: &Named| (!is_large(named.samples())).then(|| named.analyse(&spec, received_at));
+            move || named.par_iter().map(analyse).collect::<Vec<_>>()
+        };
+        let mut analysed = Vec::with_capacity(named.len());
+        for (n, segment) in workers.run(TASK, ordinary).await?.into_iter().enumerate() {
+            if let Some(segment) = segment {
+                analysed.push(segment);
+                continue;
+            }
+            // The large ones one after the other: there may not be the memory for two.
+            let (spec, of) = (spec.clone(), Arc::clone(named));
+            let large = move || of[n].analyse(&spec, received_at);
+            analysed.push(workers.run_analysis(TASK, named[n].samples(), large).await?);
+        }
+        Ok(analysed)
     }
 
     pub(super) fn count_queued(&self, queued: usize) {

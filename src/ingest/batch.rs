@@ -10,23 +10,15 @@ use bytes::Bytes;
 use jiff::Timestamp;
 use rayon::prelude::*;
 use serde::Serialize;
-use tokio::sync::mpsc;
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::accept::{Kept, Named, RecordFormat, defaults_of};
 use super::hearing::Hearers;
+use super::read_ahead::{Batch, RecordStream};
 use super::{Crew, Ingest, IngestError, Part, QueuedRecord};
 use crate::asset::{AssetId, AssetSpec, RawReference};
 use crate::recording::{McapReader, Recorded, RecordingError};
 use crate::store::Objects;
-
-/// Raw bytes of one batch, beyond which the next one begins: bounds memory and the length of a transaction.
-const BATCH_BYTES: usize = 16 << 20;
-
-/// Records of one batch, beyond which the next one begins.
-const BATCH_RECORDS: usize = 128;
-
-/// Records read ahead of the one that is processed.
-const READ_AHEAD: usize = 8;
 
 /// Refused records that are listed by name; further ones are only counted.
 const MOST_REFUSED_LISTED: usize = 1000;
@@ -86,72 +78,6 @@ impl BatchSummary {
     }
 }
 
-/// Records of one recording as they come from the thread that reads it.
-pub(super) struct RecordStream {
-    receiver: mpsc::Receiver<Result<Recorded, RecordingError>>,
-    read: u64,
-}
-
-impl RecordStream {
-    /// Reads with the iterator that `open` makes on a thread of its own.
-    pub(super) fn spawn<I, F>(open: F) -> Self
-    where
-        F: FnOnce() -> Result<I, RecordingError> + Send + 'static,
-        I: Iterator<Item = Result<Recorded, RecordingError>>,
-    {
-        let (sender, receiver) = mpsc::channel(READ_AHEAD);
-        tokio::task::spawn_blocking(move || match open() {
-            // The other side may have gone: then reading ends too.
-            Ok(records) => {
-                for record in records {
-                    if sender.blocking_send(record).is_err() {
-                        break;
-                    }
-                }
-            }
-            Err(error) => {
-                let _ = sender.blocking_send(Err(error));
-            }
-        });
-        Self { receiver, read: 0 }
-    }
-
-    /// The next record and its number; none at the end.
-    pub(super) async fn next(&mut self) -> Option<(u64, Result<Recorded, RecordingError>)> {
-        let record = self.receiver.recv().await?;
-        self.read += 1;
-        Some((self.read - 1, record))
-    }
-
-    /// The next record if it has been read already.
-    fn next_ready(&mut self) -> Option<(u64, Result<Recorded, RecordingError>)> {
-        let record = self.receiver.try_recv().ok()?;
-        self.read += 1;
-        Some((self.read - 1, record))
-    }
-
-    /// The next batch: waits for one record and takes with it those that follow at once; empty at the end.
-    pub(super) async fn next_batch(&mut self) -> Vec<(u64, Result<Recorded, RecordingError>)> {
-        let mut batch = Vec::new();
-        let mut bytes = 0;
-        let mut next = self.next().await;
-        while let Some((number, record)) = next {
-            bytes += record.as_ref().map_or(0, |recorded| recorded.raw.len());
-            batch.push((number, record));
-            if bytes >= BATCH_BYTES || batch.len() >= BATCH_RECORDS {
-                break;
-            }
-            next = match self.next_ready() {
-                Some(ready) => Some(ready),
-                // The reader is faster than the fold; a short wait makes batches, and so transactions, larger.
-                None if batch.len() < READ_AHEAD => self.next().await,
-                None => None,
-            };
-        }
-        batch
-    }
-}
-
 impl Ingest {
     /// Takes every record of an MCAP file, and answers once everything is on the disk.
     ///
@@ -162,7 +88,7 @@ impl Ingest {
         let spec = self.hearers(asset).await?.asset.spec;
         let defaults = defaults_of(&spec, self.inner.clock.now());
         let path = path.to_path_buf();
-        let mut records = RecordStream::spawn(move || {
+        let mut records = RecordStream::spawn(self.inner.workers.recording_bytes(), move || {
             let file = File::open(&path).map_err(RecordingError::from)?;
             Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, file), defaults))
         });
@@ -173,19 +99,19 @@ impl Ingest {
             let next = async {
                 let mut batch = records.next_batch().await;
                 let mut first = BatchSummary::default();
-                if matches!(batch[..], [(0, Err(_))])
-                    && let Some((number, Err(error))) = batch.pop()
+                if matches!(batch.records[..], [(0, Err(_))])
+                    && let Some((number, Err(error))) = batch.records.pop()
                 {
                     // Nothing but one error: not a recording at all, unless something follows after all.
                     batch = records.next_batch().await;
-                    if batch.is_empty() {
+                    if batch.records.is_empty() {
                         self.count(0, 0, 1);
                         return Err(error.into());
                     }
                     first.records = 1;
                     first.refuse(number, None, &error);
                 }
-                if batch.is_empty() {
+                if batch.records.is_empty() {
                     return Ok(None);
                 }
                 let mut kept = self.keep_batch(asset, batch).await?;
@@ -213,17 +139,14 @@ impl Ingest {
     }
 
     /// Analyses a batch of records of one recording and keeps their raw bytes; those that are stored already are only counted.
-    pub(super) async fn keep_batch(
-        &self,
-        asset: &AssetId,
-        batch: Vec<(u64, Result<Recorded, RecordingError>)>,
-    ) -> Result<KeptBatch<'_>, IngestError> {
+    pub(super) async fn keep_batch(&self, asset: &AssetId, batch: Batch) -> Result<KeptBatch<'_>, IngestError> {
+        let Batch { records, room } = batch;
         let Hearers { asset, listeners } = self.hearers(asset).await?;
         let received_at = self.inner.clock.now();
         let named = {
             let spec = asset.spec.clone();
             let name = move || {
-                batch
+                records
                     .into_par_iter()
                     .map(|(n, record)| (n, name(&spec, record)))
                     .collect::<Vec<_>>()
@@ -265,7 +188,12 @@ impl Ingest {
                 KeptRecords::Analysed(Box::new(self.analyse_and_keep(asset.spec, named, raws, received_at).await?))
             };
         }
-        Ok(KeptBatch { kept, taken, summary })
+        Ok(KeptBatch {
+            kept,
+            taken,
+            summary,
+            room,
+        })
     }
 
     /// Stores a batch, where there is one, in one transaction and adds what became of its records to `summary`.
@@ -274,6 +202,7 @@ impl Ingest {
             kept,
             taken,
             summary: mut of_batch,
+            room: _until_stored,
         }) = batch
         else {
             return Ok(());
@@ -318,6 +247,8 @@ pub(super) struct KeptBatch<'a> {
     /// Records that can be used, those stored before among them.
     taken: usize,
     summary: BatchSummary,
+    /// What they take of their recording's memory.
+    room: Option<OwnedSemaphorePermit>,
 }
 
 impl BatchSummary {

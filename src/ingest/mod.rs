@@ -27,6 +27,7 @@ mod live_event;
 mod maintenance;
 mod occurrences;
 mod prepared;
+mod read_ahead;
 mod recall;
 mod recompute;
 mod replay;
@@ -71,7 +72,7 @@ pub struct IngestLimits {
     pub workers: usize,
     /// Requests that hold a record, waiting or being processed.
     pub requests_at_once: usize,
-    /// Bytes of records that all requests together hold.
+    /// Bytes of records that all requests together hold; and as many those of all whole recordings, each its share or one record.
     pub bytes_at_once: usize,
     /// Whole recordings (uploads of many records, replays) read at once.
     pub recordings_at_once: usize,

@@ -46,21 +46,27 @@ impl Ingest {
     ) -> Result<T, IngestError> {
         let spec = self.asset_spec(&segment.asset_id).await?;
         let record = self.recall(segment).await?;
-        let analyse = move || with_analyzer(|analyzer| analyse(analyzer, &spec.seen_from_shaft(&record), &spec.mesh_context()));
-        self.inner.workers.run(task, analyse).await
+        let samples = record.samples().len();
+        let analyse = move || {
+            with_analyzer(samples, |analyzer| {
+                analyse(analyzer, &spec.seen_from_shaft(&record), &spec.mesh_context())
+            })
+        };
+        self.inner.workers.run_analysis(task, samples, analyse).await
     }
 
     /// The amplitude spectrum of a segment and its mesh harmonics.
     pub async fn spectrum(&self, segment: &Segment) -> Result<(Spectrum, Vec<MeshLine>), IngestError> {
         let spec = self.asset_spec(&segment.asset_id).await?;
         let record = self.recall(segment).await?;
+        let samples = record.samples().len();
         let analyse = move || {
-            with_analyzer(|analyzer| {
+            with_analyzer(samples, |analyzer| {
                 let lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
                 (analyzer.amplitude_spectrum(&record), lines)
             })
         };
-        self.inner.workers.run("compute a spectrum", analyse).await
+        self.inner.workers.run_analysis("compute a spectrum", samples, analyse).await
     }
 
     /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found in the record.
@@ -68,8 +74,9 @@ impl Ingest {
         let spec = self.asset_spec(&segment.asset_id).await?;
         let record = self.recall(segment).await?;
         let speed = segment.shaft_speed;
+        let samples = record.samples().len();
         let analyse = move || {
-            with_analyzer(|analyzer| {
+            with_analyzer(samples, |analyzer| {
                 let given = match asked {
                     AskedBand::Hertz(band_hz) => Some(EnvelopeBand::given(band_hz, BandSource::Query)),
                     AskedBand::Nothing => spec.given_envelope_band(),
@@ -105,7 +112,8 @@ impl Ingest {
                 })
             })
         };
-        self.inner.workers.run("compute an envelope spectrum", analyse).await?
+        let workers = &self.inner.workers;
+        workers.run_analysis("compute an envelope spectrum", samples, analyse).await?
     }
 }
 

@@ -396,8 +396,10 @@ impl Ingest {
                 let (ingest, spec) = (self.clone(), spec.clone());
                 tasks.spawn(async move {
                     let store = ingest.inner.store.clone();
+                    let samples = usize::try_from(segment.samples).unwrap_or(usize::MAX);
                     let again = move || analyse_one(&store, &spec, segment);
-                    ingest.inner.workers.run("analyse a record again", again).await
+                    let workers = &ingest.inner.workers;
+                    workers.run_analysis("analyse a record again", samples, again).await
                 });
             }
             let mut analyses: Vec<(SegmentId, Analysed)> = Vec::new();

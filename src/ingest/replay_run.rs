@@ -5,10 +5,10 @@ use std::time::Duration;
 use jiff::Timestamp;
 use tokio::sync::watch;
 
-use super::batch::{KeptBatch, RecordStream};
+use super::batch::KeptBatch;
+use super::read_ahead::{Batch, RecordStream};
 use super::replay::{Pace, Replay, ReplayState};
 use super::{Ingest, IngestError};
-use crate::recording::{Recorded, RecordingError};
 
 /// How often a running replay's progress is saved.
 const SAVED_EVERY: Duration = Duration::from_secs(1);
@@ -35,7 +35,7 @@ impl Ingest {
                         }
                     } => batch,
                 };
-                if batch.is_empty() {
+                if batch.records.is_empty() {
                     return Ok(Next::End);
                 }
                 self.keep_batch(&asset, batch).await.map(|batch| Next::Batch(Box::new(batch)))
@@ -100,16 +100,9 @@ enum Next<'a> {
 }
 
 /// The next record once its time has come: as far after the first one as it was recorded, divided by `times`.
-async fn paced(
-    records: &mut RecordStream,
-    times: f64,
-    began: tokio::time::Instant,
-    first_start: &mut Option<Timestamp>,
-) -> Vec<(u64, Result<Recorded, RecordingError>)> {
-    let Some((number, record)) = records.next().await else {
-        return Vec::new();
-    };
-    if let Ok(recorded) = &record {
+async fn paced(records: &mut RecordStream, times: f64, began: tokio::time::Instant, first_start: &mut Option<Timestamp>) -> Batch {
+    let batch = records.next().await;
+    if let Some((_, Ok(recorded))) = batch.records.first() {
         let start = recorded.record.start_time();
         let first = *first_start.get_or_insert(start);
         let seconds = (start.as_nanosecond() - first.as_nanosecond()) as f64 / 1e9 / times;
@@ -117,5 +110,5 @@ async fn paced(
             tokio::time::sleep_until(began + wait).await;
         }
     }
-    vec![(number, record)]
+    batch
 }

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
 use super::accept::defaults_of;
-use super::batch::RecordStream;
+use super::read_ahead::RecordStream;
 use super::replay::{Replay, ReplayRequest, ReplayState};
 use super::{Announcement, Ingest, IngestError, replay_folder};
 use crate::asset::AssetSpec;
@@ -158,7 +158,9 @@ impl Ingest {
         }
         let defaults = defaults_of(&spec, replay.started_at);
         let done = usize::try_from(replay.records_done).unwrap_or(usize::MAX);
-        let records = RecordStream::spawn(move || Ok(RecordingFile::open(&path, defaults, None)?.skip(done)));
+        let records = RecordStream::spawn(self.inner.workers.recording_bytes(), move || {
+            Ok(RecordingFile::open(&path, defaults, None)?.skip(done))
+        });
         let ingest = self.clone();
         tokio::spawn(async move {
             let _turn = turn;

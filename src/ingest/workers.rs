@@ -6,16 +6,28 @@ use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 use super::{IngestError, IngestLimits};
-use crate::signal::{AnalysisSettings, Analyzer};
+use crate::signal::{AnalysisSettings, Analyzer, MAX_RECORD_SAMPLES};
+
+/// Samples beyond which a record is large. The analysis of one takes some 85 bytes a sample, 1.4 GB for the largest.
+const LARGE_SAMPLES: usize = 1 << 22;
 
 thread_local! {
     /// Plans and scratch of this thread.
     static ANALYZER: RefCell<Analyzer> = RefCell::new(Analyzer::new(AnalysisSettings::default()));
 }
 
-/// Gives the calling thread's analyzer to `f`.
-pub fn with_analyzer<T>(f: impl FnOnce(&mut Analyzer) -> T) -> T {
+/// Gives the calling thread's analyzer to `f`, for a record of so many samples; where that is a large one a fresh analyzer, whose work space is not
+/// kept.
+pub fn with_analyzer<T>(samples: usize, f: impl FnOnce(&mut Analyzer) -> T) -> T {
+    if is_large(samples) {
+        return f(&mut Analyzer::new(AnalysisSettings::default()));
+    }
     ANALYZER.with_borrow_mut(f)
+}
+
+/// Whether a record of so many samples is a large one.
+pub(super) fn is_large(samples: usize) -> bool {
+    samples > LARGE_SAMPLES
 }
 
 /// A fixed number of threads for computation, and what may wait for them.
@@ -27,6 +39,8 @@ pub struct Workers {
     requests: Arc<Semaphore>,
     answers: Arc<Semaphore>,
     kibibytes: Arc<Semaphore>,
+    /// Samples of the large records that may be analysed now.
+    large: Arc<Semaphore>,
     limits: IngestLimits,
 }
 
@@ -47,6 +61,7 @@ impl Workers {
             requests: Arc::new(Semaphore::new(limits.requests_at_once)),
             answers: Arc::new(Semaphore::new(limits.requests_at_once)),
             kibibytes: Arc::new(Semaphore::new(limits.bytes_at_once / 1024)),
+            large: Arc::new(Semaphore::new(MAX_RECORD_SAMPLES)),
             limits: limits.clone(),
         })
     }
@@ -82,6 +97,33 @@ impl Workers {
     /// Runs `f` on a worker thread; `task` names it if it is lost.
     pub async fn run<T: Send + 'static>(&self, task: &'static str, f: impl FnOnce() -> T + Send + 'static) -> Result<T, IngestError> {
         run_in(&self.pool, task, f).await
+    }
+
+    /// Bytes that the records of one whole recording may take: its share of what all together may.
+    pub(super) fn recording_bytes(&self) -> usize {
+        self.limits.bytes_at_once / self.limits.recordings_at_once.max(1)
+    }
+
+    /// Runs `f`, which analyses a record of so many samples, on a worker thread. Large records wait for each other, so that those analysed at once
+    /// have no more samples together than the largest has; the others wait for none of them.
+    pub(super) async fn run_analysis<T: Send + 'static>(
+        &self,
+        task: &'static str,
+        samples: usize,
+        f: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, IngestError> {
+        if !is_large(samples) {
+            return self.run(task, f).await;
+        }
+        let samples = samples.min(MAX_RECORD_SAMPLES) as u32;
+        let turn = Arc::clone(&self.large).acquire_many_owned(samples).await;
+        let turn = turn.map_err(|_| IngestError::WorkerLost(task))?;
+        self.run(task, move || {
+            // Also where the asker has gone the work space is there until the end.
+            let _turn = turn;
+            f()
+        })
+        .await
     }
 
     /// Runs `f`, which takes some milliseconds at most, before everything that waits for a worker thread.
@@ -185,5 +227,57 @@ mod tests {
         let lost = workers.run("fail", || panic!("on purpose")).await;
         assert!(matches!(lost, Err::<(), _>(IngestError::WorkerLost("fail"))));
         assert_eq!(workers.run("add", || 1 + 1).await.unwrap(), 2);
+    }
+
+    #[tokio::test]
+    async fn two_of_the_largest_records_are_not_analysed_at_once() {
+        use std::sync::atomic::{AtomicUsize, Ordering};
+        use std::time::Duration;
+
+        let workers = Arc::new(
+            Workers::new(&IngestLimits {
+                workers: 4,
+                ..IngestLimits::default()
+            })
+            .unwrap(),
+        );
+        let samples_now = Arc::new(AtomicUsize::new(0));
+        let most = Arc::new(AtomicUsize::new(0));
+        let analyse = |samples: usize| {
+            let (workers, now, most) = (Arc::clone(&workers), Arc::clone(&samples_now), Arc::clone(&most));
+            tokio::spawn(async move {
+                let analysis = move || {
+                    most.fetch_max(now.fetch_add(samples, Ordering::SeqCst) + samples, Ordering::SeqCst);
+                    std::thread::sleep(Duration::from_millis(20));
+                    now.fetch_sub(samples, Ordering::SeqCst);
+                };
+                workers.run_analysis("analyse", samples, analysis).await.unwrap();
+            })
+        };
+        let half = MAX_RECORD_SAMPLES / 2;
+        let sizes = [MAX_RECORD_SAMPLES, half, half, MAX_RECORD_SAMPLES, LARGE_SAMPLES + 1];
+        let tasks: Vec<_> = sizes.into_iter().map(analyse).collect();
+        for task in tasks {
+            task.await.unwrap();
+        }
+        assert_eq!(most.load(Ordering::SeqCst), MAX_RECORD_SAMPLES);
+    }
+
+    #[tokio::test]
+    async fn a_record_of_ordinary_length_does_not_wait_for_large_ones() {
+        let workers = Workers::new(&IngestLimits {
+            workers: 2,
+            ..IngestLimits::default()
+        });
+        let workers = workers.unwrap();
+        let (done, wait) = std::sync::mpsc::channel();
+        let large = || workers.run_analysis("large", MAX_RECORD_SAMPLES, || ());
+        let first = workers.run_analysis("large", MAX_RECORD_SAMPLES, move || wait.recv());
+        let ordinary = async {
+            workers.run_analysis("ordinary", LARGE_SAMPLES, || ()).await.unwrap();
+            done.send(()).unwrap();
+        };
+        let (first, second, third, ()) = tokio::join!(first, large(), large(), ordinary);
+        assert!(first.unwrap().is_ok() && second.is_ok() && third.is_ok());
     }
 }

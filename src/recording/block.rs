@@ -6,10 +6,11 @@ use jiff::Timestamp;
 use prost::Message;
 
 use super::RecordingError;
+use super::error::shortened;
 use super::json::JsonBlock;
 use super::message::{self, WaveformBlock};
-use super::packed_samples;
 use super::pulses::Pulses;
+use super::{packed_samples, pulse_count};
 use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError};
 
 /// Longest unit taken, in bytes.
@@ -64,8 +65,8 @@ impl RecordDefaults {
 /// Reads one block.
 ///
 /// A start time of 0 (protobuf) or none (JSON), an empty channel, an empty unit and absent parts of the operating point
-/// are filled from `defaults`; a channel named nowhere is `"1"`. Errors name the field; more than [`MAX_RECORD_SAMPLES`] samples are
-/// refused before they are kept.
+/// are filled from `defaults`; a channel named nowhere is `"1"`. Errors name the field; more than [`MAX_RECORD_SAMPLES`] samples or
+/// 4 194 304 pulses are refused before they are kept.
 pub fn decode_block(bytes: &[u8], encoding: BlockEncoding, defaults: &RecordDefaults) -> Result<Record, RecordingError> {
     decode_message(bytes, encoding)?.into_record(None, defaults)
 }
@@ -108,11 +109,15 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                 ));
             }
             let block = match packed_samples::split(bytes) {
+                // What is split has no more than 64 KiB besides its samples, and so not too many pulses.
                 Some((samples, others)) => WaveformBlock {
                     samples,
                     ..WaveformBlock::decode(&others[..])?
                 },
-                None => WaveformBlock::decode(bytes)?,
+                None => {
+                    pulse_count::check_block(bytes)?;
+                    WaveformBlock::decode(bytes)?
+                }
             };
             Ok(DecodedBlock {
                 start_time: timestamp_of(block.start_time_ns)?,
@@ -144,7 +149,7 @@ impl DecodedBlock {
         if channel.len() > MAX_CHANNEL_BYTES || channel.chars().any(char::is_control) {
             return Err(RecordingError::field(
                 "channel",
-                format!("{channel:?}"),
+                format!("{:?}", shortened(channel)),
                 "at most 256 bytes without control characters",
             ));
         }
@@ -156,7 +161,7 @@ impl DecodedBlock {
         if unit.len() > MAX_UNIT_BYTES || unit.chars().any(char::is_control) {
             return Err(RecordingError::field(
                 "unit",
-                format!("{unit:?}"),
+                format!("{:?}", shortened(unit)),
                 "at most 64 bytes without control characters",
             ));
         }

@@ -1,6 +1,7 @@
 //! A `WaveformBlock` in JSON: the fields of the protobuf message, with `start_time` in RFC 3339 as the readable form of `start_time_ns`.
 
 use std::fmt;
+use std::marker::PhantomData;
 
 use jiff::Timestamp;
 use serde::de::{Error as _, SeqAccess, Visitor};
@@ -8,8 +9,11 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::RecordingError;
 use super::block::DecodedBlock;
-use super::pulses::Pulses;
+use super::pulses::{MOST_PULSES, Pulses};
 use crate::signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record};
+
+/// Longest text taken in a message, in bytes: errors quote it, each of its characters written with up to six.
+const MAX_TEXT_BYTES: usize = 1024;
 
 /// One stretch of vibration of one channel (`flankwatch.v1.WaveformBlock` as JSON); other fields are refused by name.
 #[derive(Debug, Serialize, Deserialize, utoipa::ToSchema)]
@@ -55,8 +59,8 @@ pub(crate) struct JsonBlock {
 #[serde(deny_unknown_fields)]
 #[schema(as = Tachometer)]
 pub(crate) struct JsonTachometer {
-    /// Time of each pulse in nanoseconds UTC since 1970.
-    #[serde(default)]
+    /// Time of each pulse in nanoseconds UTC since 1970, at most 2²² of them.
+    #[serde(default, deserialize_with = "pulse_times")]
     pulse_time_ns: Vec<i64>,
     /// Pulses in one revolution.
     pulses_per_revolution: u32,
@@ -68,12 +72,14 @@ pub(crate) struct JsonTachometer {
 impl JsonTachometer {
     /// Reads one message.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Pulses, RecordingError> {
-        Ok(serde_json::from_slice::<Self>(bytes)?.into())
+        Ok(message::<Self>(bytes)?.into())
     }
 
-    /// Writes one message.
-    pub(crate) fn encode(pulses: &Pulses) -> Vec<u8> {
-        serde_json::to_vec(&Self::from(pulses)).expect("plain fields are JSON")
+    /// Writes one message behind what is there, and gives the pulses back.
+    pub(crate) fn append(pulses: Pulses, bytes: &mut Vec<u8>) -> Pulses {
+        let message = Self::from(pulses);
+        serde_json::to_writer(bytes, &message).expect("plain fields are JSON");
+        message.into()
     }
 }
 
@@ -87,12 +93,12 @@ impl From<JsonTachometer> for Pulses {
     }
 }
 
-impl From<&Pulses> for JsonTachometer {
-    fn from(pulses: &Pulses) -> Self {
+impl From<Pulses> for JsonTachometer {
+    fn from(pulses: Pulses) -> Self {
         Self {
-            pulse_time_ns: pulses.time_ns.clone(),
+            pulse_time_ns: pulses.time_ns,
             pulses_per_revolution: pulses.per_revolution,
-            shaft: pulses.shaft.clone(),
+            shaft: pulses.shaft,
         }
     }
 }
@@ -122,7 +128,7 @@ pub(crate) struct JsonOperatingPoint {
 impl JsonOperatingPoint {
     /// Reads one message.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, RecordingError> {
-        Ok(serde_json::from_slice(bytes)?)
+        message(bytes)
     }
 
     /// The message without its time.
@@ -138,7 +144,7 @@ impl JsonOperatingPoint {
 impl JsonBlock {
     /// Reads one block.
     pub(crate) fn decode(bytes: &[u8]) -> Result<Self, RecordingError> {
-        Ok(serde_json::from_slice(bytes)?)
+        message(bytes)
     }
 
     /// Writes the block.
@@ -164,7 +170,7 @@ impl JsonBlock {
                 temperature_c: point.temperature_c,
                 ..Default::default()
             }),
-            tachometer: Pulses::of_record(record).as_ref().map(JsonTachometer::from),
+            tachometer: Pulses::of_record(record).map(JsonTachometer::from),
         }
     }
 
@@ -201,37 +207,90 @@ impl JsonBlock {
     }
 }
 
+/// Reads one message, whose texts are no longer than any of them may be.
+fn message<'de, T: Deserialize<'de>>(bytes: &'de [u8]) -> Result<T, RecordingError> {
+    check_texts(bytes)?;
+    Ok(serde_json::from_slice(bytes)?)
+}
+
+/// Refuses a text that is too long to be any field's value or name, before an error quotes it.
+fn check_texts(bytes: &[u8]) -> Result<(), RecordingError> {
+    let mut left = bytes;
+    while let Some(begin) = left.iter().position(|byte| *byte == b'"') {
+        let text = &left[begin + 1..];
+        let mut is_escaped = false;
+        let length = text.iter().position(|byte| {
+            let is_end = *byte == b'"' && !is_escaped;
+            is_escaped = *byte == b'\\' && !is_escaped;
+            is_end
+        });
+        let length = length.unwrap_or(text.len());
+        if length > MAX_TEXT_BYTES {
+            return Err(RecordingError::field(
+                "the length of a text in the message",
+                length,
+                "at most 1024 bytes",
+            ));
+        }
+        left = text.get(length + 1..).unwrap_or_default();
+    }
+    Ok(())
+}
+
 /// Reads the samples, stopping at one more than a record may have.
 fn samples<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f32>, D::Error> {
-    struct Samples;
+    deserializer.deserialize_seq(Numbers {
+        most: MAX_RECORD_SAMPLES,
+        expected: "samples, a list of finite numbers",
+        too_many: "samples, cut the recording into shorter records",
+        kind: PhantomData,
+    })
+}
 
-    impl<'de> Visitor<'de> for Samples {
-        type Value = Vec<f32>;
+/// Reads the times of pulses, stopping at one more than are taken.
+fn pulse_times<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<i64>, D::Error> {
+    deserializer.deserialize_seq(Numbers {
+        most: MOST_PULSES,
+        expected: "pulse_time_ns, a list of whole numbers",
+        too_many: "pulses, send them in shorter messages",
+        kind: PhantomData,
+    })
+}
 
-        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-            f.write_str("samples, a list of finite numbers")
-        }
+/// A list of at most so many numbers.
+struct Numbers<T> {
+    most: usize,
+    expected: &'static str,
+    /// Of what there are too many, and what to do.
+    too_many: &'static str,
+    kind: PhantomData<T>,
+}
 
-        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
-            let mut samples: Vec<f32> = Vec::new();
-            while let Some(sample) = list.next_element()? {
-                if samples.len() == MAX_RECORD_SAMPLES {
-                    return Err(A::Error::custom(format_args!(
-                        "more than {MAX_RECORD_SAMPLES} samples, cut the recording into shorter records"
-                    )));
-                }
-                samples.push(sample);
-            }
-            Ok(samples)
-        }
+impl<'de, T: Deserialize<'de>> Visitor<'de> for Numbers<T> {
+    type Value = Vec<T>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.expected)
     }
 
-    deserializer.deserialize_seq(Samples)
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+        let mut numbers = Vec::new();
+        while let Some(number) = list.next_element()? {
+            if numbers.len() == self.most {
+                return Err(A::Error::custom(format_args!("more than {} {}", self.most, self.too_many)));
+            }
+            numbers.push(number);
+        }
+        // What is held is counted by the numbers there are.
+        numbers.shrink_to_fit();
+        Ok(numbers)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::{BlockEncoding, RecordDefaults, decode_block};
+    use super::*;
 
     fn decode(json: &str) -> Result<crate::signal::Record, String> {
         decode_block(json.as_bytes(), BlockEncoding::Json, &RecordDefaults::default()).map_err(|error| error.to_string())
@@ -279,5 +338,37 @@ mod tests {
             let error = decode(json).unwrap_err();
             assert!(error.contains(expected), "{json}: {error}");
         }
+    }
+
+    #[test]
+    fn one_pulse_more_than_are_taken_is_refused() {
+        let tachometer = |pulses: usize| {
+            let times = vec!["1"; pulses].join(",");
+            format!(r#"{{"pulses_per_revolution": 1, "pulse_time_ns": [{times}]}}"#)
+        };
+        let decode_tachometer = |pulses| JsonTachometer::decode(tachometer(pulses).as_bytes()).map_err(|error| error.to_string());
+        assert_eq!(decode_tachometer(MOST_PULSES).unwrap().time_ns.len(), MOST_PULSES);
+        let refused = "more than 4194304 pulses, send them in shorter messages";
+        assert!(decode_tachometer(MOST_PULSES + 1).unwrap_err().contains(refused));
+        let block = format!(
+            r#"{{"sample_rate_hz": 1, "samples": [1], "tachometer": {}}}"#,
+            tachometer(MOST_PULSES + 1)
+        );
+        assert!(decode(&block).unwrap_err().contains(refused));
+    }
+
+    #[test]
+    fn a_long_text_is_not_quoted() {
+        let long = "\u{7f}".repeat(1025);
+        for json in [
+            format!(r#"{{"{long}": 1}}"#),
+            format!(r#"{{"sample_rate_hz": "{long}", "samples": [1]}}"#),
+            format!(r#"{{"sample_rate_hz": 1, "samples": [1], "unit": "\"{}"#, &long[2..]),
+        ] {
+            let error = decode(&json).unwrap_err();
+            assert_eq!(error, "the length of a text in the message is 1025, expected at most 1024 bytes");
+        }
+        let quoted = r#"{"sample_rate_hz": 1, "samples": [1], "unit": "\\", "channel": "\"x\""}"#;
+        assert_eq!(decode(quoted).unwrap().channel(), "\"x\"");
     }
 }

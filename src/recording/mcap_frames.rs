@@ -131,10 +131,16 @@ impl McapFrames {
             return Err(self.damaged(format!("a record declares {length} bytes, expected at most {limit}")));
         }
         self.record.clear();
-        let read = self.reader.by_ref().take(length).read_to_end(&mut self.record)? as u64;
-        self.position += read;
-        if read < length {
-            return Err(self.ends("a record"));
+        while (self.record.len() as u64) < length {
+            // At most as much again as is there, and never more than declared.
+            let there = self.record.len();
+            let piece = (length - there as u64).min(there.max(READ_BYTES) as u64);
+            self.record.reserve_exact(piece as usize);
+            let read = self.reader.by_ref().take(piece).read_to_end(&mut self.record)? as u64;
+            self.position += read;
+            if read < piece {
+                return Err(self.ends("a record"));
+            }
         }
         Ok(())
     }

@@ -10,9 +10,10 @@ use super::block::{decode_message, filled, operating_point_of};
 use super::json::{JsonOperatingPoint, JsonTachometer};
 use super::mcap_frames::McapFrames;
 use super::mcap_record::{ChannelView, Damage, MessageView, MetadataView, SchemaView, opcode};
+use super::mcap_topic::{asset_of, channel_of, shaft_of};
 use super::message::{self, OPERATING_POINT_SCHEMA, TACHOMETER_SCHEMA, WAVEFORM_SCHEMA};
-use super::pulses::{PulseTrain, Pulses, end_ns};
-use super::{BlockEncoding, RecordDefaults, RecordingError};
+use super::pulses::{PulseTrains, Pulses, end_ns};
+use super::{BlockEncoding, RecordDefaults, RecordingError, pulse_count};
 use crate::signal::{OperatingPoint, Record};
 
 /// Name of the metadata record with the wear that is known from elsewhere: start time in nanoseconds → wear depth in µm.
@@ -29,6 +30,9 @@ const MAX_HELD_SAMPLES: usize = 1 << 22;
 
 /// Records held at most for the same reason.
 const MAX_HELD_RECORDS: usize = 64;
+
+/// Bytes as they came of the records held at most for the same reason: what is no sample counts too.
+const MAX_HELD_BYTES: usize = 128 << 20;
 
 /// Most topics named when a recording without vibration is refused.
 const NAMED_TOPICS: usize = 20;
@@ -47,13 +51,22 @@ pub struct Recorded {
     pub reference_wear_um: Option<f64>,
 }
 
+impl Recorded {
+    /// Bytes of memory that it takes.
+    pub fn bytes(&self) -> usize {
+        let pulses = self.record.tachometer().map_or(0, |tachometer| tachometer.pulse_times_s.len());
+        self.raw.capacity() + size_of_val(self.record.samples()) + pulses * size_of::<f64>()
+    }
+}
+
 /// Reads the waveforms of an MCAP recording in the order of the file, in bounded memory.
 ///
 /// A waveform is a message of schema `flankwatch.v1.WaveformBlock` in protobuf or JSON, or any JSON message on a topic that ends in `/waveform`. The
 /// record's channel is the topic `/{asset}/{channel}/waveform` without its first and last part, so `/pump/gearbox/x/waveform` is
 /// `gearbox/x`; another topic is taken whole. Messages on `/{asset}/operating_point` hold for the asset's following waveforms where these say nothing themselves.
 /// Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same time, before or after them in the file, where these bring none
-/// of their own; a waveform waits for pulses past its end while no more than 64 records or 4 million samples wait.
+/// of their own; a waveform waits for pulses past its end while no more than 64 records, 4 million samples or 128 MiB wait. A message on
+/// `/{asset}/driven/tachometer` that names no shaft is of the driven one, and not used; other words there are the name of a place.
 /// A start time of 0 stands for the message's publish time.
 ///
 /// A bad message is an `Err` and reading goes on. Damage is an `Err` that says at which byte, and the last item: the records before it are whole, those
@@ -94,7 +107,7 @@ struct Contents {
     operating_points: HashMap<String, OperatingPoint>,
     /// Assets whose tachometer has been declared.
     tachometers: HashSet<String>,
-    pulses: HashMap<String, PulseTrain>,
+    pulses: PulseTrains,
     reference_wear: BTreeMap<i64, f64>,
     other_topics: BTreeSet<String>,
     waveforms: u64,
@@ -132,15 +145,13 @@ impl McapReader {
     fn ready(&mut self) -> Option<Result<Recorded, RecordingError>> {
         let first = self.held.front()?;
         if let (Some(asset), Ok(recorded)) = (&first.waits_for, &first.item) {
-            let there = self.contents.pulses.get(asset);
+            let there = self.contents.pulses.of(asset);
             let complete = there.is_some_and(|pulses| pulses.reaches_past(end_ns(&recorded.record)));
-            let samples: usize = self
-                .held
-                .iter()
-                .flat_map(|held| &held.item)
-                .map(|held| held.record.samples().len())
-                .sum();
-            let full = self.held.len() > MAX_HELD_RECORDS || samples > MAX_HELD_SAMPLES;
+            let held = self.held.iter().flat_map(|held| &held.item);
+            let (samples, bytes) = held.fold((0, 0), |(samples, bytes), held| {
+                (samples + held.record.samples().len(), bytes + held.raw.len())
+            });
+            let full = self.held.len() > MAX_HELD_RECORDS || samples > MAX_HELD_SAMPLES || bytes > MAX_HELD_BYTES;
             if !(complete || full || self.ended) {
                 return None;
             }
@@ -245,7 +256,9 @@ impl Contents {
             self.tachometers.insert(asset_of(&topic).to_owned());
         }
         self.channels.insert(channel.id, Channel { topic, kind });
-        limited("channels", self.channels.len().max(self.other_topics.len()))
+        // A channel declared again under another topic leaves something behind in these.
+        let others = [self.other_topics.len(), self.tachometers.len(), self.operating_points.len()];
+        limited("channels", others.into_iter().fold(self.channels.len(), usize::max))
     }
 
     /// Keeps reference wear; an entry that is none is an error of its own.
@@ -304,8 +317,11 @@ impl Contents {
                 }
             }
             Kind::Tachometer(encoding) => match decode_tachometer(message.data, encoding) {
-                Ok(pulses) => {
-                    self.pulses.entry(asset_of(&channel.topic).to_owned()).or_default().take(&pulses);
+                Ok(mut pulses) => {
+                    if pulses.shaft.is_empty() {
+                        pulses.shaft = shaft_of(&channel.topic).to_owned();
+                    }
+                    self.pulses.take(asset_of(&channel.topic), &pulses);
                     Outcome::Nothing
                 }
                 Err(error) => Outcome::Item(Err(failed(error))),
@@ -343,12 +359,12 @@ impl Contents {
 
     /// The record with what its asset's tachometer has for it.
     fn with_pulses(&mut self, mut recorded: Recorded, asset: &str) -> Recorded {
-        let Some(train) = self.pulses.get_mut(asset) else {
+        let Some(train) = self.pulses.of_mut(asset) else {
             return recorded;
         };
         let start = recorded.record.start_time();
         if let Some(pulses) = train.during(&recorded.record) {
-            append_pulses(&mut recorded.raw, recorded.encoding, &pulses);
+            let pulses = append_pulses(&mut recorded.raw, recorded.encoding, pulses);
             recorded.record = recorded.record.with_tachometer(pulses.of(start));
         }
         train.forget_before(start);
@@ -387,68 +403,41 @@ fn decode_operating_point(bytes: &[u8], encoding: BlockEncoding) -> Result<Opera
 
 fn decode_tachometer(bytes: &[u8], encoding: BlockEncoding) -> Result<Pulses, RecordingError> {
     Ok(match encoding {
-        BlockEncoding::Protobuf => message::Tachometer::decode(bytes)?.into(),
+        BlockEncoding::Protobuf => {
+            pulse_count::check_tachometer(bytes)?;
+            message::Tachometer::decode(bytes)?.into()
+        }
         BlockEncoding::Json => JsonTachometer::decode(bytes)?,
     })
 }
 
-/// Adds pulses to the bytes of a block that was read from them and has none, so that they are kept together.
-fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: &Pulses) {
+/// Adds pulses to the bytes of a block that was read from them and has none, so that they are kept together; gives them back.
+fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> Pulses {
     match encoding {
         // Messages in protobuf are merged by writing one after the other.
         BlockEncoding::Protobuf => {
             let block = message::WaveformBlock {
-                tachometer: Some(pulses.clone().into()),
+                tachometer: Some(pulses.into()),
                 ..Default::default()
             };
-            raw.extend(block.encode_to_vec());
+            raw.reserve_exact(block.encoded_len());
+            block.encode(raw).expect("a vector grows as it must");
+            block.tachometer.map(Pulses::from).unwrap_or_default()
         }
         BlockEncoding::Json => {
             const KEY: &[u8] = b"\"tachometer\"";
             let Some(end) = raw.iter().rposition(|byte| *byte == b'}') else {
-                return;
+                return pulses;
             };
             // A block that says it has none keeps saying so.
             if raw.windows(KEY.len()).any(|window| window == KEY) {
-                return;
+                return pulses;
             }
             raw.truncate(end);
             raw.extend_from_slice(b",\"tachometer\":");
-            raw.extend(JsonTachometer::encode(pulses));
+            let pulses = JsonTachometer::append(pulses, raw);
             raw.push(b'}');
-        }
-    }
-}
-
-/// The first part of a topic.
-fn asset_of(topic: &str) -> &str {
-    let topic = topic.strip_prefix('/').unwrap_or(topic);
-    topic.split_once('/').map_or(topic, |(asset, _)| asset)
-}
-
-/// The record's channel: `/{asset}/{channel}/waveform` without its first and last part, another topic whole.
-fn channel_of(topic: &str) -> &str {
-    let topic = topic.strip_prefix('/').unwrap_or(topic);
-    match topic.strip_suffix("/waveform") {
-        Some(path) => path.split_once('/').map_or(path, |(_, channel)| channel),
-        None => topic,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_topic_gives_asset_and_channel() {
-        for (topic, asset, channel) in [
-            ("/pump-1/gearbox/x/waveform", "pump-1", "gearbox/x"),
-            ("/pump-1/a1/waveform", "pump-1", "a1"),
-            ("/a1/waveform", "a1", "a1"),
-            ("vibration", "vibration", "vibration"),
-            ("/robot/imu", "robot", "robot/imu"),
-        ] {
-            assert_eq!((asset_of(topic), channel_of(topic)), (asset, channel), "{topic}");
+            pulses
         }
     }
 }

@@ -1,6 +1,6 @@
 //! A tachometer's pulses between messages and records.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 
 use jiff::Timestamp;
 
@@ -11,8 +11,14 @@ use crate::signal::{Record, Tachometer};
 /// Names of the shaft whose angle is meant.
 const DRIVING: [&str; 2] = ["", "driving"];
 
-/// Most pulses kept of a recording: a shaft at 100 Hz with 60 pulses a turn for 11 minutes.
-const MOST_PULSES: usize = 1 << 22;
+/// Name of the other shaft of a pair.
+pub(super) const DRIVEN: &str = "driven";
+
+/// Most pulses of a message, and most kept of a shaft: one at 100 Hz with 60 pulses a turn for 11 minutes.
+pub(super) const MOST_PULSES: usize = 1 << 22;
+
+/// Most pulses kept of all assets of a recording: 64 MiB. Each asset has its share.
+const MOST_OF_ALL: usize = 2 * MOST_PULSES;
 
 /// Pulses as they stand in a message.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -48,10 +54,11 @@ impl Pulses {
     pub(crate) fn of(self, start: Timestamp) -> Option<Tachometer> {
         let start_ns = nanoseconds(start);
         DRIVING.contains(&self.shaft.as_str()).then(|| Tachometer {
+            // By value: the seconds take the place of the nanoseconds, there may be millions.
             pulse_times_s: self
                 .time_ns
-                .iter()
-                .map(|time| (i128::from(*time) - i128::from(start_ns)) as f64 / 1e9)
+                .into_iter()
+                .map(|time| (i128::from(time) - i128::from(start_ns)) as f64 / 1e9)
                 .collect(),
             pulses_per_revolution: self.per_revolution,
         })
@@ -79,22 +86,29 @@ pub(crate) struct PulseTrain {
 }
 
 impl PulseTrain {
-    /// Takes one message. Pulses at or before the latest one are left out; another number of pulses a turn begins anew.
-    pub(crate) fn take(&mut self, pulses: &Pulses) {
-        if !DRIVING.contains(&pulses.shaft.as_str()) {
-            return;
-        }
+    /// Takes one message of this shaft and keeps the latest `most` pulses. Those at or before the latest one are left out; another number of
+    /// pulses a turn begins anew.
+    fn take(&mut self, pulses: &Pulses, most: usize) {
         if pulses.per_revolution != self.per_revolution {
             self.time_ns.clear();
             self.per_revolution = pulses.per_revolution;
         }
         for &time in &pulses.time_ns {
             if self.time_ns.back().is_none_or(|last| *last < time) {
+                if self.time_ns.len() >= most {
+                    self.time_ns.pop_front();
+                }
                 self.time_ns.push_back(time);
             }
         }
-        let surplus = self.time_ns.len().saturating_sub(MOST_PULSES);
-        self.time_ns.drain(..surplus);
+    }
+
+    fn keep_latest(&mut self, most: usize) {
+        let surplus = self.time_ns.len().saturating_sub(most);
+        if surplus > 0 {
+            self.time_ns.drain(..surplus);
+            self.time_ns.shrink_to_fit();
+        }
     }
 
     /// Whether there are pulses after this time.
@@ -126,6 +140,40 @@ impl PulseTrain {
     }
 }
 
+/// The pulse trains of a recording's assets.
+#[derive(Debug, Default)]
+pub(crate) struct PulseTrains {
+    by_asset: HashMap<String, PulseTrain>,
+}
+
+impl PulseTrains {
+    /// Takes one message; nothing of one of another shaft.
+    pub(crate) fn take(&mut self, asset: &str, pulses: &Pulses) {
+        if !DRIVING.contains(&pulses.shaft.as_str()) {
+            return;
+        }
+        let is_new = !self.by_asset.contains_key(asset);
+        let share = MOST_OF_ALL / (self.by_asset.len() + usize::from(is_new));
+        let most = share.min(MOST_PULSES);
+        if is_new {
+            for train in self.by_asset.values_mut() {
+                train.keep_latest(most);
+            }
+        }
+        self.by_asset.entry(asset.to_owned()).or_default().take(pulses, most);
+    }
+
+    /// The train of an asset.
+    pub(crate) fn of(&self, asset: &str) -> Option<&PulseTrain> {
+        self.by_asset.get(asset)
+    }
+
+    /// The same to change it.
+    pub(crate) fn of_mut(&mut self, asset: &str) -> Option<&mut PulseTrain> {
+        self.by_asset.get_mut(asset)
+    }
+}
+
 /// The time just after a record's last sample.
 pub(crate) fn end_ns(record: &Record) -> i64 {
     nanoseconds(record.start_time()).saturating_add((record.duration_s() * 1e9) as i64)
@@ -150,7 +198,7 @@ mod tests {
     #[test]
     fn a_record_gets_the_pulses_around_it() {
         let mut train = PulseTrain::default();
-        train.take(&pulses((0..40).map(|k| k * 100_000_000 + 50_000_000).collect()));
+        train.take(&pulses((0..40).map(|k| k * 100_000_000 + 50_000_000).collect()), 100);
         let got = train.during(&second(2)).unwrap();
         assert_eq!(
             (got.time_ns.len(), got.time_ns[0], got.time_ns[11]),
@@ -162,7 +210,7 @@ mod tests {
         assert_eq!(train.during(&second(10)), None);
         train.forget_before(Timestamp::from_second(3).unwrap());
         assert_eq!(train.time_ns.front(), Some(&1_950_000_000));
-        train.take(&pulses(vec![1, 5_000_000_000]));
+        train.take(&pulses(vec![1, 5_000_000_000]), 100);
         assert_eq!(train.time_ns.back(), Some(&5_000_000_000));
         assert!(!train.time_ns.contains(&1));
     }
@@ -171,9 +219,38 @@ mod tests {
     fn another_shaft_is_not_this_one() {
         let mut other = pulses(vec![1, 2, 3]);
         other.shaft = "driven".to_owned();
-        let mut train = PulseTrain::default();
-        train.take(&other);
-        assert!(!train.reaches_past(0));
+        let mut trains = PulseTrains::default();
+        trains.take("pump", &other);
+        assert!(trains.of("pump").is_none());
         assert_eq!(other.of(Timestamp::UNIX_EPOCH), None);
+    }
+
+    #[test]
+    fn the_assets_of_a_recording_share_what_is_kept() {
+        let most = i64::try_from(MOST_PULSES).unwrap();
+        let mut trains = PulseTrains::default();
+        let kept = |trains: &PulseTrains| -> Vec<usize> {
+            let held = ["a", "b", "c"].iter().filter_map(|asset| trains.of(asset));
+            held.map(|train| train.time_ns.len()).collect()
+        };
+        trains.take("a", &pulses((0..most).collect()));
+        trains.take("a", &pulses((most..most + 10).collect()));
+        assert_eq!(trains.of("a").unwrap().time_ns.front(), Some(&10));
+        trains.take("b", &pulses((0..most).collect()));
+        assert_eq!(kept(&trains), [MOST_PULSES, MOST_PULSES]);
+        trains.take("c", &pulses((0..most).collect()));
+        assert_eq!(kept(&trains), [MOST_OF_ALL / 3; 3]);
+        assert!(trains.by_asset.values().all(|train| train.time_ns.capacity() <= MOST_PULSES));
+        assert_eq!(trains.of("a").unwrap().time_ns.back(), Some(&(most + 9)));
+    }
+
+    #[test]
+    fn the_seconds_of_pulses_take_no_memory_of_their_own() {
+        let many = pulses((0..100_000).collect());
+        let counted = allocation_counter::measure(|| {
+            let times = many.of(Timestamp::UNIX_EPOCH).unwrap().pulse_times_s;
+            assert_eq!((times.len(), times[7]), (100_000, 7e-9));
+        });
+        assert_eq!(counted.count_total, 0);
     }
 }

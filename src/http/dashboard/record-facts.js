@@ -9,10 +9,11 @@ const UNITLESS = ["kurtosis", "crest_factor"];
 /** Channel, length, rate, speed and load of a record. */
 export function recordWords(segment) {
   const length = segment.samples / segment.sample_rate_hz;
-  const torque = segment.operating_point?.torque_nm;
+  const { torque_nm: torque, temperature_c: temperature } = segment.operating_point ?? {};
   const load = torque == null ? "" : `, ${number(torque)} N·m`;
+  const warmth = temperature == null ? "" : `, ${number(temperature)} °C`;
   const speed = segment.shaft_speed ? `, shaft ${hertz(segment.shaft_speed.shaft_speed_hz)}` : "";
-  return `Channel ${segment.channel}, ${length < 10 ? `${number(length, 3)} s` : span(length)} at ${hertz(segment.sample_rate_hz)}, ${count(segment.samples)} samples${speed}${load}`;
+  return `Channel ${segment.channel}, ${length < 10 ? `${number(length, 3)} s` : span(length)} at ${hertz(segment.sample_rate_hz)}, ${count(segment.samples)} samples${speed}${load}${warmth}`;
 }
 
 function amount(name, { indicators = {}, absent = {}, unit: unitName }) {

@@ -1,8 +1,10 @@
 //! Whole recordings: the hand-made hostile ones in `fixtures/recordings`, round trips, and the real ones of the data folder.
 
 mod fixtures;
+mod memory;
 mod real_data;
 mod round_trip;
+mod tachometers;
 
 use std::path::{Path, PathBuf};
 
