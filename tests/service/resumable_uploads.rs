@@ -142,69 +142,6 @@ fn begin_again(service: &Service, metadata: &str) {
     service.send("POST", "/v1/uploads", &headers, b"").expect(201);
 }
 
-#[test]
-fn what_was_whole_when_the_service_stopped_is_read_after_the_start() {
-    let mut service = Service::start();
-    service.plain_asset("pump");
-    let uploads = [(0, "reading"), (5, "receiving")].map(|(from, state)| {
-        let whole = recording(from, from + 5);
-        let path = begin(&service, whole.len());
-        patch(&service, &path, 0, &whole[..100]).expect(204);
-        (path, whole, state)
-    });
-    service.stop();
-    for (path, whole, state) in &uploads {
-        // As a process leaves it that is killed after the last byte.
-        std::fs::write(file(&service, path, "part"), whole).unwrap();
-        let description = file(&service, path, "json");
-        let mut text: Value = serde_json::from_slice(&std::fs::read(&description).unwrap()).unwrap();
-        assert_eq!(text["state"], "receiving");
-        text["state"] = json!(state);
-        std::fs::write(description, text.to_string()).unwrap();
-    }
-    // Longer than an upload is kept that nobody goes on with.
-    service.clock.advance(30 * 3600);
-    service.launch();
-    for (path, whole, _) in &uploads {
-        assert_eq!(offset(&service, path), whole.len());
-        expect_read(&service, path, 5);
-        assert!(!file(&service, path, "part").exists());
-    }
-    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
-    service.restart();
-    expect_read(&service, &uploads[0].0, 5);
-}
-
-#[test]
-fn an_upload_that_a_killed_program_has_acknowledged_is_read_after_the_start() {
-    let folder = tempfile::tempdir().unwrap();
-    let program = Program::start_with(folder.path(), &[]);
-    program.make(&plain_asset("pump"));
-    let whole = recording(0, 300);
-    let length = whole.len().to_string();
-    let headers = [TUS, ("upload-length", length.as_str()), ("upload-metadata", "asset cHVtcA==")];
-    let path = program.send("POST", "/v1/uploads", &headers, b"").headers()["location"]
-        .to_str()
-        .unwrap()
-        .to_owned();
-    let headers = [TUS, OFFSET_TYPE, ("upload-offset", "0")];
-    assert_eq!(program.send("PATCH", &path, &headers, &whole).status(), 204);
-    program.kill();
-    let program = Program::start_with(folder.path(), &[]);
-    let began = Instant::now();
-    let done = loop {
-        let upload = program.get(&path);
-        if upload["state"] == "finished" {
-            break upload;
-        }
-        assert!(began.elapsed() < Duration::from_secs(100), "still {upload}");
-        std::thread::sleep(Duration::from_millis(10));
-    };
-    assert_eq!(done["error"], Value::Null, "{done}");
-    assert_eq!(program.get("/v1/assets/pump")["summary"]["segments"], 300);
-    program.kill();
-}
-
 /// Sends the head of a request for all of `length` bytes, `bytes` of them, and hangs up without an answer.
 fn hang_up_after(service: &Service, path: &str, length: usize, bytes: &[u8]) {
     let address = service.url("").replace("http://", "");
@@ -261,57 +198,125 @@ fn only_uploads_under_way_count_against_the_limit() {
     ask(&service, 10).expect_problem(503, &[]);
 }
 
-#[test]
-fn files_that_no_description_belongs_to_are_removed_at_the_start() {
-    let id = "00112233445566778899aabb";
-    let description = |state: &str| {
-        json!({
-            "id": id, "asset": "pump", "length": 10, "offset": 0, "state": state, "expires_at": "2026-01-02T00:00:00Z",
-            "result": null, "error": null,
-        })
-        .to_string()
-    };
-    let service = Service::start_on(|data| {
-        let folder = data.join("resumable");
-        std::fs::create_dir_all(&folder).unwrap();
-        let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
-        write(&format!("{id}.json"), &description("receiving"));
-        write(&format!("{id}.part"), "123");
-        write(&format!("{id}.new"), "{\"id\":");
-        write("alone.part", "12345");
-        write("cut-short.json", "{\"id\": \"cut");
-        write("cut-short.part", "12345");
-        // May be gone on with by the program that wrote it.
-        write("later.json", &description("of a later version"));
-        write("later.part", "12345");
-        write("notes.txt", "not of an upload");
-    });
-    assert_eq!(offset(&service, &format!("/v1/uploads/{id}")), 3);
-    let folder = service.folder().join("resumable");
-    let (description, part) = (format!("{id}.json"), format!("{id}.part"));
-    assert_eq!(names(&folder), [&description, &part, "later.json", "later.part", "notes.txt"]);
-}
+/// What is on the disk of a single machine.
+mod in_a_folder {
+    use super::*;
 
-#[test]
-fn an_upload_that_nobody_goes_on_with_goes_without_another_request() {
-    let service = Service::start();
-    service.plain_asset("pump");
-    let path = begin(&service, 10);
-    patch(&service, &path, 0, b"12345").expect(204);
-    assert_eq!(names(&service.folder().join("resumable")).len(), 2);
-    service.clock.advance(25 * 3600);
-    let began = Instant::now();
-    while !names(&service.folder().join("resumable")).is_empty() {
-        assert!(began.elapsed() < Duration::from_secs(60));
-        std::thread::sleep(Duration::from_millis(100));
+    #[test]
+    fn what_was_whole_when_the_service_stopped_is_read_after_the_start() {
+        let mut service = Service::start();
+        service.plain_asset("pump");
+        let uploads = [(0, "reading"), (5, "receiving")].map(|(from, state)| {
+            let whole = recording(from, from + 5);
+            let path = begin(&service, whole.len());
+            patch(&service, &path, 0, &whole[..100]).expect(204);
+            (path, whole, state)
+        });
+        service.stop();
+        for (path, whole, state) in &uploads {
+            // As a process leaves it that is killed after the last byte.
+            std::fs::write(file(&service, path, "part"), whole).unwrap();
+            let description = file(&service, path, "json");
+            let mut text: Value = serde_json::from_slice(&std::fs::read(&description).unwrap()).unwrap();
+            assert_eq!(text["state"], "receiving");
+            text["state"] = json!(state);
+            std::fs::write(description, text.to_string()).unwrap();
+        }
+        // Longer than an upload is kept that nobody goes on with.
+        service.clock.advance(30 * 3600);
+        service.launch();
+        for (path, whole, _) in &uploads {
+            assert_eq!(offset(&service, path), whole.len());
+            expect_read(&service, path, 5);
+            assert!(!file(&service, path, "part").exists());
+        }
+        assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
+        service.restart();
+        expect_read(&service, &uploads[0].0, 5);
     }
-    service.get(&path).expect_problem(404, &[]);
-}
 
-/// The names in a folder, in order.
-fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).unwrap();
-    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort_unstable();
-    names
+    #[test]
+    fn an_upload_that_a_killed_program_has_acknowledged_is_read_after_the_start() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = Program::start_with(folder.path(), &[]);
+        program.make(&plain_asset("pump"));
+        let whole = recording(0, 300);
+        let length = whole.len().to_string();
+        let headers = [TUS, ("upload-length", length.as_str()), ("upload-metadata", "asset cHVtcA==")];
+        let path = program.send("POST", "/v1/uploads", &headers, b"").headers()["location"]
+            .to_str()
+            .unwrap()
+            .to_owned();
+        let headers = [TUS, OFFSET_TYPE, ("upload-offset", "0")];
+        assert_eq!(program.send("PATCH", &path, &headers, &whole).status(), 204);
+        program.kill();
+        let program = Program::start_with(folder.path(), &[]);
+        let began = Instant::now();
+        let done = loop {
+            let upload = program.get(&path);
+            if upload["state"] == "finished" {
+                break upload;
+            }
+            assert!(began.elapsed() < Duration::from_secs(100), "still {upload}");
+            std::thread::sleep(Duration::from_millis(10));
+        };
+        assert_eq!(done["error"], Value::Null, "{done}");
+        assert_eq!(program.get("/v1/assets/pump")["summary"]["segments"], 300);
+        program.kill();
+    }
+
+    #[test]
+    fn files_that_no_description_belongs_to_are_removed_at_the_start() {
+        let id = "00112233445566778899aabb";
+        let description = |state: &str| {
+            json!({
+                "id": id, "asset": "pump", "length": 10, "offset": 0, "state": state, "expires_at": "2026-01-02T00:00:00Z",
+                "result": null, "error": null,
+            })
+            .to_string()
+        };
+        let service = Service::start_on(|data| {
+            let folder = data.join("resumable");
+            std::fs::create_dir_all(&folder).unwrap();
+            let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+            write(&format!("{id}.json"), &description("receiving"));
+            write(&format!("{id}.part"), "123");
+            write(&format!("{id}.new"), "{\"id\":");
+            write("alone.part", "12345");
+            write("cut-short.json", "{\"id\": \"cut");
+            write("cut-short.part", "12345");
+            // May be gone on with by the program that wrote it.
+            write("later.json", &description("of a later version"));
+            write("later.part", "12345");
+            write("notes.txt", "not of an upload");
+        });
+        assert_eq!(offset(&service, &format!("/v1/uploads/{id}")), 3);
+        let folder = service.folder().join("resumable");
+        let (description, part) = (format!("{id}.json"), format!("{id}.part"));
+        assert_eq!(names(&folder), [&description, &part, "later.json", "later.part", "notes.txt"]);
+    }
+
+    #[test]
+    fn an_upload_that_nobody_goes_on_with_goes_without_another_request() {
+        let service = Service::start();
+        service.plain_asset("pump");
+        let path = begin(&service, 10);
+        patch(&service, &path, 0, b"12345").expect(204);
+        assert_eq!(names(&service.folder().join("resumable")).len(), 2);
+        service.clock.advance(25 * 3600);
+        let began = Instant::now();
+        while !names(&service.folder().join("resumable")).is_empty() {
+            assert!(began.elapsed() < Duration::from_secs(60));
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        service.get(&path).expect_problem(404, &[]);
+    }
+
+    /// The names in a folder, in order.
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap();
+        let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort_unstable();
+        names
+    }
 }
