@@ -13,13 +13,12 @@ const PULSE_TIME: u32 = 1;
 
 /// Refuses a `Tachometer` message with more pulses than are taken.
 pub(super) fn check_tachometer(message: &[u8]) -> Result<(), RecordingError> {
-    check(pulses_in(message))
+    check(pulses_in(message, message.len()))
 }
 
-/// Refuses a `WaveformBlock` message with more pulses than are taken. Several tachometers in it are merged, and so count together.
+/// Refuses a `WaveformBlock` message with more pulses than are taken.
 pub(super) fn check_block(message: &[u8]) -> Result<(), RecordingError> {
-    let tachometers = Fields { left: message }.filter(|(tag, _)| *tag == TACHOMETER);
-    check(tachometers.map(|(_, content)| pulses_in(content.unwrap_or_default())).sum())
+    check(pulses_in_block(message))
 }
 
 fn check(pulses: usize) -> Result<(), RecordingError> {
@@ -33,29 +32,44 @@ fn check(pulses: usize) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// Pulses in a `Tachometer` message, packed or not.
-fn pulses_in(message: &[u8]) -> usize {
-    let times = Fields { left: message }.filter(|(tag, _)| *tag == PULSE_TIME);
+/// Pulses in a `WaveformBlock` message. Several tachometers in it are merged, and so count together.
+fn pulses_in_block(message: &[u8]) -> usize {
+    let tachometers = Fields { left: message, after: 0 }.filter(|(tag, _)| *tag == TACHOMETER);
+    let lengths = tachometers.filter_map(|(_, content)| content);
+    lengths.map(|(bytes, length)| pulses_in(bytes, length)).sum()
+}
+
+/// Pulses, packed or not, in a `Tachometer` message that is the first `length` of these bytes.
+fn pulses_in(bytes: &[u8], length: usize) -> usize {
+    let after = bytes.len() - length;
+    let times = Fields { left: bytes, after }.filter(|(tag, _)| *tag == PULSE_TIME);
     times
-        .map(|(_, packed)| match packed {
-            // Of each number only the last byte is below 128.
-            Some(packed) => packed.iter().filter(|byte| **byte < 0x80).count(),
+        .map(|(_, content)| match content {
+            Some((bytes, length)) => {
+                let packed = &bytes[..length];
+                // Of each number only the last byte is below 128; one that goes on behind the end is decoded before that is noticed.
+                packed.iter().filter(|byte| **byte < 0x80).count() + usize::from(packed.last().is_some_and(|last| *last >= 0x80))
+            }
             None => 1,
         })
         .sum()
 }
 
-/// The fields of a message: number and, where a length stands before it, content. They end where something is wrong; the generated decoder comes no
-/// further either, and says what it is.
+/// The fields of a message: number and, where a length stands before it, the bytes from its content on and that length.
+///
+/// It goes wherever the generated decoder does: that notices only behind a field that the field ends after its message, and so decodes it whole. Where
+/// anything else is wrong both end.
 struct Fields<'a> {
     left: &'a [u8],
+    /// How many bytes are left at the message's end.
+    after: usize,
 }
 
 impl<'a> Iterator for Fields<'a> {
-    type Item = (u32, Option<&'a [u8]>);
+    type Item = (u32, Option<(&'a [u8], usize)>);
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.left.is_empty() {
+        if self.left.len() <= self.after {
             return None;
         }
         let (tag, wire_type) = decode_key(&mut self.left).ok()?;
@@ -64,9 +78,9 @@ impl<'a> Iterator for Fields<'a> {
             return Some((tag, None));
         }
         let length = usize::try_from(decode_varint(&mut self.left).ok()?).ok()?;
-        let (content, after) = self.left.split_at_checked(length)?;
-        self.left = after;
-        Some((tag, Some(content)))
+        let bytes = self.left;
+        self.left = bytes.get(length..)?;
+        Some((tag, Some((bytes, length))))
     }
 }
 
@@ -94,26 +108,57 @@ mod tests {
         (prop::collection::vec(any::<i64>(), 0..40), any::<bool>()).prop_map(tachometer)
     }
 
+    /// Pulses that the generated decoder takes of a block before it ends, whether it finds something wrong or not.
+    fn decoded(block: &[u8]) -> usize {
+        let mut decoded = WaveformBlock::default();
+        let _ = decoded.merge(block);
+        decoded.tachometer.map_or(0, |tachometer| tachometer.pulse_time_ns.len())
+    }
+
+    fn block_of(tachometers: &[Vec<u8>]) -> Vec<u8> {
+        let mut block = Vec::new();
+        for tachometer in tachometers {
+            prost::encoding::bytes::encode(TACHOMETER, tachometer, &mut block);
+            prost::encoding::string::encode(4, &"g".to_owned(), &mut block);
+        }
+        block
+    }
+
     proptest! {
         #[test]
         fn as_many_are_counted_as_are_decoded(parts in prop::collection::vec(any_tachometer(), 1..4)) {
             let message = parts.concat();
-            prop_assert_eq!(pulses_in(&message), Tachometer::decode(&message[..]).unwrap().pulse_time_ns.len());
+            prop_assert_eq!(pulses_in(&message, message.len()), Tachometer::decode(&message[..]).unwrap().pulse_time_ns.len());
+            let block = block_of(&parts);
+            prop_assert_eq!(pulses_in_block(&block), decoded(&block));
         }
 
-        /// What is wrong may hide pulses from neither.
         #[test]
         fn of_a_changed_message_no_more_are_decoded_than_counted(
-            mut message in any_tachometer(),
-            place in any::<prop::sample::Index>(),
-            byte in any::<u8>(),
+            parts in prop::collection::vec(any_tachometer(), 1..4),
+            changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..3),
         ) {
-            let place = place.index(message.len());
-            message[place] = byte;
-            let mut decoded = Tachometer::default();
-            let _ = decoded.merge(&message[..]);
-            prop_assert!(decoded.pulse_time_ns.len() <= pulses_in(&message));
+            let mut message = parts.concat();
+            let mut block = block_of(&parts);
+            for (place, byte) in changes {
+                let (in_message, in_block) = (place.index(message.len()), place.index(block.len()));
+                message[in_message] = byte;
+                block[in_block] = byte;
+            }
+            let mut tachometer = Tachometer::default();
+            let _ = tachometer.merge(&message[..]);
+            prop_assert!(tachometer.pulse_time_ns.len() <= pulses_in(&message, message.len()));
+            prop_assert!(decoded(&block) <= pulses_in_block(&block));
         }
+    }
+
+    #[test]
+    fn pulses_behind_the_end_of_their_tachometer_count() {
+        // A tachometer of two bytes whose pulses go on for a hundred.
+        let block = [vec![0x4a, 2, 0x0a, 100], vec![1; 100]].concat();
+        assert_eq!((decoded(&block), pulses_in_block(&block)), (100, 100));
+        let unfinished = [0x0a, 2, 1, 0x80, 1];
+        assert_eq!(pulses_in(&unfinished, unfinished.len()), 2);
     }
 
     #[test]
