@@ -1,4 +1,4 @@
-//! The service under load, driven as the release binary: `cargo bench --bench service -- [replay|uploads|polling|growth]`.
+//! The service under load, driven as the release binary: `cargo bench --bench service -- [replay|uploads|polling|growth|fleet]`.
 //!
 //! Every figure stands beside a reference from the same run: writing and syncing the same bytes as plain files. The recording for the
 //! replay is made once by `flankwatch simulate` into `target/bench` (or is the file that `FLANKWATCH_BENCH_RUN` names).
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use driven::{SAMPLES, Service, Uploads, exchange, folder, load, record};
+use driven::{SAMPLES, Service, Uploads, described, exchange, folder, load, record};
 use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, encode_block};
 
 /// Bytes of a record of 10 s.
@@ -32,6 +32,9 @@ fn main() {
     }
     if wanted("growth") {
         growth();
+    }
+    if wanted("fleet") {
+        fleet();
     }
 }
 
@@ -229,5 +232,59 @@ fn growth() {
         );
         drop(service);
         records *= 10;
+    }
+}
+
+/// Cost against the number of assets, each of the same gear pair and with one record: each step ten times as many.
+fn fleet() {
+    let most: usize = std::env::var("FLANKWATCH_BENCH_ASSETS").map_or(10_000, |text| text.parse().expect("a number"));
+    let mut assets = 100;
+    while assets <= most {
+        let folder = folder(&format!("fleet-{assets}"));
+        let service = Service::start(&folder);
+        service.make_asset("first");
+        let request = |stream: &mut BufReader<TcpStream>, method: &str, path: &str, media_type: &str, body: &[u8], expected: u16| {
+            let head = format!(
+                "{method} {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media_type}\r\ncontent-length: {}\r\n\r\n",
+                body.len()
+            );
+            assert_eq!(exchange(stream, &head, body), expected, "{method} {path}");
+        };
+        let (made, _) = load(&service, 8, assets, None, |n, stream| {
+            let body = described(&format!("a{n:06}")).to_string();
+            request(stream, "POST", "/v1/assets", "application/json", body.as_bytes(), 201);
+        });
+        let (stored, _) = load(&service, 8, assets, None, |n, stream| {
+            let body = encode_block(&record(n as i64, 256), BlockEncoding::Protobuf);
+            let path = format!("/v1/assets/a{n:06}/segments");
+            request(stream, "POST", &path, "application/x-protobuf", &body, 201);
+        });
+        let ask = |service: &Service, times: usize, path: &str| {
+            let (_, times) = load(service, 1, times, None, |_, stream| {
+                request(stream, "GET", path, "text/plain", b"", 200)
+            });
+            1e3 * quantile(&times, 0.5)
+        };
+        let page = ask(&service, 20, "/v1/assets?limit=100");
+        let wear = ask(&service, 200, "/v1/assets/a000050/wear");
+        let metrics = ask(&service, 3, "/metrics");
+        let memory_mb = service.used().0;
+        // Killed and started again on the same folder.
+        let kept = folder.with_extension("kept");
+        fs::rename(&folder, &kept).expect("the folder moves");
+        drop(service);
+        let began = Instant::now();
+        let service = Service::start(&kept);
+        ask(&service, 1, "/v1/assets/a000050/wear");
+        let started = began.elapsed().as_secs_f64();
+        println!(
+            "fleet: {assets} assets: {:.2} ms to make each, {:.2} ms for a record of each, page of 100 {page:.1} ms, GET wear {wear:.2} ms, \
+             metrics {metrics:.0} ms, {memory_mb:.0} MB at most, start until the first answer {:.0} ms",
+            1e3 * made / assets as f64,
+            1e3 * stored / assets as f64,
+            1e3 * started
+        );
+        drop(service);
+        assets *= 10;
     }
 }

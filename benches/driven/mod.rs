@@ -71,14 +71,7 @@ impl Service {
 
     /// Describes a gear pair's asset and waits until its records can be compared.
     pub(crate) fn make_asset(&self, id: &str) {
-        let pair: toml::Value = toml::from_str(include_str!("../../fixtures/pairs/shen2022.toml")).expect("the fixture is TOML");
-        let asset = json!({ "id": id, "gear": { "teeth": [24, 36], "shaft_speed_hz": 16.6, "pair": pair }, "sensor": { "unit": "m/s2" } });
-        let teeth = asset["gear"]["pair"]["geometry"]["teeth"].clone();
-        let speed = asset["gear"]["pair"]["operation"]["shaft_speed_hz"].clone();
-        let mut asset = asset;
-        asset["gear"]["teeth"] = teeth;
-        asset["gear"]["shaft_speed_hz"] = speed;
-        self.post("/v1/assets", "application/json", asset.to_string().as_bytes());
+        self.post("/v1/assets", "application/json", described(id).to_string().as_bytes());
         while self.get(&format!("/v1/assets/{id}"))["summary"]["library_state"] != "ready" {
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -122,6 +115,15 @@ impl Drop for Service {
         let _ = self.child.wait();
         let _ = fs::remove_dir_all(&self.folder);
     }
+}
+
+/// The description of a gear pair's asset.
+pub(crate) fn described(id: &str) -> Value {
+    let pair: toml::Value = toml::from_str(include_str!("../../fixtures/pairs/shen2022.toml")).expect("the fixture is TOML");
+    let mut asset = json!({ "id": id, "gear": { "pair": pair }, "sensor": { "unit": "m/s2" } });
+    asset["gear"]["teeth"] = asset["gear"]["pair"]["geometry"]["teeth"].clone();
+    asset["gear"]["shaft_speed_hz"] = asset["gear"]["pair"]["operation"]["shaft_speed_hz"].clone();
+    asset
 }
 
 pub(crate) fn folder(name: &str) -> PathBuf {
