@@ -75,7 +75,8 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<P
     let limit = query::limit(asked.limit)?;
     let assets = app.ingest.store().assets(asked.cursor.as_deref(), limit + 1).await?;
     let (assets, next_cursor) = Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
-    let alarms = app.ingest.store().open_alarms(None).await?;
+    let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
+    let alarms = app.ingest.store().open_alarms(&ids).await?;
     let mut views = Vec::with_capacity(assets.len());
     for asset in assets {
         views.push(view_with(&app, asset, &alarms).await?);
@@ -171,7 +172,7 @@ async fn description(app: &App, headers: &HeaderMap, body: Body) -> Result<Asset
 }
 
 async fn view(app: &App, asset: Asset) -> Result<AssetView, Problem> {
-    let alarms = app.ingest.store().open_alarms(Some(&asset.spec.id)).await?;
+    let alarms = app.ingest.store().open_alarms(&[&asset.spec.id]).await?;
     view_with(app, asset, &alarms).await
 }
 

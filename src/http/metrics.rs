@@ -8,12 +8,13 @@ use std::time::Duration;
 use axum::extract::State;
 use axum::http::{Method, StatusCode, header};
 use axum::response::IntoResponse;
+use serde::Deserialize;
 
+use super::asset_metrics::{alarms, assets};
 use super::problem::Problem;
+use super::query::Parameters;
 use super::router::App;
-use crate::estimate::{AlarmState, Severity};
 use crate::ingest::FeedCount;
-use crate::store::{AlarmFilter, StoredAlarm};
 
 /// Upper bounds of the latency histogram in seconds.
 const BOUNDS_S: [f64; 12] = [0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0];
@@ -29,8 +30,15 @@ const KNOWN_METHODS: [Method; 7] = [
     Method::OPTIONS,
 ];
 
-/// Alarms that are shown, those that changed last.
-const MOST_ALARMS: u32 = 10_000;
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MetricsParameters {
+    /// Names of the indicators that are shown, with commas between them, for a fleet of which all would be too many; all where not given, none where
+    /// empty.
+    #[param(example = "rms,kurtosis,novelty")]
+    indicators: Option<String>,
+}
 
 /// What the API measures of itself, by method and route.
 #[derive(Debug, Default)]
@@ -68,14 +76,14 @@ impl Measurements {
 }
 
 /// The page's lines.
-struct Text(String);
+pub(super) struct Text(String);
 
 impl Text {
-    fn head(&mut self, name: &str, kind: &str, help: &str) {
+    pub(super) fn head(&mut self, name: &str, kind: &str, help: &str) {
         let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
     }
 
-    fn line(&mut self, name: &str, labels: &[(&str, &str)], value: impl std::fmt::Display) {
+    pub(super) fn line(&mut self, name: &str, labels: &[(&str, &str)], value: impl std::fmt::Display) {
         let labels: Vec<String> = labels
             .iter()
             .map(|(name, value)| {
@@ -102,12 +110,14 @@ impl Text {
     get,
     path = "/metrics",
     tag = "service",
+    params(MetricsParameters),
     responses((status = 200, body = String, content_type = "text/plain")),
 )]
-pub(super) async fn show(State(app): State<App>) -> Result<impl IntoResponse, Problem> {
+pub(super) async fn show(State(app): State<App>, Parameters(asked): Parameters<MetricsParameters>) -> Result<impl IntoResponse, Problem> {
+    let wanted: Option<Vec<&str>> = asked.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
     let mut text = Text(String::new());
     service(&app, &mut text).await?;
-    assets(&app, &mut text).await?;
+    assets(&app, wanted.as_deref(), &mut text).await?;
     alarms(&app, &mut text).await?;
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text.0))
 }
@@ -219,112 +229,4 @@ fn feeds(app: &App, text: &mut Text) {
     for feed in &feeds {
         text.line("flankwatch_feed_messages_held", &[("feed", feed.name())], feed.held());
     }
-}
-
-async fn alarms(app: &App, text: &mut Text) -> Result<(), Problem> {
-    let now = app.ingest.now();
-    let alarms = app.ingest.store().alarms(&AlarmFilter::default(), now, MOST_ALARMS).await?;
-    let mut alarms: Vec<_> = alarms.into_iter().map(|stored| (stored.quantity.to_string(), stored)).collect();
-    alarms.sort_by(|(a, left), (b, right)| (&left.asset_id, &left.channel, a).cmp(&(&right.asset_id, &right.channel, b)));
-    let mut gauge = |name: &str, help: &str, value: &dyn Fn(&StoredAlarm) -> u8| {
-        text.head(name, "gauge", help);
-        for (quantity, stored) in &alarms {
-            let labels = [
-                ("asset", stored.asset_id.as_str()),
-                ("channel", &stored.channel),
-                ("quantity", quantity.as_str()),
-            ];
-            text.line(name, &labels, value(stored));
-        }
-    };
-    gauge(
-        "flankwatch_alarm_severity",
-        "What is raised, shelved or not: 0 nothing, 1 warning, 2 danger.",
-        &|stored| match stored.alarm.severity() {
-            None => 0,
-            Some(Severity::Warning) => 1,
-            Some(Severity::Danger) => 2,
-        },
-    );
-    gauge(
-        "flankwatch_alarm_unacknowledged",
-        "Whether the alarm is to be acknowledged, also where it is over.",
-        &|stored| {
-            let state = stored.alarm.standing();
-            u8::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged))
-        },
-    );
-    gauge("flankwatch_alarm_shelved", "Whether the alarm is put aside.", &|stored| {
-        u8::from(stored.alarm.state(now) == AlarmState::Shelved)
-    });
-    Ok(())
-}
-
-async fn assets(app: &App, text: &mut Text) -> Result<(), Problem> {
-    let store = app.ingest.store();
-    let mut latest = Vec::new();
-    let mut after: Option<String> = None;
-    loop {
-        let assets = store.assets(after.as_deref(), 500).await?;
-        let Some(last) = assets.last() else { break };
-        after = Some(last.spec.id.to_string());
-        for asset in assets {
-            for channel in store.channels(&asset.spec.id).await? {
-                latest.extend(channel.last_segment);
-            }
-        }
-    }
-    let mut latest = store.segments_by_id(&latest).await?;
-    latest.sort_by(|a, b| (&a.asset_id, &a.channel).cmp(&(&b.asset_id, &b.channel)));
-    text.head(
-        "flankwatch_wear_depth_um",
-        "gauge",
-        "Quantiles of the wear depth after the latest record, in micrometres.",
-    );
-    for segment in &latest {
-        let wear = &segment.wear;
-        let quantiles = [
-            ("0.05", wear.p05_um),
-            ("0.25", wear.p25_um),
-            ("0.5", wear.median_um),
-            ("0.75", wear.p75_um),
-            ("0.95", wear.p95_um),
-        ];
-        for (quantile, value) in quantiles {
-            if let Some(value) = value {
-                let labels = [
-                    ("asset", segment.asset_id.as_str()),
-                    ("channel", &segment.channel),
-                    ("quantile", quantile),
-                ];
-                text.line("flankwatch_wear_depth_um", &labels, value);
-            }
-        }
-    }
-    text.head(
-        "flankwatch_indicator",
-        "gauge",
-        "Condition indicators of the latest record, in its unit.",
-    );
-    for segment in &latest {
-        for (name, value) in &segment.indicators.values {
-            let labels = [
-                ("asset", segment.asset_id.as_str()),
-                ("channel", &segment.channel),
-                ("indicator", name),
-            ];
-            text.line("flankwatch_indicator", &labels, value);
-        }
-    }
-    text.head(
-        "flankwatch_last_record_timestamp_seconds",
-        "gauge",
-        "Start of the latest record, in seconds since 1970.",
-    );
-    for segment in &latest {
-        let labels = [("asset", segment.asset_id.as_str()), ("channel", &segment.channel)];
-        let seconds = segment.start_time.as_nanosecond() as f64 / 1e9;
-        text.line("flankwatch_last_record_timestamp_seconds", &labels, seconds);
-    }
-    Ok(())
 }

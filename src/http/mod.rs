@@ -6,6 +6,7 @@
 mod access;
 mod alarms;
 mod angle;
+mod asset_metrics;
 mod assets;
 mod bare_refusals;
 mod body;

@@ -106,16 +106,15 @@ impl Store {
         row.as_ref().map(alarm_of).transpose()
     }
 
-    /// The alarms that are raised, to be acknowledged or put aside, of one asset or of all.
-    pub async fn open_alarms(&self, asset: Option<&AssetId>) -> Result<Vec<StoredAlarm>, StoreError> {
-        let text = format!(
-            "{ALARM} WHERE (l.standing <> 'normal' OR l.shelved_until_ns IS NOT NULL) AND (c.asset_id = $1 OR $1 = '') ORDER BY c.asset_id, c.channel_no, l.id"
-        );
-        let rows = sqlx::query(&text)
-            .bind(asset.map_or("", AssetId::as_str))
-            .fetch_all(self.read())
-            .await?;
-        rows.iter().map(alarm_of).collect()
+    /// The alarms of these assets that are raised, to be acknowledged or put aside.
+    pub async fn open_alarms(&self, assets: &[&AssetId]) -> Result<Vec<StoredAlarm>, StoreError> {
+        let text = |these: &str| {
+            format!(
+                "{ALARM} WHERE (l.standing <> 'normal' OR l.shelved_until_ns IS NOT NULL) AND c.asset_id IN ({these})
+                 ORDER BY c.asset_id, c.channel_no, l.id"
+            )
+        };
+        self.rows_of_assets(assets, text).await?.iter().map(alarm_of).collect()
     }
 
     /// The latest `limit` entries of an alarm's history, the earliest first, and how many there are.

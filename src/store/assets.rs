@@ -6,9 +6,12 @@ use jiff::Timestamp;
 use sqlx::any::AnyRow;
 use sqlx::{Any, Row, Transaction};
 
-use super::rows::{asset_id, from_ns, get, get_count, get_json, get_time, to_json, to_ns};
+use super::rows::{asset_id, from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns};
 use super::{SegmentKey, Store, StoreError, heard_through, raw};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
+
+/// Assets that one statement asks for, where there are many.
+const ASSETS_AT_ONCE: usize = 200;
 
 /// An asset as it is stored.
 #[derive(Debug, Clone, PartialEq)]
@@ -254,6 +257,26 @@ impl Store {
             .fetch_all(self.read())
             .await?;
         rows.iter().map(channel_of).collect()
+    }
+
+    /// The channels of these assets.
+    pub async fn channels_of(&self, assets: &[&AssetId]) -> Result<Vec<ChannelSummary>, StoreError> {
+        let text = |these: &str| format!("SELECT * FROM channels WHERE asset_id IN ({these}) ORDER BY asset_id, channel_no");
+        self.rows_of_assets(assets, text).await?.iter().map(channel_of).collect()
+    }
+
+    /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some of them.
+    pub(super) async fn rows_of_assets(&self, assets: &[&AssetId], text: impl Fn(&str) -> String) -> Result<Vec<AnyRow>, StoreError> {
+        let mut found = Vec::new();
+        for chunk in assets.chunks(ASSETS_AT_ONCE) {
+            let text = text(&placeholders(1, chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect().keeps(chunk.len()));
+            for asset in chunk {
+                query = query.bind(asset.as_str());
+            }
+            found.extend(query.fetch_all(self.read()).await?);
+        }
+        Ok(found)
     }
 
     /// A channel of an asset; none before its first record.
