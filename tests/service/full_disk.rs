@@ -94,8 +94,8 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
     is_readable(&service, &stored);
     // What was kept for a record whose rows had no room does not stay.
     let began = std::time::Instant::now();
-    while raw_objects(disk.path()) > stored.len() {
-        assert!(began.elapsed().as_secs() < 60, "{} raw objects", raw_objects(disk.path()));
+    while raw_objects(service.folder()) > stored.len() {
+        assert!(began.elapsed().as_secs() < 60, "{} raw objects", raw_objects(service.folder()));
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     std::fs::remove_file(&ballast).unwrap();
