@@ -18,9 +18,11 @@ use crate::recording::{BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFi
 /// Tries for one record while the server is busy or away.
 const TRIES: u32 = 8;
 
-/// Longest wait between two tries where the server does not say how long to wait, and where it does.
-const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
+/// Longest wait between two tries where the server does not say how long to wait.
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
+
+/// Longest wait that the server is given.
+const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
 
 /// Arguments of `flankwatch replay`.
 #[derive(Args)]

@@ -54,8 +54,8 @@ pub(super) enum Asked {
 pub(super) struct Access {
     tokens: TokenPlace,
     asked: Asked,
-    /// Set once tokens are asked for: that they all go away opens nothing.
-    is_closed: AtomicBool,
+    /// That they all go away opens nothing.
+    had_tokens: AtomicBool,
     rate: RateLimiter<String, HashMapStateStore<String>, DefaultClock>,
 }
 
@@ -63,7 +63,7 @@ impl Access {
     pub(super) fn new(tokens: TokenPlace, asked: Asked, requests_per_s: NonZeroU32) -> Self {
         Self {
             tokens,
-            is_closed: AtomicBool::new(asked == Asked::Everybody),
+            had_tokens: AtomicBool::new(false),
             asked,
             rate: RateLimiter::hashmap(Quota::per_second(requests_per_s)),
         }
@@ -83,12 +83,11 @@ impl Access {
             Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the tokens cannot be read, the log says why")
         })?;
         if tokens.is_some() {
-            self.is_closed.store(true, Ordering::Relaxed);
-        } else if !self.is_closed.load(Ordering::Relaxed) {
-            return match &self.asked {
-                Asked::OnceThereAreTokens { host_names } => refuse_other_hosts(uri, headers, host_names),
-                Asked::Everybody | Asked::Nobody => Ok(()),
-            };
+            self.had_tokens.store(true, Ordering::Relaxed);
+        } else if let Asked::OnceThereAreTokens { host_names } = &self.asked
+            && !self.had_tokens.load(Ordering::Relaxed)
+        {
+            return refuse_other_hosts(uri, headers, host_names);
         }
         let presented = headers
             .get(header::AUTHORIZATION)

@@ -51,13 +51,13 @@ impl Pieces<'_> {
 }
 
 /// How fast a body comes.
-struct Arrival {
+pub(super) struct Arrival {
     began: Instant,
     bytes: u64,
 }
 
 impl Arrival {
-    fn begin() -> Self {
+    pub(super) fn begin() -> Self {
         Self {
             began: Instant::now(),
             bytes: 0,
@@ -65,7 +65,7 @@ impl Arrival {
     }
 
     /// The next piece; a problem where nothing comes, or what comes is a trickle: it holds a place in the queue.
-    async fn next(&mut self, pieces: &mut Pieces<'_>, limits: &HttpLimits) -> Result<Option<Bytes>, Problem> {
+    pub(super) async fn next(&mut self, pieces: &mut Pieces<'_>, limits: &HttpLimits) -> Result<Option<Bytes>, Problem> {
         let slow = |what: String| Problem::new(StatusCode::REQUEST_TIMEOUT, what);
         let idle = limits.body_idle;
         let piece = tokio::time::timeout(idle, pieces.next()).await;

@@ -33,6 +33,7 @@ pub(super) fn metadata(spec: &AssetSpec, latest: &[Segment]) -> Vec<Entries> {
         });
         ("acquisition", flat(&acquisition))
     }));
+    all.retain(|(_, entries)| !entries.is_empty());
     all
 }
 

@@ -154,7 +154,8 @@ pub(super) struct RecordingAnswer {
 /// Answered when it is on the disk and in the database; in a cluster when its bytes are kept and it is in the workers' queue, with the `state`
 /// `queued` and the `id` of the segment that it becomes. The same bytes for the same asset, channel and time are one segment: a repeat is
 /// answered with that segment as it is now. With an `Idempotency-Key` a repeat has the first answer itself, with `Idempotency-Replayed: true`,
-/// and a recording that does not say when it began is of the time of its first receipt. A form (`multipart/form-data`) has its text fields, named as the parameters here, before its files.
+/// and a recording that does not say when it began is of the time of its first receipt. A form (`multipart/form-data`) has its text fields,
+/// named as the parameters here, before its files.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/segments",

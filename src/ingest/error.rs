@@ -114,13 +114,9 @@ pub enum IngestError {
 impl IngestError {
     /// Whether a record's raw bytes are not to be had any more. Its results are; an answer on many records goes without what needs the bytes.
     pub fn is_without_raw(&self) -> bool {
-        match self {
-            Self::RawGivenUp(_) => true,
-            Self::Store(StoreError::ObjectMissing(_) | StoreError::ObjectDamaged { .. }) => {
-                tracing::warn!(error = %self, "left out of an answer");
-                true
-            }
-            _ => false,
-        }
+        matches!(
+            self,
+            Self::RawGivenUp(_) | Self::Store(StoreError::ObjectMissing(_) | StoreError::ObjectDamaged { .. })
+        )
     }
 }

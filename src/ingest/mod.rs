@@ -29,6 +29,7 @@ mod occurrences;
 mod prepared;
 mod read_ahead;
 mod recall;
+mod recomputations;
 mod recompute;
 mod replay;
 mod replay_folder;
@@ -60,7 +61,7 @@ pub use feed::{Feed, FeedCount, Holding};
 pub use libraries::{Libraries, Readiness};
 pub use live_event::{LiveEvent, NumberedEvent};
 pub use recall::{AskedBand, SegmentEnvelope};
-pub use recompute::{Recomputation, RecomputationState};
+pub use recomputations::{Recomputation, RecomputationState};
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use retention::RawQuotas;
 pub use workers::{Ticket, Workers, with_analyzer};
@@ -189,7 +190,7 @@ struct Inner {
     libraries: Libraries,
     channels: channels::Channels,
     commits: group_commit::CommitQueue,
-    recomputations: recompute::Recomputations,
+    recomputations: recomputations::Recomputations,
     quotas: RawQuotas,
     looked_every: Duration,
     retaining: tokio::sync::Mutex<()>,
@@ -242,7 +243,7 @@ impl Ingest {
                 libraries: Libraries::new(source, grid, limits.neighbours, limits.library_wait, complete),
                 channels: channels::Channels::default(),
                 commits: group_commit::CommitQueue::default(),
-                recomputations: recompute::Recomputations::default(),
+                recomputations: recomputations::Recomputations::default(),
                 quotas: limits.quotas,
                 looked_every: limits.looked_every,
                 retaining: tokio::sync::Mutex::default(),

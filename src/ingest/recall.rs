@@ -24,7 +24,7 @@ impl Ingest {
             Err(IngestError::Store(StoreError::ObjectMissing(name))) if !self.inner.store.keeps_raw(&segment.asset_id, &name).await? => {
                 return Err(IngestError::RawGivenUp(segment.id.clone()));
             }
-            read => read?,
+            read => read.inspect_err(|error| tracing::warn!(segment = %segment.id, %error, "raw recording cannot be read"))?,
         };
         let decode = move || decode_again(&bytes, &raw, &defaults);
         self.inner.workers.run("read a record", decode).await?
