@@ -117,10 +117,6 @@ pub struct GearSpec {
     /// The gear pair for the wear library. Without it indicators are computed, and no wear is claimed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pair: Option<PairSpec>,
-    /// The shape of the wear in `pair` is known, from a measured flank for example. Where it is not, the interval allows for other shapes, whose
-    /// greatest depths are 0.6 to 1.7 times that of the described shape which changes the vibration alike.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub wear_shape_known: bool,
 }
 
 /// The accelerometer of an asset.

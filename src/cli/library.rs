@@ -228,20 +228,18 @@ fn table(library: &Library) -> String {
     text
 }
 
-/// A pair's library and its neighbours from the data folder's `libraries`, simulated where they are not kept yet.
-pub(super) fn kept_ensemble(data_dir: &Path, pair: &PairSpec, one_rule: bool) -> Result<Arc<Ensemble>, CliError> {
+/// A pair's library and the ensemble around it from the data folder's `libraries`, simulated where they are not kept yet.
+pub(super) fn kept_ensemble(data_dir: &Path, pair: &PairSpec, members: usize) -> Result<Arc<Ensemble>, CliError> {
     let shelf = LibraryShelf::new(data_dir.join("libraries"));
     let grid = GridSettings::default();
     let bar = progress_bar(grid.states as u64, "wear states");
     let progress = |done: usize, _| bar.set_position(done as u64);
     let library = shelf.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
     bar.finish_and_clear();
-    let settings = EnsembleSettings {
-        other_rule: !one_rule,
-        ..EnsembleSettings::default()
-    };
-    let bar = progress_bar(settings.libraries() as u64, "libraries around it");
-    let ensemble = shelf.ensemble(library, &settings, &|done, _| bar.set_position(done as u64))?;
+    let settings = EnsembleSettings { members };
+    let bar = progress_bar(members as u64, "pairs like it");
+    let progress = |done: usize, _| bar.set_position(done as u64);
+    let ensemble = shelf.ensemble(library, &settings, &BuildControl::with_progress(&progress))?;
     bar.finish_and_clear();
     Ok(Arc::new(ensemble))
 }

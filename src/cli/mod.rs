@@ -15,6 +15,7 @@ mod mqtt;
 mod node;
 mod output;
 mod pair_file;
+mod recorded_runs;
 mod replay;
 mod serve;
 mod simulate;

@@ -10,8 +10,8 @@ use super::IngestError;
 use super::keys::{analysis_keys, fold_key};
 use super::library_source::LibrarySource;
 use crate::asset::AssetSpec;
-use crate::estimate::{AlarmRule, EstimatorSettings, Tracker, shape_deviation};
-use crate::library::{Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, library_id};
+use crate::estimate::{AlarmRule, EstimatorSettings, Tracker};
+use crate::library::{Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, ensemble_id, library_id};
 
 /// The error of an asset whose library is not there yet.
 const SIMULATING: IngestError = IngestError::Busy {
@@ -150,24 +150,29 @@ impl Libraries {
                 }
             };
             tracing::info!(library = %built_id, "library ready");
-            sender.send_replace(Readiness::Ready(Arc::clone(&library)));
-            if neighbours.libraries() == 1 {
+            let keep = |ensemble: Ensemble| {
+                let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
+                ensembles.insert(built_id.clone(), Arc::new(ensemble));
+            };
+            let alone = || Ensemble::of(Arc::clone(&library));
+            if neighbours.members == 0 {
+                sender.send_replace(Readiness::Ready(library));
                 return;
             }
-            // Records need not wait for the neighbours: when they are there, histories are folded again with them.
-            let ensemble = match source.ensemble(Arc::clone(&library), &neighbours) {
+            // Records wait for the first members alone: when the rest are there, histories are folded again with them.
+            let first = source.ensemble(&alone(), &neighbours.first()).unwrap_or_else(|error| {
+                tracing::error!(library = %built_id, %error, "failed to simulate the first members of the ensemble");
+                alone()
+            });
+            keep(first.clone());
+            sender.send_replace(Readiness::Ready(Arc::clone(&library)));
+            match source.ensemble(&first, &neighbours) {
                 Ok(ensemble) => {
-                    tracing::info!(library = %built_id, members = ensemble.members().len(), "neighbours ready");
-                    ensemble
+                    tracing::info!(library = %built_id, members = ensemble.members().len(), "ensemble ready");
+                    keep(ensemble);
                 }
-                Err(error) => {
-                    tracing::error!(library = %built_id, %error, "neighbours failed");
-                    Ensemble::of(library)
-                }
-            };
-            let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-            ensembles.insert(built_id.clone(), Arc::new(ensemble));
-            drop(ensembles);
+                Err(error) => tracing::error!(library = %built_id, %error, "failed to simulate the ensemble"),
+            }
             // Nobody is told where the service has ended meanwhile.
             let _ = complete.send(built_id);
         };
@@ -210,7 +215,8 @@ impl Libraries {
     pub(super) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
         let Some(id) = self.id_for(spec) else { return false };
         let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-        self.neighbours.libraries() > 1 && !ensembles.contains_key(&id)
+        let whole = ensemble_id(&id, &self.neighbours);
+        self.neighbours.members > 0 && ensembles.get(&id).is_none_or(|ensemble| ensemble.id() != whole)
     }
 
     /// The tracker of a fold key, where it was in use since the start.
@@ -223,7 +229,6 @@ impl Libraries {
         let settings = EstimatorSettings {
             baseline_records: spec.baseline.records,
             limit_um: spec.limits.danger_um.or(spec.limits.warning_um),
-            shape_deviation: shape_deviation(spec.gear.wear_shape_known),
         };
         let feature_key = analysis_keys(spec).feature;
         let rules = spec.alarm_rules();

@@ -178,6 +178,7 @@ fn kind_words(kind: MaintenanceKind) -> &'static str {
         MaintenanceKind::GearReplaced => "gear replaced",
         MaintenanceKind::SensorReplaced => "sensor replaced",
         MaintenanceKind::RegimeChanged => "other speed or load",
+        MaintenanceKind::Inspected => "wear measured",
     }
 }
 
@@ -233,6 +234,7 @@ mod tests {
                 kind: MaintenanceKind::GearReplaced,
                 by: "Ada".to_owned(),
                 comment: "new <pair>".to_owned(),
+                inspection: None,
             }],
             ..Report::default()
         };

@@ -166,7 +166,12 @@ fn named_at_the_top(text: &str, depth: usize) -> Vec<String> {
 
 /// The name that a path begins with, or those of a group in braces.
 fn first_names(path: &str) -> Vec<String> {
-    let name = |text: &str| -> String { text.trim_start().chars().take_while(|c| c.is_ascii_lowercase() || *c == '_').collect() };
+    let name = |text: &str| -> String {
+        text.trim_start()
+            .chars()
+            .take_while(|c| c.is_ascii_lowercase() || *c == '_')
+            .collect()
+    };
     let Some(group) = path.strip_prefix('{') else {
         return vec![name(path)];
     };

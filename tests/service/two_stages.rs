@@ -180,7 +180,7 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
         let mut asset = json!({
             "id": id,
             "gear": {
-                "teeth": pair.geometry.teeth, "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair, "wear_shape_known": true,
+                "teeth": pair.geometry.teeth, "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair,
             },
             "limits": { "danger_um": 120.0 },
             "baseline": { "records": 16 },

@@ -18,7 +18,9 @@ use super::{ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair};
 const CELLS: usize = 64;
 /// Greatest change of any depth in mm before forces and gaps are worked out anew. A step of a fifth of it changes no depth between root and
 /// tip by more than 3 % of the greatest.
-const STEP_MM: f64 = 2.5e-3;
+pub(super) const STEP_MM: f64 = 2.5e-3;
+/// The same where many courses of wear are compared. The depths differ by a few per cent.
+pub(super) const COARSE_STEP_MM: f64 = 5e-3;
 /// Places to a cell at which the contact's pressure is worked out.
 const PLACES: f64 = 2.0;
 /// Most steps of one course of wear.
@@ -40,7 +42,12 @@ impl ArchardWear {
     /// [`GearError::Field`] for depths that do not rise from 0, or leave less than half of the tooth; [`GearError::NoContact`] where the worn
     /// flanks no longer carry the mesh over the whole period.
     pub fn at_depths(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
-        let mut course = Course::new(pair, STEP_MM)?;
+        Self::at_depths_in_steps(pair, depths_mm, STEP_MM)
+    }
+
+    /// The same with forces and gaps worked out anew after every `step_mm` of wear.
+    pub(super) fn at_depths_in_steps(pair: &GearPair, depths_mm: &[f64], step_mm: f64) -> Result<Vec<Self>, GearError> {
+        let mut course = Course::new(pair, step_mm)?;
         let mut least = 0.0;
         let mut states = Vec::with_capacity(depths_mm.len());
         for depth_mm in depths_mm {

@@ -66,12 +66,14 @@ pub(super) fn check_physics(spec: &PairSpec) -> Result<(), GearError> {
     let ErrorSpec {
         long_period_um,
         short_period_um,
+        short_period_phase,
         random_um,
         random_clock_hz,
         seed: _,
     } = spec.errors;
     within("errors.long_period_um", long_period_um, 0.0, 1e4)?;
     within("errors.short_period_um", short_period_um, 0.0, 1e4)?;
+    within("errors.short_period_phase", short_period_phase, -1.0, 1.0)?;
     within("errors.random_um", random_um, 0.0, 1e4)?;
     within("errors.random_clock_hz", random_clock_hz, 1.0, 1e7)?;
     positive("wear.coefficient", spec.wear.coefficient, 1.0)?;

@@ -3,12 +3,10 @@
 use std::cell::OnceCell;
 
 use super::load_sharing::{Candidate, ElasticBodies, MOST_PAIRS, Sharing};
-use super::mesh_cycle::CyclePiece;
+use super::mesh_cycle::{CyclePiece, Resolution};
 use super::tooth_touch::{ToothPair, ToothTouch};
 use super::{FlankWear, GearError, GearPair, MeshCycle};
 
-/// Least cells of the mesh period: a kink within a cell is rounded off, which with half as many takes 0.12 % off a worn pair's response.
-const LEAST_CELLS: usize = 2000;
 /// Mesh periods before the nominal start and after the nominal end of contact in which a pair may carry.
 const BEYOND: f64 = 0.45;
 
@@ -126,8 +124,18 @@ impl MeshCycle {
     /// # Errors
     /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where no pair can touch.
     pub fn loaded(pair: &GearPair, bodies: &ElasticBodies, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
+        Self::loaded_at(pair, bodies, wear, points, Resolution::Fine)
+    }
+
+    pub(super) fn loaded_at(
+        pair: &GearPair,
+        bodies: &ElasticBodies,
+        wear: &FlankWear,
+        points: usize,
+        resolution: Resolution,
+    ) -> Result<Self, GearError> {
         super::error::within("points", points as f64, 2.0, 1e6)?;
-        let every = LEAST_CELLS.div_ceil(points);
+        let every = resolution.loaded_cells().div_ceil(points);
         let cells = points * every;
         let teeth = ToothPair::new(pair, wear, &bodies.outlines);
         let passage = Passage::new(pair, &teeth, cells);

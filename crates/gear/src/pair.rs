@@ -202,6 +202,9 @@ pub struct ErrorSpec {
     pub long_period_um: f64,
     /// Amplitude A₂ of the once-per-tooth error in µm.
     pub short_period_um: f64,
+    /// Phase of the once-per-tooth error in mesh periods, from the nominal start of contact on.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub short_period_phase: f64,
     /// Range of the random error in µm.
     pub random_um: f64,
     /// Clock on which the random error takes new values, in hertz.
@@ -268,9 +271,16 @@ pub struct WearSpec {
     pub coefficient: f64,
     /// H: indentation hardness of the driving and the driven flanks in Pa, for the shape `archard`.
     pub hardness_pa: [f64; 2],
+    /// Whether this shape was measured on the machine's own gears, so that the wear estimate need not doubt it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub measured: bool,
     /// Depths over the radius of the unworn flank, for the shape `table`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub table: Vec<WearPoint>,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 mod defaults {
@@ -325,6 +335,7 @@ impl Default for ErrorSpec {
         Self {
             long_period_um: 30.0,
             short_period_um: 15.0,
+            short_period_phase: 0.0,
             random_um: 0.2,
             random_clock_hz: 20_000.0,
             seed: 1,
@@ -341,6 +352,7 @@ impl Default for WearSpec {
             exponent: 4.0,
             coefficient: 1.7e-7,
             hardness_pa: [7e9, 7e9],
+            measured: false,
             table: Vec::new(),
         }
     }

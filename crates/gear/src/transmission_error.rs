@@ -72,9 +72,9 @@ pub(super) fn long_period_m(spec: &ErrorSpec, shaft_turns: f64) -> f64 {
     spec.long_period_um * 1e-6 * (TAU * shaft_turns).sin()
 }
 
-/// e_A2 in metres at a place in mesh periods: A₂ sin(2π f_m t).
+/// e_A2 in metres at a place in mesh periods: A₂ sin(2π (f_m t + ψ)) with the phase ψ in mesh periods.
 pub(super) fn short_period_m(spec: &ErrorSpec, mesh_periods: f64) -> f64 {
-    spec.short_period_um * 1e-6 * (TAU * mesh_periods).sin()
+    spec.short_period_um * 1e-6 * (TAU * (mesh_periods + spec.short_period_phase)).sin()
 }
 
 #[cfg(test)]

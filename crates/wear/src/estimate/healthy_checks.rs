@@ -2,7 +2,7 @@
 
 use super::baseline::{Baseline, HealthyFeature};
 use super::healthy::SpeedKernels;
-use super::hypotheses::Deviation;
+use super::novelty::Deviation;
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 
@@ -50,8 +50,8 @@ impl HealthyChecks {
             let change = match ensemble.filter(|_| wears) {
                 None => vec![0.0],
                 Some(ensemble) => {
-                    let curves = ensemble.members()[0].curves();
-                    let change = |um: &f64| CHECK_PART * curves.change(&feature.name, *um).unwrap_or(0.0);
+                    let library = ensemble.described();
+                    let change = |um: &f64| CHECK_PART * library.check_change(&feature.name, *um).unwrap_or(0.0);
                     depths_um.iter().map(change).collect()
                 }
             };

@@ -6,26 +6,26 @@
 
 mod alarm;
 mod baseline;
-mod belief;
 mod chart;
 mod depth_grid;
 mod event;
+mod filter;
+mod growth;
 mod healthy;
 mod healthy_checks;
-mod hypotheses;
+mod healthy_lines;
+mod likelihood;
 mod novelty;
-mod path_gain;
 mod prognosis;
 mod tracker;
-mod transition;
 mod wear;
 
 pub use alarm::{
     ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmError, AlarmPanel, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings,
     AlarmState, PanelAction, PanelChange, Severity,
 };
-pub use event::{MaintenanceEvent, MaintenanceKind};
+pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
-pub use tracker::{EstimatorSettings, KNOWN_SHAPE, METHOD, Tracker, TrackerState, UNKNOWN_SHAPE, shape_deviation};
-pub use wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};
+pub use tracker::{EstimatorSettings, METHOD, Tracker, TrackerState};
+pub use wear::{BaselineProgress, BestState, Interval, Posterior, WearEstimate, WearStatus};

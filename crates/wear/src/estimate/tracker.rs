@@ -6,20 +6,22 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
-use super::belief::{Belief, Updated};
 use super::chart::Charts;
 use super::depth_grid::DepthGrid;
-use super::event::{MaintenanceEvent, MaintenanceKind};
-use super::hypotheses::{Beginning, Hypotheses};
+use super::event::{Inspection, MaintenanceEvent, MaintenanceKind};
+use super::filter::{Believed, Filter};
+use super::growth::Growth;
+use super::healthy_checks::HealthyChecks;
+use super::healthy_lines::{HealthyLines, Measured};
+use super::likelihood::{Anchor, Discrepancy, Likelihood};
 use super::novelty::{Novelty, judge};
-use super::prognosis::{Now, WearHistory};
-use super::transition::Growth;
-use super::wear::{BaselineProgress, BestState, WearEstimate, WearStatus};
-use crate::library::{Ensemble, Library};
+use super::prognosis::prognosis;
+use super::wear::{BaselineProgress, BestState, Interval, WearEstimate, WearStatus};
+use crate::library::{DEPTHS, Ensemble, Library, MESH_LINES};
 use flankwatch_signal::{Features, PREPROCESSING};
 
 /// Identifier of the estimator.
-pub const METHOD: &str = "path-filter-2";
+pub const METHOD: &str = "ensemble-filter-1";
 
 /// Fewest lines that a comparison is made on.
 const LEAST_LINES: usize = 3;
@@ -27,17 +29,14 @@ const LEAST_LINES: usize = 3;
 /// An interval of the tracked depth wider than this part of the library says that the records do not tell.
 const WIDEST_INTERVAL: f64 = 0.6;
 
-/// [`EstimatorSettings::shape_deviation`] where nobody has measured the shape of the wear: exponents from 2.5 to 6 for 4, tip ratios from 0.4 for 0.7 and floors to
-/// 0.3 for 0.05 look like the described shape at 0.66 to 1.4 times their greatest depth.
-pub const UNKNOWN_SHAPE: f64 = 0.32;
+/// Longest interval between two records in units of growth: what a machine does while nobody records is not known.
+const MAX_UNITS: f64 = 100.0;
 
-/// The same where the shape is known.
-pub const KNOWN_SHAPE: f64 = 0.0;
+/// Part of the newest record in the mean of the lines that an inspection is compared with.
+const NEWEST_PART: f32 = 0.3;
 
-/// [`EstimatorSettings::shape_deviation`] of a shape that is known or not.
-pub fn shape_deviation(known: bool) -> f64 {
-    if known { KNOWN_SHAPE } else { UNKNOWN_SHAPE }
-}
+/// Records in a row whose own best depth lies outside the interval before the search begins anew.
+const MAX_DISAGREEING: u8 = 10;
 
 /// What a user decides about the estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,9 +45,6 @@ pub struct EstimatorSettings {
     pub baseline_records: u32,
     /// Wear depth in µm that the prognosis is about.
     pub limit_um: Option<f64>,
-    /// Standard deviation of the logarithm of the true greatest depth over that of the described shape of wear which changes the vibration alike:
-    /// how unsure the described shape is. Wear of another shape looks like the described one at another depth.
-    pub shape_deviation: f64,
 }
 
 /// What is known after the records so far; an exact copy in JSON continues with the same bits.
@@ -71,9 +67,16 @@ enum Stage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Tracking {
     baseline: Baseline,
-    carried: Option<Carried>,
-    belief: Option<Belief>,
-    history: WearHistory,
+    /// Seconds between two records of the baseline on the mean, and the time of the newest record.
+    unit_s: f64,
+    newest: Timestamp,
+    filter: Option<Filter>,
+    /// By member, the depth at which the baseline was taken; none for a new machine.
+    reference: Option<Vec<u8>>,
+    anchor: Option<Anchor>,
+    /// Mean change of each line over the last records.
+    recent: Vec<f32>,
+    disagreeing: u8,
     #[serde(default)]
     charts: Charts,
     #[serde(skip)]
@@ -89,16 +92,22 @@ struct Meshless {
     prepared: Prepared,
 }
 
-/// What goes on over a new baseline: what was believed before, and the history of wear.
+/// What goes on over a new baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Carried {
-    beginning: Beginning,
-    history: WearHistory,
+    filter: Filter,
+}
+
+/// What follows from the baseline.
+#[derive(Debug)]
+struct Healthy {
+    lines: HealthyLines,
+    checks: HealthyChecks,
 }
 
 /// What follows from the baseline and is worked out again where a state was read.
 #[derive(Debug, Clone, Default)]
-struct Prepared(Option<Arc<Hypotheses>>);
+struct Prepared(Option<Arc<Healthy>>);
 
 impl PartialEq for Prepared {
     /// It says nothing that the baseline does not say.
@@ -114,6 +123,7 @@ pub struct Tracker {
     ensemble: Option<Arc<Ensemble>>,
     grid: DepthGrid,
     growth: Growth,
+    discrepancy: Option<Discrepancy>,
 }
 
 impl Tracker {
@@ -121,14 +131,14 @@ impl Tracker {
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>) -> Self {
         let grid = ensemble
             .as_deref()
-            .map(|ensemble| DepthGrid::up_to(ensemble.described().max_wear_um()))
+            .map(|ensemble| DepthGrid::of(ensemble.depths_um()))
             .unwrap_or_default();
-        let growth = Growth::on(grid.depths_um());
         Self {
             settings,
-            ensemble,
+            growth: Growth::on(grid.depths_um()),
+            discrepancy: ensemble.as_deref().map(Discrepancy::of),
             grid,
-            growth,
+            ensemble,
         }
     }
 
@@ -162,17 +172,8 @@ impl Tracker {
                 records.push(features.clone());
                 let (have, need) = (records.len() as u32, self.settings.baseline_records);
                 if have >= need {
-                    let history = carried
-                        .as_ref()
-                        .map_or_else(|| WearHistory::from(start.unwrap_or(at)), |carried| carried.history.clone());
-                    state.0 = Stage::Tracking(Box::new(Tracking {
-                        baseline: Baseline::of(records),
-                        carried: carried.take(),
-                        belief: None,
-                        history,
-                        charts: Charts::default(),
-                        prepared: Prepared::default(),
-                    }));
+                    let began = start.unwrap_or(at);
+                    state.0 = Stage::Tracking(Box::new(self.begin(records, began, at, carried.take())));
                 }
                 self.no_number(
                     WearStatus::CollectingBaseline,
@@ -184,12 +185,40 @@ impl Tracker {
         }
     }
 
-    /// Takes an event: a new baseline is learnt, and unless the gear was replaced, wear goes on from where it was.
+    /// The tracking after a baseline of these records, which began at `began` and ended at `ended`.
+    fn begin(&self, records: &[Features], began: Timestamp, ended: Timestamp, carried: Option<Carried>) -> Tracking {
+        let intervals = records.len().saturating_sub(1).max(1) as f64;
+        let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
+        let filter = carried.map(|carried| carried.filter).filter(|filter| filter.fits(members));
+        Tracking {
+            baseline: Baseline::of(records),
+            unit_s: ended.duration_since(began).as_secs_f64().max(0.0) / intervals,
+            newest: ended,
+            reference: filter.as_ref().map(Filter::mean_depths),
+            filter,
+            anchor: None,
+            recent: vec![f32::NAN; MESH_LINES],
+            disagreeing: 0,
+            charts: Charts::default(),
+            prepared: Prepared::default(),
+        }
+    }
+
+    /// Takes an event: an inspection says how deep the wear is; else a new baseline is learnt, and unless the gear was replaced, wear goes
+    /// on from where it was.
     pub fn event(&self, state: &mut TrackerState, event: &MaintenanceEvent) {
         let carried = match (&mut state.0, event.kind) {
+            (Stage::Tracking(tracking), MaintenanceKind::Inspected) => {
+                if let Some(inspection) = &event.inspection {
+                    self.inspect(tracking, inspection);
+                }
+                return;
+            }
+            // Nothing has been compared yet that a depth could tell from.
+            (Stage::Collecting { .. }, MaintenanceKind::Inspected) => return,
             (_, MaintenanceKind::GearReplaced) => None,
             (Stage::Collecting { carried, .. }, _) => carried.take(),
-            (Stage::Tracking(tracking), _) => self.carried(tracking),
+            (Stage::Tracking(tracking), _) => tracking.filter.take().map(|filter| Carried { filter }),
         };
         state.0 = Stage::Collecting {
             records: Vec::new(),
@@ -199,13 +228,37 @@ impl Tracker {
         };
     }
 
-    fn carried(&self, tracking: &mut Tracking) -> Option<Carried> {
-        let hypotheses = self.prepare(tracking);
-        let belief = tracking.belief.as_ref()?;
-        Some(Carried {
-            beginning: belief.carried(&hypotheses, &self.grid),
-            history: tracking.history.clone(),
-        })
+    /// Takes a depth that was measured on the teeth.
+    fn inspect(&self, tracking: &mut Tracking, inspection: &Inspection) {
+        let Some(ensemble) = self.ensemble.as_deref() else { return };
+        let members = ensemble.members().len();
+        let filter = match tracking.filter.take() {
+            Some(filter) if filter.fits(members) => filter,
+            _ => Filter::start(self.grid.depths_um(), members),
+        };
+        let filter = tracking.filter.insert(filter);
+        let gear = inspection.gear.map(|gear| usize::from(gear.saturating_sub(1)));
+        let at_place = |member: &crate::library::Member| member.at_place(gear, inspection.place);
+        let likelihood: Vec<f32> = ensemble
+            .members()
+            .iter()
+            .flat_map(|member| {
+                let parts = at_place(member);
+                let deviates = self.grid.cells().zip(parts).map(|([low, high], part)| {
+                    // The error of a cell is the measured one's and the cell's own width.
+                    let (middle, width) = (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
+                    let variance = inspection.error_um * inspection.error_um + width * width / 12.0;
+                    (-0.5 * (inspection.depth_um - middle).powi(2) / variance).exp().max(1e-30) as f32
+                });
+                deviates.collect::<Vec<_>>()
+            })
+            .collect();
+        filter.inspect(&likelihood);
+        tracking.anchor = Some(Anchor {
+            depths: Anchor::depths_at(ensemble, inspection.depth_um, gear, inspection.place),
+            changes: tracking.recent.clone(),
+        });
+        tracking.disagreeing = 0;
     }
 
     /// Why a record cannot be part of the baseline.
@@ -232,9 +285,13 @@ impl Tracker {
         );
         if known {
             let Meshless { records, charts, prepared } = meshless;
-            let make = || Arc::new(Hypotheses::new(&Baseline::of(records), None, &[], None));
-            let hypotheses = prepared.0.get_or_insert_with(make);
-            let novelty = judge(features, &hypotheses.deviations(features, None), hypotheses.freedom(), charts);
+            let healthy = prepared.0.get_or_insert_with(|| self.healthy(&Baseline::of(records)));
+            let novelty = judge(
+                features,
+                &[Vec::new(), healthy.checks_at(features, 0)],
+                healthy.checks.freedom(),
+                charts,
+            );
             self.tell_novelty(&mut answer, novelty);
         } else if usable {
             meshless.records.push(features.clone());
@@ -242,31 +299,34 @@ impl Tracker {
         answer
     }
 
-    fn prepare(&self, tracking: &mut Tracking) -> Arc<Hypotheses> {
-        let Tracking {
-            baseline,
-            carried,
-            prepared,
-            ..
-        } = tracking;
-        let make = || {
-            let beginning = carried.as_ref().map(|carried| &carried.beginning);
-            Arc::new(Hypotheses::new(
-                baseline,
-                self.ensemble.as_deref(),
-                self.grid.depths_um(),
-                beginning,
-            ))
+    fn healthy(&self, baseline: &Baseline) -> Arc<Healthy> {
+        let nominal = match self.ensemble.as_deref() {
+            Some(ensemble) => {
+                let operation = &ensemble.described().pair().operation;
+                [operation.shaft_speed_hz, operation.torque_nm]
+            }
+            None => [0, 1].map(|i| baseline.points.iter().find_map(|point| point[i]).unwrap_or(1.0)),
         };
-        Arc::clone(prepared.0.get_or_insert_with(make))
+        let lines = HealthyLines::new(baseline, nominal);
+        let log_speeds = lines.log_speeds(baseline);
+        Arc::new(Healthy {
+            checks: HealthyChecks::new(baseline, log_speeds, self.ensemble.as_deref(), self.grid.depths_um()),
+            lines,
+        })
     }
 
     fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let hypotheses = self.prepare(tracking);
-        let Some(ensemble) = self.ensemble.as_deref() else {
-            let deviations = hypotheses.deviations(features, None);
-            let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
+        let Tracking { baseline, prepared, .. } = &mut *tracking;
+        let healthy = Arc::clone(prepared.0.get_or_insert_with(|| self.healthy(baseline)));
+        let freedom = healthy.checks.freedom();
+        let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
+            let novelty = judge(
+                features,
+                &[Vec::new(), healthy.checks_at(features, 0)],
+                freedom,
+                &mut tracking.charts,
+            );
             let mut answer = self.no_number(
                 WearStatus::NoLibrary,
                 need,
@@ -275,58 +335,90 @@ impl Tracker {
             self.tell_novelty(&mut answer, novelty);
             return answer;
         };
-        if hypotheses.lines() < LEAST_LINES {
+        if healthy.lines.len() < LEAST_LINES {
             let reason = format!(
-                "{} lines stand above the noise in the baseline, expected at least {LEAST_LINES}: wear cannot be told from this channel",
-                hypotheses.lines()
+                "{} lines stand above the noise in the baseline, expected at least {LEAST_LINES}: this channel cannot show wear",
+                healthy.lines.len()
             );
             return self.no_number(WearStatus::NotIdentifiable, need, &reason);
         }
-        let belief = match &mut tracking.belief {
-            Some(belief) if belief.fits(&hypotheses, &self.grid) => belief,
-            other => other.insert(Belief::start(&hypotheses, &self.grid)),
-        };
-        let compared = hypotheses.compare(features, ensemble, belief.path());
-        if compared.lines == 0 {
+        let measured = healthy.lines.measured(features);
+        if measured.lines.is_empty() {
             let mut answer = self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's lines");
             // Less than usual without a mesh line is a machine that stands still.
-            let mut deviations = hypotheses.deviations(features, None);
-            deviations[1].retain(|deviation| deviation.residual > 0.0);
-            let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
+            let mut checks = healthy.checks_at(features, 0);
+            checks.retain(|deviation| deviation.residual > 0.0);
+            let novelty = judge(features, &[Vec::new(), checks], freedom, &mut tracking.charts);
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
-        let best = compared.best(self.grid.depths_um().len());
-        let deviations = hypotheses.deviations(features, Some((&compared, best)));
-        let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
+        let (reference, anchor) = (tracking.reference.as_deref(), tracking.anchor.as_ref());
+        let likelihood = discrepancy.compare(ensemble, &measured, reference, anchor);
+        let lines = discrepancy.deviations(ensemble, &measured, likelihood.best, reference, anchor);
+        let checks = healthy.checks_at(features, likelihood.best.1);
+        let novelty = judge(features, &[lines, checks], freedom, &mut tracking.charts);
         if novelty.outside {
             // What is not wear does not move the estimate of wear.
             let mut answer = self.no_number(WearStatus::OutsideLibrary, need, "");
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
-        let updated = belief.update(&compared, &hypotheses, &self.grid, &self.growth);
-        let tracked = belief.probability(&self.grid);
-        let probability = belief.spread_probability(&self.grid, self.settings.shape_deviation);
-        let member = hypotheses.all[updated.best.0].member;
-        let resolved = hypotheses.resolved(&compared, belief.likeliest(&self.grid));
-        let [low, median, high] = [0.05, 0.5, 0.95].map(|level| self.grid.quantile_um(&tracked, level));
-        let told = high - low <= WIDEST_INTERVAL * ensemble.described().max_wear_um();
-        let mut answer = self.answer(ensemble, &probability, &updated, member, told);
-        answer.resolved_um = Some(resolved.map(|point| self.grid.depths_um()[point]));
-        let half_width = 0.5 * (high - low);
-        tracking.history.push(at, median, half_width);
+        let believed = self.take(tracking, at, &measured, &likelihood);
+        let mut answer = self.answer(ensemble, &believed, &likelihood);
+        let median_outside = self.disagrees(&answer, &likelihood);
+        tracking.disagreeing = if median_outside {
+            tracking.disagreeing.saturating_add(1)
+        } else {
+            0
+        };
+        if tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated {
+            answer.status = WearStatus::NotIdentifiable;
+            answer.reason = format!("{}: the last records say otherwise than those before", answer.reason);
+        }
         if let Some(limit_um) = self.settings.limit_um {
-            let now = Now {
-                at,
-                depth_um: median,
-                half_width_um: half_width,
-            };
-            answer.prognosis = tracking.history.prognosis(now, limit_um, self.settings.shape_deviation);
-            answer.above_limit = Some(self.grid.probability_above(&probability, limit_um));
+            answer.prognosis = prognosis(&believed.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
+            answer.above_limit = Some(self.grid.probability_above(&believed.by_depth(), limit_um));
         }
         answer.novelty = Some(novelty);
         answer
+    }
+
+    /// Whether the depth that explains a record best by itself lies outside the interval.
+    fn disagrees(&self, answer: &WearEstimate, likelihood: &Likelihood) -> bool {
+        let best_um = self.grid.depths_um()[likelihood.best.1];
+        match (answer.p05_um, answer.p95_um) {
+            (Some(low), Some(high)) => !(low..=high).contains(&best_um),
+            _ => false,
+        }
+    }
+
+    /// Lets wear grow up to a record, and takes it.
+    fn take(&self, tracking: &mut Tracking, at: Timestamp, measured: &Measured, likelihood: &Likelihood) -> Believed {
+        let members = likelihood.log.len() / DEPTHS;
+        let since_s = at.duration_since(tracking.newest).as_secs_f64();
+        let units = if tracking.unit_s > 0.0 {
+            (since_s / tracking.unit_s).clamp(0.0, MAX_UNITS)
+        } else {
+            1.0
+        };
+        tracking.newest = at.max(tracking.newest);
+        for line in &measured.lines {
+            let recent = &mut tracking.recent[line.index];
+            let change = line.change as f32;
+            *recent = if recent.is_finite() {
+                *recent + NEWEST_PART * (change - *recent)
+            } else {
+                change
+            };
+        }
+        let filter = match tracking.filter.take() {
+            Some(filter) if filter.fits(members) => filter,
+            _ => Filter::start(self.grid.depths_um(), members),
+        };
+        tracking
+            .filter
+            .insert(filter)
+            .update(&self.growth, units * measured.load, likelihood)
     }
 
     /// Puts a record's novelty into an answer without a number.
@@ -353,31 +445,43 @@ impl Tracker {
         answer.novelty = Some(novelty);
     }
 
-    fn answer(&self, ensemble: &Ensemble, probability: &[f64], updated: &Updated, member: usize, told: bool) -> WearEstimate {
+    fn answer(&self, ensemble: &Ensemble, believed: &Believed, likelihood: &Likelihood) -> WearEstimate {
         let library = ensemble.described();
-        let quantile = |level| self.grid.quantile_um(probability, level);
+        let probability = believed.by_depth();
+        let quantile = |level| self.grid.quantile_um(&probability, level);
         let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
-        let (status, reason) = if told {
-            (
-                WearStatus::Estimated,
-                format!("wear {median:.0} µm, between {p05:.0} and {p95:.0} µm with 90 % probability"),
-            )
-        } else {
+        let end_um = library.max_wear_um();
+        let at_end = p95 >= self.grid.cell_um(DEPTHS - 2)[0];
+        let (status, reason) = if p95 - p05 > WIDEST_INTERVAL * end_um {
             (
                 WearStatus::NotIdentifiable,
                 format!("wear anywhere between {p05:.0} and {p95:.0} µm explains the records"),
             )
+        } else if at_end {
+            (
+                WearStatus::Estimated,
+                format!("wear of at least {p05:.0} µm with 95 % probability; the library ends at {end_um:.0} µm"),
+            )
+        } else {
+            (
+                WearStatus::Estimated,
+                format!("wear {median:.0} µm, between {p05:.0} and {p95:.0} µm with 90 % probability"),
+            )
         };
+        let (member, depth) = likelihood.best;
         let mut answer = self.no_number(status, self.settings.baseline_records, &reason);
         answer.median_um = Some(median);
-        answer.mean_um = Some(self.grid.mean_um(probability));
+        answer.mean_um = Some(self.grid.mean_um(&probability));
         answer.p05_um = Some(p05);
         answer.p25_um = Some(quantile(0.25));
         answer.p75_um = Some(quantile(0.75));
         answer.p95_um = Some(p95);
-        answer.log_evidence = updated.log_evidence.is_finite().then_some(updated.log_evidence);
-        answer.best_state = Some(best_state(library, self.grid.depths_um()[updated.best.1], member));
-        answer.posterior = Some(self.grid.posterior(probability));
+        answer.at_least_um = at_end.then_some(p05);
+        answer.transmission_error_um = transmission_error(ensemble, &believed.joint);
+        answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest);
+        answer.best_state = Some(best_state(library, self.grid.depths_um()[depth], member));
+        answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.depths_um()[depth]));
+        answer.posterior = Some(self.grid.posterior(&probability));
         answer
     }
 
@@ -393,6 +497,37 @@ impl Tracker {
             ..WearEstimate::without_number(status, reason.to_owned(), baseline, format!("{METHOD}/{PREPROCESSING}"))
         }
     }
+}
+
+impl Healthy {
+    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid.
+    fn checks_at(&self, record: &Features, depth: usize) -> Vec<super::novelty::Deviation> {
+        self.checks.deviations(record, self.lines.log_speed(record), depth)
+    }
+}
+
+/// The transmission error due to wear, of a probability by member and depth.
+fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
+    let errors = ensemble
+        .members()
+        .iter()
+        .flat_map(|member| member.transmission_error_um().iter().copied());
+    let mut weighted: Vec<(f32, f32)> = errors.zip(joint.iter().copied()).filter(|(_, p)| *p > 1e-7).collect();
+    weighted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f32 = weighted.iter().map(|(_, p)| p).sum();
+    let quantile = |level: f32| {
+        let mut below = 0.0;
+        let found = weighted.iter().find(|(_, p)| {
+            below += p;
+            below >= level * total
+        });
+        found.map(|(error_um, _)| f64::from(*error_um))
+    };
+    Some(Interval {
+        median: quantile(0.5)?,
+        p05: quantile(0.05)?,
+        p95: quantile(0.95)?,
+    })
 }
 
 /// The features that deviate most, in words.
