@@ -19,6 +19,9 @@ const NOISE_VARIANCE: f64 = 0.6;
 /// Largest part of a healthy line's power that is taken for noise.
 const MAX_NOISE: f64 = 0.5;
 
+/// Greatest distance of the lines from each other that counts.
+const MAX_APART: f64 = 1.5;
+
 /// The fit of one line over the baseline's speeds.
 #[derive(Debug, Clone)]
 struct Line {
@@ -61,6 +64,17 @@ pub(super) struct Measured {
     pub(super) lines: Vec<MeasuredLine>,
     /// Torque over the described one; 1 where it is not given.
     pub(super) load: f64,
+}
+
+impl Measured {
+    /// How far the lines have moved apart from each other: the standard deviation of their changes beyond their scatter. A change of the
+    /// sensor's gain moves all alike.
+    pub(super) fn apart(&self) -> f64 {
+        let count = self.lines.len().max(2) as f64;
+        let mean = self.lines.iter().map(|line| line.change).sum::<f64>() / count;
+        let square: f64 = self.lines.iter().map(|line| (line.change - mean).powi(2) - line.variance).sum();
+        (square / (count - 1.0)).max(0.0).sqrt().min(MAX_APART)
+    }
 }
 
 impl HealthyLines {

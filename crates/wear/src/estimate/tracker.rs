@@ -288,7 +288,7 @@ impl Tracker {
             let healthy = prepared.0.get_or_insert_with(|| self.healthy(&Baseline::of(records)));
             let novelty = judge(
                 features,
-                &[Vec::new(), healthy.checks_at(features, 0)],
+                &[Vec::new(), healthy.checks_at(features, 0, 0.0)],
                 healthy.checks.freedom(),
                 charts,
             );
@@ -323,7 +323,7 @@ impl Tracker {
         let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
             let novelty = judge(
                 features,
-                &[Vec::new(), healthy.checks_at(features, 0)],
+                &[Vec::new(), healthy.checks_at(features, 0, 0.0)],
                 freedom,
                 &mut tracking.charts,
             );
@@ -346,7 +346,7 @@ impl Tracker {
         if measured.lines.is_empty() {
             let mut answer = self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's lines");
             // Less than usual without a mesh line is a machine that stands still.
-            let mut checks = healthy.checks_at(features, 0);
+            let mut checks = healthy.checks_at(features, 0, 0.0);
             checks.retain(|deviation| deviation.residual > 0.0);
             let novelty = judge(features, &[Vec::new(), checks], freedom, &mut tracking.charts);
             self.tell_novelty(&mut answer, novelty);
@@ -355,7 +355,7 @@ impl Tracker {
         let (reference, anchor) = (tracking.reference.as_deref(), tracking.anchor.as_ref());
         let likelihood = discrepancy.compare(ensemble, &measured, reference, anchor);
         let lines = discrepancy.deviations(ensemble, &measured, likelihood.best, reference, anchor);
-        let checks = healthy.checks_at(features, likelihood.best.1);
+        let checks = healthy.checks_at(features, likelihood.best.1, measured.apart());
         let novelty = judge(features, &[lines, checks], freedom, &mut tracking.charts);
         if novelty.outside {
             // What is not wear does not move the estimate of wear.
@@ -500,9 +500,10 @@ impl Tracker {
 }
 
 impl Healthy {
-    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid.
-    fn checks_at(&self, record: &Features, depth: usize) -> Vec<super::novelty::Deviation> {
-        self.checks.deviations(record, self.lines.log_speed(record), depth)
+    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid, where the mesh lines have moved apart by
+    /// `moved`.
+    fn checks_at(&self, record: &Features, depth: usize, moved: f64) -> Vec<super::novelty::Deviation> {
+        self.checks.deviations(record, self.lines.log_speed(record), depth, moved)
     }
 }
 
