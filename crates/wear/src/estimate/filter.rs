@@ -2,7 +2,8 @@
 //!
 //! What a member has wrong it has wrong in the next record too, so a thousand records of a machine whose wear stands still are
 //! not a thousand pieces of evidence. The filter therefore takes each record at a small part of its weight
-//! ([`CARRIED`]), and the answer adds a part of the newest record ([`ADDED`]). With a small probability a record
+//! ([`CARRIED`]), in proportion to the growth that may have gone on since the record before, and the answer adds a part of the
+//! newest record ([`ADDED`]). With a small probability a record
 //! is the first of a story that begins anew from the prior ([`FORGOTTEN`]; fixed share, Herbster and Warmuth 1998), so that no
 //! belief is ever beyond recall.
 
@@ -14,11 +15,13 @@ use super::growth::{Growth, PRIOR, RATES};
 use super::likelihood::Likelihood;
 use crate::library::DEPTHS;
 
-/// Weight of a record's likelihood in what is carried on.
-const CARRIED: f32 = 0.04;
+/// Weight of a record's likelihood in what is carried on, a unit of growth since the record before: records that come more often say no more.
+/// The most is for the first record after a long interval.
+const CARRIED: f32 = 0.035;
+const MAX_CARRIED: f32 = 0.4;
 
 /// Weight of the newest record's likelihood in the answer.
-const ADDED: f32 = 0.15;
+const ADDED: f32 = 0.08;
 
 /// Probability that what was believed before a record is forgotten for the prior.
 const FORGOTTEN: f32 = 0.003;
@@ -95,7 +98,8 @@ impl Filter {
                 .for_each(|(cell, prior)| *cell = kept * *cell + fresh * prior);
         }
         let believed = believe(&cells, |index| (ADDED * likelihood.log[index]).exp());
-        weigh(&mut cells, |index| (CARRIED * likelihood.log[index]).exp());
+        let carried = (CARRIED * units as f32).min(MAX_CARRIED);
+        weigh(&mut cells, |index| (carried * likelihood.log[index]).exp());
         self.cells = Packed::of(&cells);
         believed
     }

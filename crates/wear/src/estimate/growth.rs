@@ -20,6 +20,9 @@ const CHANGES: f64 = 0.03;
 /// Probability within a unit that wear is anywhere above where it was: records are missing, or a tooth was damaged.
 const JUMPS: f64 = 0.003;
 
+/// Longest interval in units at a rate that does not change.
+const MAX_PART: f64 = 5.0;
+
 /// Most steps of one interval.
 const MAX_STEPS: usize = 256;
 
@@ -28,7 +31,7 @@ const MAX_STEPS: usize = 256;
 pub(super) struct Growth {
     /// Distance in µm to the next depth.
     widths_um: Vec<f32>,
-    /// Steps of one interval, and by depth the part that moves on within each, by rate.
+    /// The least of them.
     least_um: f64,
 }
 
@@ -42,6 +45,14 @@ impl Growth {
 
     /// Lets probabilities by rate and depth, one block of [`RATES`] × [`DEPTHS`] a member, grow over `units`.
     pub(super) fn advance(&self, blocks: &mut [f32], units: f64) {
+        // Within a long interval the rate changes too.
+        let parts = (units / MAX_PART).ceil().max(1.0);
+        for _ in 0..parts as usize {
+            self.advance_part(blocks, units / parts);
+        }
+    }
+
+    fn advance_part(&self, blocks: &mut [f32], units: f64) {
         let moves: Vec<(usize, Vec<f32>)> = RATES_UM.iter().map(|rate_um| self.moves(rate_um * units)).collect();
         let drawn_anew = (1.0 - (1.0 - CHANGES).powf(units)) as f32;
         let jumping = (1.0 - (1.0 - JUMPS).powf(units)) as f32;

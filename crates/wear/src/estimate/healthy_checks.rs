@@ -80,7 +80,10 @@ impl HealthyChecks {
         let deviation = |check: &Check| {
             let value = record.checks.get(&check.name)?;
             let change = check.change[depth.min(check.change.len() - 1)];
-            let part = MOVED_PARTS.iter().find(|(kind, _)| check.name.starts_with(kind)).map_or(0.0, |(_, part)| *part);
+            let part = MOVED_PARTS
+                .iter()
+                .find(|(kind, _)| check.name.starts_with(kind))
+                .map_or(0.0, |(_, part)| *part);
             let apart = part * moved;
             let wrong = CHECK_DISCREPANCY + CHECK_RELATIVE_DISCREPANCY * change.abs();
             Some(Deviation {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::healthy_lines::Measured;
+use super::healthy_lines::{Measured, MeasuredLine};
 use super::novelty::Deviation;
 use crate::library::{DEPTHS, Ensemble, FlankPlace, MESH_LINES, line_name};
 
@@ -13,7 +13,7 @@ const FREEDOM: f32 = 4.0;
 const DISCREPANCY: f64 = 0.5;
 
 /// over this root mean square of the member's changes.
-const DISCREPANCY_OVER: f64 = 0.5;
+const DISCREPANCY_OVER: f64 = 0.65;
 
 /// What the scaling with the torque may be wrong by, as a part of it.
 const LOAD_DISCREPANCY: f32 = 0.35;
@@ -28,6 +28,15 @@ pub(super) struct Anchor {
     pub(super) depths: Vec<u8>,
     /// Mean change of each line at that time; NaN where it is not known.
     pub(super) changes: Vec<f32>,
+}
+
+/// What the lines of a record are held against besides the baseline.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Reference<'a> {
+    /// By member, the index of the depth at which the baseline was taken; none for a new machine.
+    pub(super) depths: Option<&'a [u8]>,
+    /// What the last inspection says.
+    pub(super) anchor: Option<&'a Anchor>,
 }
 
 /// What follows from an ensemble alone.
@@ -76,22 +85,15 @@ impl Discrepancy {
         Self { variance }
     }
 
-    /// Compares a record with every member at every depth. `reference` are the depths of each member at which the baseline was
-    /// taken, `anchor` what the last inspection says.
-    pub(super) fn compare(
-        &self,
-        ensemble: &Ensemble,
-        measured: &Measured,
-        reference: Option<&[u8]>,
-        anchor: Option<&Anchor>,
-    ) -> Likelihood {
+    /// Compares a record with every member at every depth.
+    pub(super) fn compare(&self, ensemble: &Ensemble, measured: &Measured, reference: Reference<'_>) -> Likelihood {
         let members = ensemble.members().len();
         let mut log = vec![0.0_f32; members * DEPTHS];
         let mut row = Row::new(ensemble, measured.load);
         for member in 0..members {
             let (mut tails, mut spreads) = ([1.0_f64; DEPTHS], [1.0_f64; DEPTHS]);
             for line in &measured.lines {
-                self.expect(&mut row, ensemble, member, line.index, line.floor as f32, reference, anchor);
+                self.expect(&mut row, ensemble, member, line, reference);
                 let (change, scatter) = (line.change as f32, line.variance as f32);
                 for depth in 0..DEPTHS {
                     let variance = row.variance[depth] + scatter;
@@ -124,12 +126,11 @@ impl Discrepancy {
         ensemble: &Ensemble,
         measured: &Measured,
         (member, depth): (usize, usize),
-        reference: Option<&[u8]>,
-        anchor: Option<&Anchor>,
+        reference: Reference<'_>,
     ) -> Vec<Deviation> {
         let mut row = Row::new(ensemble, measured.load);
-        let deviation = |line: &super::healthy_lines::MeasuredLine| {
-            self.expect(&mut row, ensemble, member, line.index, line.floor as f32, reference, anchor);
+        let deviation = |line: &MeasuredLine| {
+            self.expect(&mut row, ensemble, member, line, reference);
             let residual = line.change - f64::from(row.expected[depth]);
             residual.is_finite().then(|| Deviation {
                 name: line_name(line.index),
@@ -141,19 +142,10 @@ impl Discrepancy {
     }
 
     /// What a member expects of a line at each depth, and the variance of that.
-    #[allow(clippy::too_many_arguments)]
-    fn expect(
-        &self,
-        row: &mut Row,
-        ensemble: &Ensemble,
-        member: usize,
-        line: usize,
-        floor: f32,
-        reference: Option<&[u8]>,
-        anchor: Option<&Anchor>,
-    ) {
-        let changes = ensemble.members()[member].change(line);
-        let from = reference.map_or(0.0, |reference| changes[usize::from(reference[member])]);
+    fn expect(&self, row: &mut Row, ensemble: &Ensemble, member: usize, line: &MeasuredLine, reference: Reference<'_>) {
+        let (index, floor) = (line.index, line.floor as f32);
+        let changes = ensemble.members()[member].change(index);
+        let from = reference.depths.map_or(0.0, |depths| changes[usize::from(depths[member])]);
         row.variance.copy_from_slice(&self.variance[member * DEPTHS..(member + 1) * DEPTHS]);
         for depth in 0..DEPTHS {
             row.expected[depth] = (changes[depth] - from).max(floor);
@@ -167,9 +159,9 @@ impl Discrepancy {
                 row.variance[depth] += (LOAD_DISCREPANCY * shift).powi(2);
             }
         }
-        if let Some(anchor) = anchor {
+        if let Some(anchor) = reference.anchor {
             let at = usize::from(anchor.depths[member]);
-            let wrong = anchor.changes[line] - (changes[at] - from).max(floor);
+            let wrong = anchor.changes[index] - (changes[at] - from).max(floor);
             if wrong.is_finite() {
                 for depth in 0..DEPTHS {
                     let alike = (-(row.depths_um[depth] - row.depths_um[at]).abs() / ANCHOR_REACH_UM).exp();

@@ -13,7 +13,7 @@ use super::filter::{Believed, Filter};
 use super::growth::Growth;
 use super::healthy_checks::HealthyChecks;
 use super::healthy_lines::{HealthyLines, Measured};
-use super::likelihood::{Anchor, Discrepancy, Likelihood};
+use super::likelihood::{Anchor, Discrepancy, Likelihood, Reference};
 use super::novelty::{Novelty, judge};
 use super::prognosis::prognosis;
 use super::wear::{BaselineProgress, BestState, Interval, WearEstimate, WearStatus};
@@ -352,9 +352,12 @@ impl Tracker {
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
-        let (reference, anchor) = (tracking.reference.as_deref(), tracking.anchor.as_ref());
-        let likelihood = discrepancy.compare(ensemble, &measured, reference, anchor);
-        let lines = discrepancy.deviations(ensemble, &measured, likelihood.best, reference, anchor);
+        let reference = Reference {
+            depths: tracking.reference.as_deref(),
+            anchor: tracking.anchor.as_ref(),
+        };
+        let likelihood = discrepancy.compare(ensemble, &measured, reference);
+        let lines = discrepancy.deviations(ensemble, &measured, likelihood.best, reference);
         let checks = healthy.checks_at(features, likelihood.best.1, measured.apart());
         let novelty = judge(features, &[lines, checks], freedom, &mut tracking.charts);
         if novelty.outside {
