@@ -15,7 +15,7 @@
 //! | [`asset`] | what is monitored, and one analysed segment of its vibration |
 //! | [`report`] | an asset's records on one page, for a browser or a printer |
 //! | [`store`] | the only SQL and the only raw-object paths |
-//! | [`ingest`] | accept, keep, process, announce |
+//! | [`service`] | the way of records, histories, replays, and what else works on records |
 //! | `cluster` | what joins the processes of a service on several machines (feature `cluster`) |
 //! | [`http`] | the API and the dashboard |
 //! | `cluster` | engines beyond one machine (feature `cluster`) |
@@ -30,10 +30,11 @@ pub mod evaluation;
 pub mod figures;
 pub mod gear;
 pub mod http;
-pub mod ingest;
+
 pub mod library;
 pub mod recording;
 pub mod report;
+pub mod service;
 pub mod signal;
 pub mod simulation;
 pub mod store;

@@ -37,7 +37,7 @@ pub(super) enum Pieces<'a> {
     /// A request's body.
     Body(Body),
     /// A part of a form.
-    Part(Box<multer::Field<'a>>),
+    Role(Box<multer::Field<'a>>),
 }
 
 impl Pieces<'_> {
@@ -45,7 +45,7 @@ impl Pieces<'_> {
     pub(super) async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
         match self {
             Self::Body(body) => next_piece(body).await,
-            Self::Part(part) => part.chunk().await.map_err(broken_form),
+            Self::Role(part) => part.chunk().await.map_err(broken_form),
         }
     }
 }
@@ -164,7 +164,7 @@ impl SpooledBody {
         let mut coding = Coding::of(headers)?;
         let mut spooled = Self::at(folder.join(COUNTER.fetch_add(1, Ordering::Relaxed).to_string()));
         let failed = |source| {
-            Problem::from(crate::ingest::IngestError::File {
+            Problem::from(crate::service::ServiceError::File {
                 action: "write",
                 path: folder.to_path_buf(),
                 source,

@@ -20,7 +20,7 @@ use tokio_rustls::rustls::{self, ServerConfig};
 
 use super::bare_refusals::WithProblems;
 use super::limits::HttpLimits;
-use super::server::ServiceError;
+use super::start_error::StartError;
 
 /// Header fields of one request.
 const MOST_HEADERS: usize = 100;
@@ -39,8 +39,8 @@ pub struct TlsFiles {
 
 impl TlsFiles {
     /// Reads both files.
-    pub(super) fn load(&self) -> Result<TlsAcceptor, ServiceError> {
-        let tls = |path: &Path, reason: String| ServiceError::Tls {
+    pub(super) fn load(&self) -> Result<TlsAcceptor, StartError> {
+        let tls = |path: &Path, reason: String| StartError::Tls {
             path: path.to_path_buf(),
             reason,
         };

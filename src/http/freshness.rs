@@ -17,7 +17,7 @@ pub(super) fn mark(parts: &[&[u8]]) -> HeaderValue {
         hash.update((part.len() as u64).to_le_bytes());
         hash.update(part);
     }
-    let text: String = hash.finalize().iter().take(12).map(|byte| format!("{byte:02x}")).collect();
+    let text = hex::encode(&hash.finalize()[..12]);
     HeaderValue::from_str(&format!("\"{text}\"")).unwrap_or_else(|_| HeaderValue::from_static("\"0\""))
 }
 

@@ -10,10 +10,10 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::router::App;
 use super::{assets, freshness, reduction, table};
 use crate::asset::{AssetId, AssetSpec};
 use crate::signal::Indicators;
@@ -83,7 +83,7 @@ pub(super) async fn trend(
     let Some(channel) = channel else {
         return table::answer(mark, wants_csv, TrendView::default(), table_of);
     };
-    let trend = app.ingest.store().trend(&channel).await?;
+    let trend = app.service.store.trend(&channel).await?;
     let names: Vec<String> = match &asked.names {
         Some(names) => names
             .split(',')
@@ -100,7 +100,7 @@ pub(super) async fn trend(
         let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
         render(&trend, &asset.spec, &names, &chosen, most)
     };
-    let mut view = app.ingest.workers().run("reduce a trend", render).await?;
+    let mut view = app.service.workers.run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
     table::answer(mark, wants_csv, view, table_of)
 }

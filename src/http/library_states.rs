@@ -6,10 +6,10 @@ use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::libraries;
 use super::problem::Problem;
 use super::query::{NameInPath, Page, Parameters};
-use super::router::App;
 use crate::gear::{Flank, FlankWear, Gear, GearError, PairSpec};
 use crate::library::LibraryState;
 
@@ -133,8 +133,8 @@ pub(super) async fn flank(
     if !(0.0..=most).contains(&wear_um) {
         return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {most} µm")));
     }
-    let _ticket = app.ingest.workers().admit_answer()?;
-    let gears = app.ingest.workers().run("work out flanks", move || flanks(&spec, wear_um)).await?;
+    let _ticket = app.service.workers.admit_answer()?;
+    let gears = app.service.workers.run("work out flanks", move || flanks(&spec, wear_um)).await?;
     let gears = gears.map_err(|error| Problem::query("wear_um", wear_um, &format!("a depth that the teeth allow: {error}")))?;
     Ok(Json(FlankView { wear_um, gears }))
 }

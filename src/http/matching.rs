@@ -4,9 +4,9 @@ use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
 
+use super::app::App;
 use super::problem::Problem;
 use super::query::SegmentInPath;
-use super::router::App;
 use super::{libraries, segments};
 use crate::asset::{Segment, SegmentId};
 use crate::library::Library;
@@ -88,7 +88,7 @@ pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPat
 
 /// The records that the channel's baseline was learnt from: its first ones, or those after the latest maintenance before the record.
 async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
-    let events = app.ingest.store().maintenance(&segment.asset_id).await?;
+    let events = app.service.store.maintenance(&segment.asset_id).await?;
     let before = events.iter().rev().find(|event| event.time <= segment.start_time);
     let filter = SegmentFilter {
         channel: Some(segment.channel.clone()),
@@ -98,7 +98,7 @@ async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem>
         order: Order::Asc,
     };
     let need = segment.wear.baseline.need.min(1000);
-    Ok(app.ingest.store().segments(&segment.asset_id, &filter, need).await?)
+    Ok(app.service.store.segments(&segment.asset_id, &filter, need).await?)
 }
 
 fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f64; 3]) -> Vec<FeatureRow> {

@@ -227,13 +227,13 @@ pub(super) fn mint(name: &str, scope: Scope, now: Timestamp) -> Result<(String, 
     let mut random = [0; 36];
     getrandom::fill(&mut random).map_err(|error| TokenError::Random(error.to_string()))?;
     let (id, secret) = random.split_at(4);
-    let (id, secret) = (hexadecimal(id), hexadecimal(secret));
+    let (id, secret) = (hex::encode(id), hex::encode(secret));
     let kept = Token {
         id: id.clone(),
         name: name.to_owned(),
         scope,
         created_at: now,
-        sha256: hexadecimal(&Sha256::digest(&secret)),
+        sha256: hex::encode(&Sha256::digest(&secret)),
     };
     Ok((format!("{PREFIX}_{id}_{secret}"), kept))
 }
@@ -245,15 +245,11 @@ pub(super) fn find<'a>(tokens: &'a [Token], presented: &str) -> Option<&'a Token
     if prefix != PREFIX {
         return None;
     }
-    let hash = hexadecimal(&Sha256::digest(secret));
+    let hash = hex::encode(&Sha256::digest(secret));
     tokens
         .iter()
         .find(|token| token.id == id)
         .filter(|token| bool::from(token.sha256.as_bytes().ct_eq(hash.as_bytes())))
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

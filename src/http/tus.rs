@@ -8,11 +8,11 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
+use super::app::App;
 use super::body;
 use super::problem::{Details, Problem};
 use super::query::NameInPath;
 use super::resumable::{ResumableUpload, ResumableUploads};
-use super::router::App;
 use crate::asset::AssetId;
 
 const VERSION: &str = "1.0.0";
@@ -114,7 +114,7 @@ pub(super) async fn create(State(app): State<App>, headers: HeaderMap) -> Result
     let name = metadata(&headers, "asset");
     let asset = name.clone().and_then(|name| AssetId::new(name).ok());
     let asset = asset.ok_or_else(|| Problem::query("upload-metadata", format!("{name:?}"), "asset and its name in base64"))?;
-    app.ingest.store().asset(&asset).await?;
+    app.service.store.asset(&asset).await?;
     let upload = app.resumable.begin(&app, asset, length).await?;
     let location = format!("/v1/uploads/{}", upload.id);
     Ok(answer(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))

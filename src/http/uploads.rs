@@ -9,14 +9,14 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::app::App;
 use super::body::{self, Pieces, SpooledBody};
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
-use super::router::App;
 use crate::asset::{AssetId, Segment};
 use crate::estimate::WearEstimate;
-use crate::ingest::{Accepted, BatchSummary, Given, IngestError, QueuedRecord, RecordFormat};
 use crate::recording::{JsonBlock, RawLayout};
+use crate::service::{Accepted, BatchSummary, QueuedRecord, RecordFormat, ServiceError, UploadMetadata, detached};
 use crate::signal::OperatingPoint;
 use crate::store::KeyedUpload;
 
@@ -110,7 +110,7 @@ pub(super) struct HandedOver {
 impl From<Accepted> for TakenRecord {
     fn from(accepted: Accepted) -> Self {
         match accepted {
-            Accepted::Stored(segment) => Self::Stored(segment),
+            Accepted::Stored(segment) | Accepted::Repeated(segment) => Self::Stored(segment),
             Accepted::Queued(record) => Self::Queued(Box::new(HandedOver {
                 state: "queued",
                 record: *record,
@@ -190,7 +190,7 @@ pub(super) async fn upload(
     body: Body,
 ) -> Result<Response, Problem> {
     // Before the body is read: an upload to nowhere, or to a full queue, costs nothing.
-    app.ingest.store().asset(&asset).await?;
+    app.service.store.asset(&asset).await?;
     let key = key(&headers)?;
     let media_type = body::media_type(&headers);
     let upload = Upload {
@@ -239,22 +239,22 @@ impl Upload<'_> {
         }
         let format = self.format(media_type)?;
         let app = self.app;
-        let mut ticket = app.ingest.workers().admit()?;
+        let mut ticket = app.service.workers.admit()?;
         let bytes = body::read(headers, pieces, app.limits.record_bytes, &app.limits, |bytes| {
             ticket.grow(bytes).map_err(Problem::from)
         })
         .await?;
-        let mut given = self.given()?;
+        let mut metadata = self.metadata()?;
         if self.key.is_some() {
             let first = self.begin(&format.media_type(), &Sha256::digest(&bytes)).await?;
             if let Some(answer) = answer_before(&first) {
                 return Ok(answer);
             }
-            given.start_time = Some(given.start_time.unwrap_or(first.received_at));
+            metadata.start_time = Some(metadata.start_time.unwrap_or(first.received_at));
         }
-        let (ingest, asset) = (app.ingest.clone(), self.asset.clone());
+        let (service, asset) = (app.service.clone(), self.asset.clone());
         let work = async move {
-            let accepted = ingest.accept(&asset, format, bytes, given, ticket).await?;
+            let accepted = service.pipeline.accept(&asset, format, bytes, metadata, ticket).await?;
             let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
             Ok(match segments.pop() {
                 Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
@@ -270,19 +270,19 @@ impl Upload<'_> {
     /// Does an upload's work and keeps its answer for repeats under the same key, in a task of its own: a client that hangs up must not leave
     /// half of it.
     async fn answer(&self, work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static) -> Result<Answered, Problem> {
-        let (ingest, asset, key) = (self.app.ingest.clone(), self.asset.clone(), self.key.clone());
-        let task = tokio::spawn(async move {
+        let (service, asset, key) = (self.app.service.clone(), self.asset.clone(), self.key.clone());
+        let kept = async move {
             let answer = work.await?;
             if let Some(key) = key
                 && let Ok(text) = serde_json::to_string(&answer)
-                && let Some(first) = ingest.store().finish_upload(&asset, &key, &text).await?
+                && let Some(first) = service.store.finish_upload(&asset, &key, &text).await?
                 && let Ok(first) = serde_json::from_str(&first)
             {
                 return Ok(Answered::Before(first));
             }
             Ok(Answered::Now(answer))
-        });
-        task.await.map_err(|_| IngestError::WorkerLost("take an upload"))?
+        };
+        detached("take an upload", kept).await?
     }
 
     async fn take_mcap(&self, headers: &HeaderMap, pieces: Pieces<'_>) -> Result<Answered, Problem> {
@@ -294,7 +294,7 @@ impl Upload<'_> {
                 "nothing: an MCAP file says it for each of its records",
             ));
         }
-        let ticket = app.ingest.workers().admit()?;
+        let ticket = app.service.workers.admit()?;
         let spooled = SpooledBody::receive(headers, pieces, &app.uploads, &app.limits).await?;
         if self.key.is_some()
             && let Some(answer) = answer_before(&self.begin(MCAP, spooled.sha256()).await?)
@@ -313,9 +313,9 @@ impl Upload<'_> {
         hash.update(media_type);
         hash.update(serde_json::to_vec(&self.asked).unwrap_or_default());
         hash.update(content);
-        let digest: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-        let first = self.app.ingest.store();
-        let first = first.begin_upload(self.asset, key, &digest, self.app.ingest.now()).await?;
+        let digest: String = hex::encode(hash.finalize());
+        let first = &self.app.service.store;
+        let first = first.begin_upload(self.asset, key, &digest, self.app.service.now()).await?;
         if first.request_sha256 == digest {
             return Ok(first);
         }
@@ -335,16 +335,16 @@ impl Upload<'_> {
         let layout = sample
             .parse()
             .and_then(|sample| RawLayout::new(sample, rate, asked.channels.unwrap_or(1), asked.scale));
-        Ok(RecordFormat::Raw(layout.map_err(IngestError::from)?))
+        Ok(RecordFormat::Raw(layout.map_err(ServiceError::from)?))
     }
 
-    fn given(&self) -> Result<Given, Problem> {
+    fn metadata(&self) -> Result<UploadMetadata, Problem> {
         let asked = &self.asked;
         let names = asked
             .channel_names
             .as_deref()
             .map(|names| names.split(',').map(|name| name.trim().to_string()).collect());
-        Ok(Given {
+        Ok(UploadMetadata {
             start_time: asked.start_time,
             channel: asked.channel.clone(),
             channel_names: names.unwrap_or_default(),
@@ -395,7 +395,7 @@ impl Upload<'_> {
             let media_type = by_name(&file).map(str::to_string).or(media_type);
             self.key = base.as_ref().map(|base| format!("{base}/{}", files.len()));
             let nothing = HeaderMap::new();
-            let answer = self.take(media_type.as_deref(), &nothing, Pieces::Part(Box::new(part))).await?;
+            let answer = self.take(media_type.as_deref(), &nothing, Pieces::Role(Box::new(part))).await?;
             files.push(serde_json::to_value(answer).unwrap_or_default());
         }
         if files.is_empty() {
@@ -415,13 +415,13 @@ pub(super) async fn take_recording(
     app: &App,
     asset: &AssetId,
     spooled: SpooledBody,
-    ticket: crate::ingest::Ticket,
+    ticket: crate::service::Ticket,
 ) -> Result<UploadAnswer, Problem> {
-    let summary = app.ingest.accept_mcap(asset, spooled.path()).await?;
+    let summary = app.service.pipeline.accept_recording(asset, spooled.path()).await?;
     drop((spooled, ticket));
     let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
     let wear = match channel.and_then(|channel| channel.last_segment) {
-        Some(id) => app.ingest.store().segment(&id).await?.map(|segment| segment.wear),
+        Some(id) => app.service.store.segment(&id).await?.map(|segment| segment.wear),
         None => None,
     };
     Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, wear })))

@@ -7,10 +7,10 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::router::App;
 use super::{assets, freshness, reduction, table};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
 use crate::estimate::{BaselineProgress, WearEstimate, WearStatus};
@@ -70,7 +70,7 @@ pub(super) async fn latest(
     }
     let last = channel.as_ref().and_then(|channel| channel.last_segment.as_ref());
     let segment = match last {
-        Some(id) => app.ingest.store().segment(id).await?,
+        Some(id) => app.service.store.segment(id).await?,
         None => None,
     };
     let view = WearView {
@@ -183,13 +183,13 @@ pub(super) async fn history(
     let Some(channel) = channel else {
         return table::answer(mark, wants_csv, HistoryView::default(), table_of);
     };
-    let trend = app.ingest.store().trend(&channel).await?;
+    let trend = app.service.store.trend(&channel).await?;
     let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
     let render = move || {
         let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
         render(&trend, &asset.spec.operating_bins, &chosen, most)
     };
-    let mut view = app.ingest.workers().run("reduce a history", render).await?;
+    let mut view = app.service.workers.run("reduce a history", render).await?;
     view.channel = Some(channel.channel);
     table::answer(mark, wants_csv, view, table_of)
 }

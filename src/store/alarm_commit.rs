@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::alarms::{StoredAlarm, alarm_of, change_of};
@@ -38,7 +39,7 @@ pub struct FoldedAlarms<'a> {
 }
 
 /// Something that happened to an alarm, to be announced.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmNotice {
     /// The alarm after it.
     pub alarm: StoredAlarm,
@@ -274,5 +275,5 @@ fn alarm_id(channel: &ChannelSummary, quantity: &AlarmQuantity) -> String {
         hash.update((part.len() as u64).to_le_bytes());
         hash.update(part);
     }
-    hash.finalize().iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+    hex::encode(&hash.finalize()[..8])
 }

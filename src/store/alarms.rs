@@ -1,6 +1,7 @@
 //! Alarms as they are read: where each stands, its history, and what people did to it.
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use sqlx::Row;
 use sqlx::any::AnyRow;
 
@@ -10,7 +11,7 @@ use crate::asset::AssetId;
 use crate::estimate::{Alarm, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, PanelAction, Severity};
 
 /// An alarm as it is stored: there is one once anything has happened to it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredAlarm {
     /// Identifier.
     pub id: String,

@@ -1,6 +1,7 @@
 //! Maintenance events of assets.
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sqlx::any::AnyRow;
 
@@ -11,7 +12,7 @@ use crate::asset::{AssetId, SegmentId};
 use crate::estimate::MaintenanceEvent;
 
 /// A maintenance event as it is stored.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredEvent {
     /// Identifier in its asset: that of its content.
     pub id: String,
@@ -23,7 +24,7 @@ impl StoredEvent {
     /// Names an event.
     pub fn new(event: MaintenanceEvent) -> Result<Self, StoreError> {
         let content = to_json(&event, "event", "maintenance")?;
-        let id = Sha256::digest(content).iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+        let id = hex::encode(&Sha256::digest(content)[..8]);
         Ok(Self { id, event })
     }
 }

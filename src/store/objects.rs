@@ -67,7 +67,7 @@ impl Objects {
     /// The name that bytes are stored under: their SHA-256 in lower-case hexadecimal.
     pub fn name(bytes: &[u8]) -> String {
         // Every record is hashed: on a processor without instructions for it this is twice as fast as what hashes keys elsewhere.
-        hexadecimal(digest(&SHA256, bytes).as_ref())
+        hex::encode(digest(&SHA256, bytes).as_ref())
     }
 
     /// Stores every object under the name that [`name`](Self::name) gives its bytes; when this returns they are durable, and so are their
@@ -191,10 +191,6 @@ fn whole(name: &str, bytes: Bytes) -> Result<Bytes, StoreError> {
 /// Whether a text can be the name of an object.
 fn is_name(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit())
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

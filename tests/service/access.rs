@@ -5,8 +5,8 @@ use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
 use std::time::Duration;
 
-use flankwatch::http::{Scope, ServiceConfig, ServiceError, TlsFiles, Tokens, start};
-use flankwatch::ingest::SystemClock;
+use flankwatch::http::{Scope, ServiceConfig, StartError, TlsFiles, Tokens, start};
+use flankwatch::service::SystemClock;
 use jiff::Timestamp;
 
 use crate::command_line::flankwatch;
@@ -66,7 +66,7 @@ fn too_many_requests_with_one_token_are_put_off() {
     with_token(&service, &other, "GET", "/v1/assets", "").expect(200);
 }
 
-fn start_on(address: &str, change: impl FnOnce(&mut ServiceConfig)) -> Result<(), ServiceError> {
+fn start_on(address: &str, change: impl FnOnce(&mut ServiceConfig)) -> Result<(), StartError> {
     let folder = tempfile::tempdir().unwrap();
     let mut config = ServiceConfig::new(address.parse::<SocketAddr>().unwrap(), folder.path());
     change(&mut config);
@@ -78,7 +78,7 @@ fn start_on(address: &str, change: impl FnOnce(&mut ServiceConfig)) -> Result<()
 fn an_address_that_others_reach_needs_tokens() {
     for address in ["0.0.0.0:0", "[::]:0"] {
         let error = start_on(address, |_| {}).unwrap_err();
-        assert!(matches!(error, ServiceError::NoTokens(_)), "{error}");
+        assert!(matches!(error, StartError::NoTokens(_)), "{error}");
     }
     start_on("127.0.0.1:0", |_| {}).unwrap();
     start_on("0.0.0.0:0", |config| config.insecure_no_tokens = true).unwrap();
@@ -229,7 +229,7 @@ fn a_replay_goes_over_tls_to_whom_it_trusts() {
     let runtime = tokio::runtime::Runtime::new().unwrap();
     let service = runtime.block_on(start(config, Arc::new(SystemClock))).unwrap();
     let asset = serde_json::from_value(plain_asset("pump")).unwrap();
-    runtime.block_on(service.ingest().create_asset(&asset)).unwrap();
+    runtime.block_on(service.service().assets.create(&asset)).unwrap();
     let recording = folder.path().join("run.mcap");
     std::fs::write(&recording, mcap(&[record("1", 1), record("1", 2)])).unwrap();
     let (recording, url) = (recording.display().to_string(), service.url());
@@ -237,7 +237,7 @@ fn a_replay_goes_over_tls_to_whom_it_trusts() {
     let with_ca = |file: &str| flankwatch(&[&words[..], &[file]].concat());
     let said = with_ca(&authority).expect_success();
     assert!(said.out().contains("2 records sent to https://"), "{}", said.out());
-    let stored = runtime.block_on(service.ingest().store().segment_count()).unwrap();
+    let stored = runtime.block_on(service.service().store.segment_count()).unwrap();
     assert_eq!(stored, 2);
     with_ca(&recording).expect_refusal(&["--ca", "run.mcap", "PEM"]);
     with_ca("nowhere.pem").expect_refusal(&["nowhere.pem"]);

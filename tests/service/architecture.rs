@@ -16,7 +16,7 @@ const ROOMS: [(&str, &[&str]); 15] = [
     ("asset", &["gear", "signal", "estimate"]),
     ("report", &["signal", "estimate", "asset"]),
     ("store", &["gear", "signal", "library", "estimate", "asset"]),
-    ("ingest", &["gear", "signal", "library", "estimate", "recording", "asset", "store"]),
+    ("service", &["gear", "signal", "library", "estimate", "recording", "asset", "store"]),
     (
         "http",
         &[
@@ -28,10 +28,10 @@ const ROOMS: [(&str, &[&str]); 15] = [
             "asset",
             "report",
             "store",
-            "ingest",
+            "service",
         ],
     ),
-    ("cluster", &["signal", "recording", "asset", "store", "ingest"]),
+    ("cluster", &["signal", "recording", "asset", "store", "service"]),
     (
         "cli",
         &[
@@ -46,7 +46,7 @@ const ROOMS: [(&str, &[&str]); 15] = [
             "asset",
             "report",
             "store",
-            "ingest",
+            "service",
             "http",
             "cluster",
         ],

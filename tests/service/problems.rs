@@ -147,7 +147,7 @@ fn in_pieces(service: &Service, media_type: &str, body: &[u8]) -> String {
 
 #[test]
 fn a_full_queue_says_when_to_come_again() {
-    let service = Service::start_with(|config| config.ingest.requests_at_once = 1);
+    let service = Service::start_with(|config| config.work.requests_at_once = 1);
     service.plain_asset("pump");
     let block = encode_block(&record("1", 1), BlockEncoding::Json);
     let address = service.url("").trim_start_matches("http://").to_string();
@@ -233,7 +233,7 @@ fn a_refusal_of_a_body_that_was_not_asked_for_says_that_the_connection_ends() {
 #[test]
 fn a_body_that_does_not_come_gives_its_place_back() {
     let service = Service::start_with(|config| {
-        config.ingest.requests_at_once = 1;
+        config.work.requests_at_once = 1;
         config.http.body_idle = Duration::from_millis(300);
         config.http.body_bytes_per_s = 10_000;
     });

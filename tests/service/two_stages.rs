@@ -155,7 +155,7 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
             seconds: 1.0,
             ..GridSettings::default()
         };
-        config.ingest.library_wait = Duration::from_secs(600);
+        config.work.library_wait = Duration::from_secs(600);
     });
     let pairs = pairs();
     let plan = |pair: &PairSpec, max_wear_um: f64, wear_exponent: f64| RunPlan {

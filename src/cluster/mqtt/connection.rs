@@ -17,7 +17,7 @@ use super::message::Message;
 use super::refusal::Refusal;
 use super::settings::MqttSettings;
 use super::topic;
-use crate::ingest::{Feed, FeedCount, Ingest};
+use crate::service::{Feed, FeedCount, Service};
 
 /// Waits before the next connection: the first and the longest.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
@@ -49,11 +49,11 @@ impl MqttFeed {
     /// Begins to take records in the background; connecting may take as long as it needs.
     ///
     /// Errors: a file that the settings name cannot be used.
-    pub fn start(settings: MqttSettings, ingest: Ingest) -> Result<Self, MqttError> {
+    pub fn start(settings: MqttSettings, service: Arc<Service>) -> Result<Self, MqttError> {
         settings.options()?;
-        let feed = ingest.add_feed("mqtt");
+        let feed = service.feeds.add("mqtt");
         let (stop, stopped) = watch::channel(false);
-        let task = tokio::spawn(keep_connected(settings, ingest, Arc::clone(&feed), stopped));
+        let task = tokio::spawn(keep_connected(settings, service, Arc::clone(&feed), stopped));
         Ok(Self { feed, stop, task })
     }
 
@@ -72,7 +72,7 @@ impl MqttFeed {
     }
 }
 
-async fn keep_connected(settings: MqttSettings, ingest: Ingest, feed: Arc<Feed>, mut stop: watch::Receiver<bool>) {
+async fn keep_connected(settings: MqttSettings, service: Arc<Service>, feed: Arc<Feed>, mut stop: watch::Receiver<bool>) {
     let mut wait = FIRST_WAIT;
     let mut connections = 0_u64;
     while !*stop.borrow() {
@@ -81,7 +81,7 @@ async fn keep_connected(settings: MqttSettings, ingest: Ingest, feed: Arc<Feed>,
             Ok(options) => {
                 // Made anew each time: what was under way on the connection before, the broker sends again.
                 let (client, events) = AsyncClient::new(options, MOST_REQUESTS);
-                let connection = Connection::new(&settings, &ingest, &feed, client, stop.clone());
+                let connection = Connection::new(&settings, &service, &feed, client, stop.clone());
                 connection.run(events, &mut connections).await
             }
             Err(error) => End::Lost(error.to_string()),
@@ -108,7 +108,7 @@ fn spread(wait: Duration) -> Duration {
 
 struct Connection<'a> {
     settings: &'a MqttSettings,
-    ingest: &'a Ingest,
+    service: &'a Arc<Service>,
     feed: &'a Arc<Feed>,
     client: AsyncClient,
     stop: watch::Receiver<bool>,
@@ -122,10 +122,16 @@ struct Connection<'a> {
 }
 
 impl<'a> Connection<'a> {
-    fn new(settings: &'a MqttSettings, ingest: &'a Ingest, feed: &'a Arc<Feed>, client: AsyncClient, stop: watch::Receiver<bool>) -> Self {
+    fn new(
+        settings: &'a MqttSettings,
+        service: &'a Arc<Service>,
+        feed: &'a Arc<Feed>,
+        client: AsyncClient,
+        stop: watch::Receiver<bool>,
+    ) -> Self {
         Self {
             settings,
-            ingest,
+            service,
             feed,
             client,
             stop,
@@ -222,12 +228,12 @@ impl<'a> Connection<'a> {
             self.has_left_behind |= publish.qos == QoS::AtLeastOnce;
             return;
         };
-        let (ingest, feed, client) = (self.ingest.clone(), Arc::clone(self.feed), self.client.clone());
+        let (service, feed, client) = (self.service.clone(), Arc::clone(self.feed), self.client.clone());
         let (letters, stop) = (Arc::clone(&self.letters), self.stop.clone());
         let message = Message::read(self.settings, &publish);
         self.deliveries.spawn(async move {
             let delivered = match &message {
-                Ok(message) => deliver(&ingest, &feed, message, stop).await,
+                Ok(message) => deliver(&service, &feed, message, stop).await,
                 Err(refusal) => Delivered::Refused(refusal.clone()),
             };
             match delivered {
@@ -237,7 +243,7 @@ impl<'a> Connection<'a> {
                 }
                 Delivered::Refused(refusal) => {
                     feed.count(FeedCount::Refused);
-                    refuse(&ingest, &client, &letters, refusal, publish).await;
+                    refuse(&service, &client, &letters, refusal, publish).await;
                 }
                 Delivered::LeftBehind => {}
             }
@@ -271,11 +277,11 @@ impl<'a> Connection<'a> {
 }
 
 /// Tells the sender that its message cannot be used.
-async fn refuse(ingest: &Ingest, client: &AsyncClient, letters: &Letters, refusal: Refusal, mut publish: Publish) {
+async fn refuse(service: &Arc<Service>, client: &AsyncClient, letters: &Letters, refusal: Refusal, mut publish: Publish) {
     let topic = String::from_utf8_lossy(&publish.topic).into_owned();
     tracing::warn!(topic, reason = refusal.detail(), "a message was refused");
     let payload = std::mem::take(&mut publish.payload);
-    let (received_at, of) = (ingest.now(), topic.clone());
+    let (received_at, of) = (service.now(), topic.clone());
     // The payload's hash takes its time.
     let letter = tokio::task::spawn_blocking(move || refusal.letter(&of, received_at, &payload));
     if let Ok(letter) = letter.await

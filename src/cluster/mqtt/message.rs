@@ -7,7 +7,7 @@ use rumqttc::v5::mqttbytes::v5::Publish;
 use super::refusal::Refusal;
 use super::settings::MqttSettings;
 use super::topic::{self, Address};
-use crate::ingest::{Given, RecordFormat};
+use crate::service::{RecordFormat, UploadMetadata};
 
 /// Stands for the time of a message that says none: no record can have it, so that one without a time is refused. The time of receipt will
 /// not do, because the same message sent again would be another record.
@@ -48,12 +48,12 @@ impl Message {
     }
 
     /// What is said of the record beside its bytes.
-    pub(super) fn given(&self) -> Given {
-        Given {
+    pub(super) fn given(&self) -> UploadMetadata {
+        UploadMetadata {
             start_time: Some(NO_TIME),
             channel: Some(self.address.point.clone()),
             channel_names: vec![self.address.point.clone()],
-            ..Given::default()
+            ..UploadMetadata::default()
         }
     }
 }

@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::ingest::IngestError;
+use crate::service::ServiceError;
 use crate::store::StoreError;
 
 /// The media type of a refusal.
@@ -86,7 +86,7 @@ impl Refusal {
             topic,
             received_at,
             payload_bytes: payload.len(),
-            payload_sha256: sha256.iter().map(|byte| format!("{byte:02x}")).collect(),
+            payload_sha256: hex::encode(sha256),
         };
         // Strings and numbers of this struct always serialise into memory.
         serde_json::to_vec(&letter).expect("plain fields are JSON")
@@ -104,14 +104,14 @@ pub(super) enum Verdict {
     Later(String),
 }
 
-impl From<IngestError> for Verdict {
-    fn from(error: IngestError) -> Self {
+impl From<ServiceError> for Verdict {
+    fn from(error: ServiceError) -> Self {
         match error {
-            IngestError::Recording(_) => Self::Never(Refusal::new(422, error.to_string())),
-            IngestError::Field { field, value, expected } => Self::Never(Refusal::field(422, field, &value, expected)),
-            IngestError::Store(StoreError::AssetUnknown(_)) => Self::Never(Refusal::new(404, error.to_string())),
-            IngestError::Store(StoreError::Time(_)) => Self::Never(Refusal::new(422, error.to_string())),
-            IngestError::WorkerLost(_) | IngestError::Store(StoreError::NotFinite { .. }) => {
+            ServiceError::Recording(_) => Self::Never(Refusal::new(422, error.to_string())),
+            ServiceError::Field { field, value, expected } => Self::Never(Refusal::field(422, field, &value, expected)),
+            ServiceError::Store(StoreError::AssetUnknown(_)) => Self::Never(Refusal::new(404, error.to_string())),
+            ServiceError::Store(StoreError::Time(_)) => Self::Never(Refusal::new(422, error.to_string())),
+            ServiceError::WorkerLost(_) | ServiceError::Store(StoreError::NotFinite { .. }) => {
                 Self::Fault(Refusal::new(500, error.to_string()))
             }
             error => Self::Later(error.to_string()),
@@ -146,11 +146,11 @@ mod tests {
 
     #[test]
     fn what_passes_is_not_refused() {
-        let busy = IngestError::Busy {
+        let busy = ServiceError::Busy {
             what: "the queue of records is full",
             retry_after_s: 1,
         };
         assert!(matches!(Verdict::from(busy), Verdict::Later(reason) if reason.contains("queue")));
-        assert!(matches!(Verdict::from(IngestError::WorkerLost("decode")), Verdict::Fault(_)));
+        assert!(matches!(Verdict::from(ServiceError::WorkerLost("decode")), Verdict::Fault(_)));
     }
 }

@@ -9,7 +9,7 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::{ResumableUpload, UploadState};
-use crate::ingest::IngestError;
+use crate::service::ServiceError;
 
 /// What has come.
 const PART: &str = "part";
@@ -85,14 +85,14 @@ impl UploadFiles {
     }
 
     /// Begins an upload; when this returns it is on the disk.
-    pub(super) fn begin(&self, upload: &ResumableUpload) -> Result<(), IngestError> {
+    pub(super) fn begin(&self, upload: &ResumableUpload) -> Result<(), ServiceError> {
         let path = self.part(&upload.id);
         File::create(&path).map_err(|source| failed(&path, source))?;
         self.keep(upload)
     }
 
     /// Keeps the description of an upload; when this returns it is on the disk, and so is its name.
-    pub(super) fn keep(&self, upload: &ResumableUpload) -> Result<(), IngestError> {
+    pub(super) fn keep(&self, upload: &ResumableUpload) -> Result<(), ServiceError> {
         let path = self.path(&upload.id, DESCRIPTION);
         let next = self.path(&upload.id, NEXT);
         let write = || {
@@ -110,7 +110,7 @@ impl UploadFiles {
     }
 
     /// The file of an upload, to be written to behind the first `at` bytes.
-    pub(super) fn append(&self, id: &str, at: u64) -> Result<File, IngestError> {
+    pub(super) fn append(&self, id: &str, at: u64) -> Result<File, ServiceError> {
         let path = self.part(id);
         let open = || {
             let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(&path)?;
@@ -121,7 +121,7 @@ impl UploadFiles {
     }
 
     /// Puts what has come on the disk: the file is `end` bytes long when this returns, or as long as it was, `at`, where that failed.
-    pub(super) fn sync(&self, id: &str, file: &File, at: u64, end: u64) -> Result<(), IngestError> {
+    pub(super) fn sync(&self, id: &str, file: &File, at: u64, end: u64) -> Result<(), ServiceError> {
         // Of bytes that could not be written as a whole the first ones may be there.
         let synced = file.set_len(end).and_then(|()| file.sync_data());
         synced.map_err(|source| {
@@ -134,7 +134,7 @@ impl UploadFiles {
     }
 
     /// Keeps what became of an upload; its bytes go.
-    pub(super) fn end(&self, upload: &ResumableUpload) -> Result<(), IngestError> {
+    pub(super) fn end(&self, upload: &ResumableUpload) -> Result<(), ServiceError> {
         let kept = self.keep(upload);
         let _ = fs::remove_file(self.part(&upload.id));
         // Where there was no room for the description there is now.
@@ -161,8 +161,8 @@ fn described(path: &Path) -> io::Result<Option<ResumableUpload>> {
     }
 }
 
-fn failed(path: &Path, source: io::Error) -> IngestError {
-    IngestError::File {
+fn failed(path: &Path, source: io::Error) -> ServiceError {
+    ServiceError::File {
         action: "write",
         path: path.to_path_buf(),
         source,

@@ -14,9 +14,9 @@ use super::files::UploadFiles;
 use super::incoming::Incoming;
 use super::reading::read;
 use super::{KEPT, LOOKED_EVERY, ResumableUpload, UploadState, in_use, too_many, unknown};
+use crate::http::app::App;
 use crate::http::problem::Problem;
-use crate::http::router::App;
-use crate::ingest::IngestError;
+use crate::service::ServiceError;
 
 /// Uploads in a folder.
 #[derive(Debug)]
@@ -83,12 +83,12 @@ impl FolderUploads {
     }
 
     pub(super) async fn begin(self: &Arc<Self>, app: &App, upload: ResumableUpload) -> Result<ResumableUpload, Problem> {
-        let (uploads, now, most) = (Arc::clone(self), app.ingest.now(), app.limits.uploads_at_once);
+        let (uploads, now, most) = (Arc::clone(self), app.service.now(), app.limits.uploads_at_once);
         let begun = spawn_blocking(move || {
             uploads.sweep(now);
             uploads.add(upload, most as usize)
         });
-        begun.await.map_err(|_| IngestError::WorkerLost("begin an upload"))?
+        begun.await.map_err(|_| ServiceError::WorkerLost("begin an upload"))?
     }
 
     fn add(&self, upload: ResumableUpload, most: usize) -> Result<ResumableUpload, Problem> {
@@ -128,12 +128,12 @@ impl FolderUploads {
             // To the page cache: short enough for this thread.
             if let Err(source) = file.write_all(&bytes) {
                 let (action, path) = ("write", self.files.part(id));
-                break Err(IngestError::File { action, path, source }.into());
+                break Err(ServiceError::File { action, path, source }.into());
             }
             end += bytes.len() as u64;
         };
         // What has come is kept, also where the rest did not.
-        let (files, expires_at) = (self.files.clone(), app.ingest.now() + KEPT);
+        let (files, expires_at) = (self.files.clone(), app.service.now() + KEPT);
         let kept = spawn_blocking(move || {
             files.sync(&upload.id, &file, at, end)?;
             upload.offset = end;
@@ -143,9 +143,9 @@ impl FolderUploads {
                 tracing::warn!(upload = upload.id, %error, "description of an upload not kept anew");
                 upload.expires_at = before;
             }
-            Ok::<_, IngestError>(upload)
+            Ok::<_, ServiceError>(upload)
         });
-        let mut upload = kept.await.map_err(|_| IngestError::WorkerLost("keep an upload"))??;
+        let mut upload = kept.await.map_err(|_| ServiceError::WorkerLost("keep an upload"))??;
         self.take_on(app, &mut upload);
         received?;
         Ok(upload.clone())
@@ -165,7 +165,7 @@ impl FolderUploads {
         };
         let Ok(held) = self.find(&upload.id) else { return };
         let mut upload = held.lock_owned().await;
-        upload.end(taken, app.ingest.now());
+        upload.end(taken, app.service.now());
         let ended = spawn_blocking(move || {
             if let Err(error) = self.files.end(&upload) {
                 tracing::warn!(upload = upload.id, %error, "end of an upload not kept");
@@ -190,19 +190,19 @@ impl FolderUploads {
         }
         let uploads = Arc::clone(self);
         let given_up = spawn_blocking(move || uploads.forget(&upload.id));
-        Ok(given_up.await.map_err(|_| IngestError::WorkerLost("give up an upload"))?)
+        Ok(given_up.await.map_err(|_| ServiceError::WorkerLost("give up an upload"))?)
     }
 }
 
 /// Reads what an earlier process left unread, and removes what nobody went on with, until the store is closed.
 pub(super) async fn watch(app: App, uploads: Arc<FolderUploads>) {
-    while !app.ingest.store().is_closed() {
+    while !app.service.store.is_closed() {
         for held in uploads.all() {
             if let Ok(mut upload) = held.try_lock() {
                 uploads.take_on(&app, &mut upload);
             }
         }
-        let (swept, now) = (Arc::clone(&uploads), app.ingest.now());
+        let (swept, now) = (Arc::clone(&uploads), app.service.now());
         if spawn_blocking(move || swept.sweep(now)).await.is_err() {
             tracing::warn!("uploads that nobody went on with are looked for again later");
         }

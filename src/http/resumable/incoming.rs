@@ -8,10 +8,10 @@ use bytes::Bytes;
 use tokio::time::{Instant, timeout_at};
 
 use super::ResumableUpload;
+use crate::http::app::App;
 use crate::http::body::{Arrival, Pieces};
 use crate::http::limits::HttpLimits;
 use crate::http::problem::Problem;
-use crate::http::router::App;
 
 /// The bytes of a request as they come: no more than are missing, and none after the time that a body may take.
 pub(super) struct Incoming {

@@ -18,10 +18,10 @@ use axum::body::Body;
 use axum::http::StatusCode;
 use jiff::Timestamp;
 
+use super::app::App;
 use super::problem::Problem;
-use super::router::App;
 use crate::asset::AssetId;
-use crate::ingest::IngestError;
+use crate::service::detached;
 use folder::FolderUploads;
 use shared::SharedUploads;
 pub(in crate::http) use upload::ResumableUpload;
@@ -70,8 +70,8 @@ impl ResumableUploads {
     pub(super) async fn begin(&self, app: &App, asset: AssetId, length: u64) -> Result<ResumableUpload, Problem> {
         let mut random = [0; 12];
         getrandom::fill(&mut random).map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
-        let id = random.iter().map(|byte| format!("{byte:02x}")).collect();
-        let upload = ResumableUpload::new(id, asset, length, app.ingest.now());
+        let id = hex::encode(random);
+        let upload = ResumableUpload::new(id, asset, length, app.service.now());
         match self {
             Self::Folder(uploads) => uploads.begin(app, upload).await,
             Self::Shared(uploads) => uploads.begin(app, upload).await,
@@ -90,13 +90,13 @@ impl ResumableUploads {
     pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
         // Where the client goes away, what it has sent is still kept.
         let (app, id) = (app.clone(), id.to_owned());
-        let task = tokio::spawn(async move {
+        let go_on = async move {
             match &*app.resumable {
                 Self::Folder(uploads) => uploads.go_on(&app, &id, at, body).await,
                 Self::Shared(uploads) => uploads.go_on(&app, &id, at, body).await,
             }
-        });
-        task.await.map_err(|_| IngestError::WorkerLost("keep an upload"))?
+        };
+        detached("keep an upload", go_on).await?
     }
 
     /// Says what the reading of an upload waits for, or that it does not; false where the upload was given up.

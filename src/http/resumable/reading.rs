@@ -4,9 +4,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::{ResumableUpload, ResumableUploads, shared};
+use crate::http::app::App;
 use crate::http::body::SpooledBody;
 use crate::http::problem::Problem;
-use crate::http::router::App;
 use crate::http::uploads::{self, UploadAnswer};
 
 /// Wait before an upload is read again that could not be read now.
@@ -20,18 +20,18 @@ const LONGEST_WAIT: Duration = Duration::from_secs(60);
 pub(super) async fn read(app: &App, upload: &ResumableUpload, path: &Path) -> Option<Result<UploadAnswer, Problem>> {
     let mut wait = READ_AGAIN;
     while app.resumable.note_wait(&upload.id, None).await {
-        let taken = match app.ingest.workers().admit() {
+        let taken = match app.service.workers.admit() {
             Err(busy) => Err(busy.into()),
             Ok(ticket) => match spool(app, upload, path).await {
                 Ok(spooled) => uploads::take_recording(app, &upload.asset, spooled, ticket).await,
                 Err(problem) => Err(problem),
             },
         };
-        if app.ingest.store().is_closed() {
+        if app.service.store.is_closed() {
             return None;
         }
         match taken {
-            Err(problem) if problem.may_pass() && app.ingest.now() < upload.expires_at => {
+            Err(problem) if problem.may_pass() && app.service.now() < upload.expires_at => {
                 tracing::debug!(upload = upload.id, problem = problem.detail(), "read again later");
                 app.resumable.note_wait(&upload.id, Some(problem.detail())).await;
                 wait = if problem.is_no_room() { wait } else { READ_AGAIN };

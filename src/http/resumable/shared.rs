@@ -13,10 +13,10 @@ use tokio::io::AsyncWriteExt;
 use super::incoming::Incoming;
 use super::reading::read;
 use super::{KEPT, LOOKED_EVERY, ResumableUpload, UploadState, in_use, too_many, unknown};
+use crate::http::app::App;
 use crate::http::body::SpooledBody;
 use crate::http::problem::Problem;
-use crate::http::router::App;
-use crate::ingest::IngestError;
+use crate::service::{ServiceError, blocking};
 use crate::store::{NewUpload, StoredUpload, UploadPiece, UploadProgress};
 
 /// Bytes of one piece; what a process that is killed may lose of an upload.
@@ -44,14 +44,14 @@ impl SharedUploads {
     }
 
     pub(super) async fn begin(&self, app: &App, upload: ResumableUpload) -> Result<ResumableUpload, Problem> {
-        app.ingest.expire_uploads().await?;
+        app.service.uploads.expire().await?;
         let new = NewUpload {
             id: upload.id.clone(),
             asset: upload.asset.clone(),
             length: upload.length,
             expires_at: upload.expires_at,
         };
-        if app.ingest.store().begin_resumable(&new, app.limits.uploads_at_once).await? {
+        if app.service.store.begin_resumable(&new, app.limits.uploads_at_once).await? {
             Ok(upload)
         } else {
             Err(too_many())
@@ -59,24 +59,24 @@ impl SharedUploads {
     }
 
     pub(super) async fn find(&self, app: &App, id: &str) -> Result<ResumableUpload, Problem> {
-        let found = app.ingest.store().resumable(id, app.ingest.now()).await?;
+        let found = app.service.store.resumable(id, app.service.now()).await?;
         found.map(ResumableUpload::from).ok_or_else(|| unknown(id))
     }
 
     pub(super) async fn go_on(&self, app: &App, id: &str, at: u64, body: Body) -> Result<ResumableUpload, Problem> {
         let upload = self.find(app, id).await?;
         upload.check_offset(at)?;
-        let mut ticket = app.ingest.workers().admit()?;
+        let mut ticket = app.service.workers.admit()?;
         ticket.grow(usize::try_from(upload.length - at).map_or(PIECE_BYTES, |missing| missing.min(PIECE_BYTES)))?;
         receive(app, upload, body).await
     }
 
     pub(super) async fn give_up(&self, app: &App, id: &str) -> Result<(), Problem> {
         self.find(app, id).await?;
-        if !app.ingest.store().give_up_resumable(id, app.ingest.now()).await? {
+        if !app.service.store.give_up_resumable(id, app.service.now()).await? {
             return Err(in_use());
         }
-        Ok(app.ingest.remove_pieces(vec![id.to_owned()]).await?)
+        Ok(app.service.uploads.remove(vec![id.to_owned()]).await?)
     }
 }
 
@@ -108,10 +108,9 @@ async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<R
 
 /// Keeps a piece, and says that it is there.
 async fn keep(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) -> Result<(), Problem> {
-    let (store, id, count) = (app.ingest.store().clone(), upload.id.clone(), bytes.len() as u64);
-    let put = tokio::task::spawn_blocking(move || store.objects().put_piece(&id, bytes.into())).await;
-    let object = put.map_err(|_| IngestError::WorkerLost("keep an upload"))??;
-    let (store, now) = (app.ingest.store(), app.ingest.now());
+    let (store, id, count) = (app.service.store.clone(), upload.id.clone(), bytes.len() as u64);
+    let object = blocking("keep an upload", move || store.objects().put_piece(&id, bytes.into())).await??;
+    let (store, now) = (&app.service.store, app.service.now());
     let piece = UploadPiece { bytes: count, object };
     if store.add_piece(&upload.id, upload.offset, &piece, now + KEPT).await? {
         upload.offset += count;
@@ -120,7 +119,7 @@ async fn keep(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) -> Result
     }
     if store.resumable(&upload.id, now).await?.is_none() {
         // It was given up meanwhile, and nobody else removes what came after that.
-        app.ingest.remove_pieces(vec![upload.id.clone()]).await?;
+        app.service.uploads.remove(vec![upload.id.clone()]).await?;
         return Err(unknown(&upload.id));
     }
     Err(Problem::new(StatusCode::CONFLICT, "the upload was gone on with by another request"))
@@ -128,7 +127,7 @@ async fn keep(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) -> Result
 
 /// Reads an upload that is whole in the background, where nobody else does.
 async fn take_on(app: &App, id: &str) -> Result<(), Problem> {
-    let (store, now) = (app.ingest.store(), app.ingest.now());
+    let (store, now) = (&app.service.store, app.service.now());
     if store.begin_reading(id, now).await?
         && let Some(upload) = store.resumable(id, now).await?
     {
@@ -139,9 +138,9 @@ async fn take_on(app: &App, id: &str) -> Result<(), Problem> {
 
 /// Takes on what other processes have left unread, until the store is closed.
 pub(super) async fn watch(app: App) {
-    while !app.ingest.store().is_closed() {
+    while !app.service.store.is_closed() {
         let looked = async {
-            for id in app.ingest.store().unread_uploads(app.ingest.now(), TAKEN_ON).await? {
+            for id in app.service.store.unread_uploads(app.service.now(), TAKEN_ON).await? {
                 take_on(&app, &id).await?;
             }
             Ok::<_, Problem>(())
@@ -158,7 +157,7 @@ async fn read_pieces(app: App, upload: ResumableUpload) {
     let alive = async {
         loop {
             tokio::time::sleep(SAID_EVERY).await;
-            if let Err(error) = app.ingest.store().go_on_reading(&upload.id, app.ingest.now()).await {
+            if let Err(error) = app.service.store.go_on_reading(&upload.id, app.service.now()).await {
                 tracing::debug!(upload = upload.id, %error, "not said that it is being read");
             }
         }
@@ -169,10 +168,10 @@ async fn read_pieces(app: App, upload: ResumableUpload) {
             return;
         };
         let mut ended = upload.clone();
-        ended.end(taken, app.ingest.now());
+        ended.end(taken, app.service.now());
         while let Err(problem) = end(&app, &ended).await {
             tracing::warn!(upload = ended.id, problem = problem.detail(), "end of an upload not kept yet");
-            if app.ingest.store().is_closed() || !problem.may_pass() {
+            if app.service.store.is_closed() || !problem.may_pass() {
                 break;
             }
             tokio::time::sleep(Duration::from_secs(1)).await;
@@ -191,15 +190,15 @@ async fn end(app: &App, upload: &ResumableUpload) -> Result<(), Problem> {
         (Some(text), None) => Ok(text.as_str()),
         (_, error) => Err(error.as_deref().unwrap_or("its result cannot be written down")),
     };
-    let store = app.ingest.store();
+    let store = &app.service.store;
     store.finish_reading(&upload.id, result, upload.expires_at).await?;
-    Ok(app.ingest.remove_pieces(vec![upload.id.clone()]).await?)
+    Ok(app.service.uploads.remove(vec![upload.id.clone()]).await?)
 }
 
 /// The pieces of an upload as one file.
 pub(super) async fn compose(app: &App, upload: &ResumableUpload, path: &Path) -> Result<SpooledBody, Problem> {
     let failed = |source| {
-        Problem::from(IngestError::File {
+        Problem::from(ServiceError::File {
             action: "write",
             path: path.to_path_buf(),
             source,
@@ -208,10 +207,9 @@ pub(super) async fn compose(app: &App, upload: &ResumableUpload, path: &Path) ->
     let spooled = SpooledBody::at(path.to_path_buf());
     let mut file = tokio::fs::File::create(path).await.map_err(failed)?;
     let mut written = 0;
-    for piece in app.ingest.store().upload_pieces(&upload.id).await? {
-        let (store, id) = (app.ingest.store().clone(), upload.id.clone());
-        let got = tokio::task::spawn_blocking(move || store.objects().piece(&id, &piece.object)).await;
-        let bytes = got.map_err(|_| IngestError::WorkerLost("read an upload"))??;
+    for piece in app.service.store.upload_pieces(&upload.id).await? {
+        let (store, id) = (app.service.store.clone(), upload.id.clone());
+        let bytes = blocking("read an upload", move || store.objects().piece(&id, &piece.object)).await??;
         file.write_all(&bytes).await.map_err(failed)?;
         written += bytes.len() as u64;
     }

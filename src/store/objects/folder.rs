@@ -50,7 +50,7 @@ impl Folder {
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
         let mut unguessable = [0; 8];
         getrandom::fill(&mut unguessable).map_err(|source| file_error("name a folder in", &folder, source.into()))?;
-        let temporary = folder.join("tmp").join(super::hexadecimal(&unguessable));
+        let temporary = folder.join("tmp").join(hex::encode(&unguessable));
         fs::create_dir_all(&temporary).map_err(|source| file_error("create the folder", &temporary, source))?;
         Ok(Self {
             folder,
