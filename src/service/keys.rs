@@ -16,25 +16,21 @@ const RUN_INDICATORS: &str = "run-2";
 /// Everything but its raw bytes that the analysis of a record of this asset depends on.
 pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     let gear = &spec.gear;
+    let mut others: Vec<String> = gear
+        .other_meshes
+        .iter()
+        .map(|mesh| serde_json::to_string(mesh).unwrap_or_default())
+        .collect();
+    others.sort_unstable();
     let mut parts = vec![
         PREPROCESSING.to_owned(),
-        gear.teeth[0].to_string(),
+        format!("{:?}", gear.teeth),
+        format!("{:?}", gear.shaft_ratio),
         gear.shaft_speed_hz.to_bits().to_string(),
         gear.speed_tolerance.to_bits().to_string(),
         gear.speed_is_exact.to_string(),
     ];
-    // A mesh by itself has the key that it had before there were others.
-    if gear.shaft_ratio.is_some() || !gear.other_meshes.is_empty() {
-        let mut others: Vec<String> = gear
-            .other_meshes
-            .iter()
-            .map(|mesh| serde_json::to_string(mesh).unwrap_or_default())
-            .collect();
-        others.sort_unstable();
-        parts.push(format!("{:?}", gear.shaft_ratio));
-        parts.push(gear.teeth[1].to_string());
-        parts.extend(others);
-    }
+    parts.extend(others);
     let feature = hash(&parts.iter().map(String::as_str).collect::<Vec<_>>());
     let bands = serde_json::to_string(&spec.bands).unwrap_or_default();
     let gear_indicators = if spec.gear_indicators { GEAR_PREPROCESSING } else { "" };

@@ -7,7 +7,7 @@ use sqlx::any::AnyRow;
 use sqlx::{Any, Row, Transaction};
 
 use super::rows::{asset_id, from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns};
-use super::{SegmentKey, Store, StoreError, heard_through, raw};
+use super::{SegmentKey, Store, StoreError, shared_sensors, raw};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// Assets that one statement asks for, where there are many.
@@ -172,7 +172,7 @@ impl Store {
         if inserted.rows_affected() == 0 {
             return Err(StoreError::AssetExists(spec.id.clone()));
         }
-        heard_through::set(&mut transaction, spec).await?;
+        shared_sensors::set(&mut transaction, spec).await?;
         transaction.commit().await?;
         self.asset(&spec.id).await
     }
@@ -193,7 +193,7 @@ impl Store {
             .bind(to_ns(now)?)
             .execute(&mut *commit.transaction)
             .await?;
-        heard_through::set(&mut commit.transaction, spec).await?;
+        shared_sensors::set(&mut commit.transaction, spec).await?;
         commit.finish().await?;
         self.asset(&spec.id).await
     }
@@ -233,7 +233,7 @@ impl Store {
         checked.check(&mut commit.transaction).await?;
         let channels = self.channels(id).await?;
         let transaction = &mut commit.transaction;
-        heard_through::change_others(transaction, id).await?;
+        shared_sensors::change_others(transaction, id).await?;
         let mine = "SELECT sha256 FROM raw_objects WHERE asset_id = $1";
         let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut **transaction).await?;
         let objects: Vec<String> = objects.iter().map(|row| get(row, "sha256")).collect::<Result<_, _>>()?;
@@ -270,7 +270,7 @@ impl Store {
         let mut found = Vec::new();
         for chunk in assets.chunks(ASSETS_AT_ONCE) {
             let text = text(&placeholders(1, chunk.len()));
-            let mut query = sqlx::query(&text).persistent(self.dialect().keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect().caches_statement(chunk.len()));
             for asset in chunk {
                 query = query.bind(asset.as_str());
             }

@@ -122,7 +122,7 @@ impl Commit {
                     .bind(i64::from(segment.raw.channel_index));
             }
             query
-                .persistent(self.dialect.keeps_optional_doubles())
+                .persistent(self.dialect.caches_optional_doubles())
                 .execute(&mut *self.transaction)
                 .await?;
         }
@@ -158,7 +158,7 @@ impl Commit {
                     .bind(to_json(&analysed.features, "features", id)?);
             }
             query
-                .persistent(self.dialect.keeps(chunk.len()))
+                .persistent(self.dialect.caches_statement(chunk.len()))
                 .execute(&mut *self.transaction)
                 .await?;
         }
@@ -182,7 +182,7 @@ impl Commit {
                  ON CONFLICT (sha256, asset_id) DO NOTHING RETURNING asset_id, bytes",
                 rows_of_placeholders(chunk.len(), 4)
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for ((sha256, asset), (bytes, start_time)) in chunk {
                 query = query.bind(*sha256).bind(*asset).bind(*bytes).bind(to_ns(*start_time)?);
             }
@@ -198,7 +198,7 @@ impl Commit {
                  ON CONFLICT (asset_id) DO UPDATE SET bytes = raw_volumes.bytes + excluded.bytes",
                 rows_of_placeholders(chunk.len(), 2)
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for (asset, bytes) in chunk {
                 query = query.bind(asset.as_str()).bind(*bytes);
             }

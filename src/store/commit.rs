@@ -54,9 +54,9 @@ impl Commit {
         let text = format!(
             "SELECT * FROM assets WHERE id IN ({}) ORDER BY id{}",
             placeholders(1, ids.len()),
-            self.dialect.to_rest_on()
+            self.dialect.for_share()
         );
-        let mut query = sqlx::query(&text).persistent(self.dialect.keeps(ids.len()));
+        let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(ids.len()));
         for id in ids {
             query = query.bind(id.as_str());
         }
@@ -77,7 +77,7 @@ impl Commit {
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
             .execute(&mut *self.transaction)
             .await?;
-        let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.to_change());
+        let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.for_update());
         let row = sqlx::query(&text).bind(id.as_str()).fetch_optional(&mut *self.transaction).await?;
         let asset = asset_of(&row.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?)?;
         sqlx::query("UPDATE assets SET revision = (SELECT value FROM counters WHERE name = 'asset_revision') WHERE id = $1")
@@ -111,9 +111,9 @@ impl Commit {
             let which = any_of(chunk.len(), &["asset_id =", "name ="]);
             let text = format!(
                 "SELECT * FROM channels WHERE {which} ORDER BY asset_id, name{}",
-                self.dialect.to_change()
+                self.dialect.for_update()
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for (asset, name) in chunk {
                 query = query.bind(asset.as_str()).bind(*name);
             }
@@ -146,7 +146,7 @@ impl Commit {
     ///
     /// Error: [`StoreError::AssetUnknown`] where it is gone with its asset.
     pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
-        let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.to_change());
+        let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.for_update());
         let row = sqlx::query(&text)
             .bind(channel.channel_no)
             .fetch_optional(&mut *self.transaction)
@@ -199,7 +199,7 @@ impl Commit {
                     .bind(channel.changed_from.as_ref().map(|key| key.id.0.as_str()));
             }
             query
-                .persistent(self.dialect.keeps(chunk.len()))
+                .persistent(self.dialect.caches_statement(chunk.len()))
                 .execute(&mut *self.transaction)
                 .await?;
         }

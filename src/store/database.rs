@@ -73,7 +73,10 @@ impl Database {
         sqlx::any::install_default_drivers();
         let write = shared_pool(settings, settings.write_connections).await?;
         let mut connection = write.acquire().await?;
+        // However long another process migrates.
+        connection.execute("SET lock_timeout = 0; SET statement_timeout = 0").await?;
         schema::migrate(&mut connection, Dialect::Postgres).await?;
+        connection.execute(SESSION).await?;
         drop(connection);
         let read = shared_pool(settings, settings.read_connections).await?;
         Ok(Self {
@@ -181,7 +184,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let database = Database::open_folder(folder.path()).await.unwrap();
         assert!(matches!(error_of(folder.path()).await, StoreError::InUse(_)));
-        sqlx::query("INSERT INTO migrations (version) VALUES (999)")
+        sqlx::query("INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES (999, 'later', 1, x'00', 0)")
             .execute(&database.write)
             .await
             .unwrap();
@@ -218,7 +221,7 @@ mod tests {
         for database in databases(folder.path()).await {
             let make = database
                 .dialect
-                .statement("CREATE TEMPORARY TABLE t (n BIGINT, i BIGINT, d DOUBLE PRECISION, s TEXT, b {bytes})");
+                .schema("CREATE TEMPORARY TABLE t (n BIGINT, i BIGINT, d DOUBLE PRECISION, s TEXT, b BLOB)");
             let mut connection = database.write.acquire().await.unwrap();
             sqlx::query(&make).execute(&mut *connection).await.unwrap();
             // PostgreSQL's texts have no NUL.
@@ -242,7 +245,7 @@ mod tests {
                 .bind(None::<f64>)
                 .bind(None::<String>)
                 .bind(None::<Vec<u8>>)
-                .persistent(database.dialect.keeps_optional_doubles())
+                .persistent(database.dialect.caches_optional_doubles())
                 .execute(&mut *connection)
                 .await
                 .unwrap();

@@ -87,7 +87,7 @@ impl Commit {
                 "INSERT INTO fold_states (channel_no, generation, position, start_time_ns, segment_id, state) VALUES {}",
                 rows_of_placeholders(chunk.len(), 6)
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for (channel_no, generation, state) in chunk {
                 query = query
                     .bind(*channel_no)
@@ -117,7 +117,7 @@ impl Commit {
     async fn remove_states_after(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
         let which = any_of(all.len(), &["channel_no =", "generation =", "position >="]);
         let text = format!("DELETE FROM fold_states WHERE {which}");
-        let mut query = sqlx::query(&text).persistent(self.dialect.keeps(all.len()));
+        let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(all.len()));
         for &(channel_no, generation, after, _) in all {
             // The newest one of before is kept only where its position is one of those that are.
             let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) {

@@ -14,20 +14,19 @@ mod dead_letters;
 mod error;
 mod fold_states;
 mod generations;
-mod heard_through;
 mod keyed_uploads;
 mod library_builds;
 mod maintenance;
 mod objects;
 mod raw;
 mod recent_wear;
-mod renamed_segments;
 mod replays;
 mod resumable_uploads;
 mod rows;
 mod schema;
 mod segments;
 mod settings;
+mod shared_sensors;
 mod shelvings;
 mod tokens;
 mod trend;
@@ -119,7 +118,7 @@ impl Store {
 
     /// Whether the database answers.
     pub async fn check(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT COUNT(*) FROM migrations").fetch_one(self.read()).await?;
+        sqlx::query("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(self.read()).await?;
         Ok(())
     }
 

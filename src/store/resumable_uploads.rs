@@ -10,30 +10,6 @@ use super::rows::{asset_id, from_ns, get, get_count, get_time, to_ns};
 use super::{Store, StoreError};
 use crate::asset::AssetId;
 
-/// Without a reference to the asset: an upload whose asset is removed ends by saying so.
-pub(super) const TABLES: &[&str] = &[
-    "CREATE TABLE resumable_uploads (
-        id TEXT NOT NULL PRIMARY KEY,
-        asset_id TEXT NOT NULL,
-        length BIGINT NOT NULL,
-        received BIGINT NOT NULL,
-        progress TEXT NOT NULL,
-        expires_at_ns BIGINT NOT NULL,
-        reader_until_ns BIGINT,
-        result TEXT,
-        error TEXT
-    )",
-    "CREATE INDEX resumable_uploads_in_time ON resumable_uploads (expires_at_ns)",
-    "CREATE INDEX resumable_uploads_by_progress ON resumable_uploads (progress)",
-    "CREATE TABLE upload_pieces (
-        upload_id TEXT NOT NULL REFERENCES resumable_uploads (id) ON DELETE CASCADE,
-        at_byte BIGINT NOT NULL,
-        bytes BIGINT NOT NULL,
-        object TEXT NOT NULL,
-        PRIMARY KEY (upload_id, at_byte)
-    )",
-];
-
 /// How long a process that reads an upload counts as alive after it last said so.
 const READER_ALIVE: SignedDuration = SignedDuration::from_secs(20);
 

@@ -9,22 +9,10 @@ use super::rows::{asset_id, get, placeholders};
 use super::{Asset, Store, StoreError};
 use crate::asset::{AssetId, AssetSpec};
 
-/// One row for each asset that hears through another one, beside its description: so that a record's listeners are found by an index.
-pub(super) const TABLE: &[&str] = &[
-    "CREATE TABLE heard_through (
-        asset_id TEXT NOT NULL PRIMARY KEY REFERENCES assets (id) ON DELETE CASCADE,
-        of_asset TEXT NOT NULL REFERENCES assets (id)
-    )",
-    "CREATE INDEX heard_through_asset ON heard_through (of_asset)",
-];
-
-/// Whether an asset has had what came through its sensor before it was described.
-pub(super) const CAUGHT_UP: &[&str] = &["ALTER TABLE heard_through ADD COLUMN is_caught_up BIGINT NOT NULL DEFAULT 0"];
-
 /// The other assets of the sensor of asset `$1`, among the assets.
-const OF_SENSOR: &str = "id IN (SELECT of_asset FROM heard_through WHERE asset_id = $1)
-    OR id IN (SELECT asset_id FROM heard_through WHERE of_asset = $1)
-    OR id IN (SELECT b.asset_id FROM heard_through a JOIN heard_through b ON b.of_asset = a.of_asset WHERE a.asset_id = $1)";
+const OF_SENSOR: &str = "id IN (SELECT of_asset FROM shared_sensors WHERE asset_id = $1)
+    OR id IN (SELECT asset_id FROM shared_sensors WHERE of_asset = $1)
+    OR id IN (SELECT b.asset_id FROM shared_sensors a JOIN shared_sensors b ON b.of_asset = a.of_asset WHERE a.asset_id = $1)";
 
 /// The other assets of an asset's sensor count as changed: what they are analysed with has.
 pub(super) async fn change_others(transaction: &mut Transaction<'_, Any>, id: &AssetId) -> Result<(), StoreError> {
@@ -46,12 +34,12 @@ pub(super) async fn change_others(transaction: &mut Transaction<'_, Any>, id: &A
 /// Brings the row of an asset in line with its description, which has changed.
 pub(super) async fn set(transaction: &mut Transaction<'_, Any>, spec: &AssetSpec) -> Result<(), StoreError> {
     change_others(transaction, &spec.id).await?;
-    sqlx::query("DELETE FROM heard_through WHERE asset_id = $1")
+    sqlx::query("DELETE FROM shared_sensors WHERE asset_id = $1")
         .bind(spec.id.as_str())
         .execute(&mut **transaction)
         .await?;
     if let Some(of) = &spec.sensor.of {
-        sqlx::query("INSERT INTO heard_through (asset_id, of_asset) VALUES ($1, $2)")
+        sqlx::query("INSERT INTO shared_sensors (asset_id, of_asset) VALUES ($1, $2)")
             .bind(spec.id.as_str())
             .bind(of.as_str())
             .execute(&mut **transaction)
@@ -64,7 +52,7 @@ pub(super) async fn set(transaction: &mut Transaction<'_, Any>, spec: &AssetSpec
 impl Store {
     /// Up to `limit` assets that hear through another one and have not had what came before they were described.
     pub async fn late_listeners(&self, limit: u32) -> Result<Vec<AssetId>, StoreError> {
-        let rows = sqlx::query("SELECT asset_id FROM heard_through WHERE is_caught_up = 0 ORDER BY asset_id LIMIT $1")
+        let rows = sqlx::query("SELECT asset_id FROM shared_sensors WHERE is_caught_up = 0 ORDER BY asset_id LIMIT $1")
             .bind(i64::from(limit))
             .fetch_all(self.read())
             .await?;
@@ -73,7 +61,7 @@ impl Store {
 
     /// Says that an asset has had everything that came through another one before it was described.
     pub async fn caught_up(&self, listener: &AssetId, of: &AssetId) -> Result<(), StoreError> {
-        sqlx::query("UPDATE heard_through SET is_caught_up = 1 WHERE asset_id = $1 AND of_asset = $2 AND is_caught_up = 0")
+        sqlx::query("UPDATE shared_sensors SET is_caught_up = 1 WHERE asset_id = $1 AND of_asset = $2 AND is_caught_up = 0")
             .bind(listener.as_str())
             .bind(of.as_str())
             .execute(self.write())
@@ -84,8 +72,8 @@ impl Store {
     /// Those of some assets that have others on their sensor.
     pub async fn sharing_a_sensor(&self, ids: &[&AssetId]) -> Result<BTreeSet<AssetId>, StoreError> {
         let list = placeholders(1, ids.len());
-        let text = format!("SELECT asset_id, of_asset FROM heard_through WHERE asset_id IN ({list}) OR of_asset IN ({list})");
-        let mut query = sqlx::query(&text).persistent(self.dialect().keeps(ids.len()));
+        let text = format!("SELECT asset_id, of_asset FROM shared_sensors WHERE asset_id IN ({list}) OR of_asset IN ({list})");
+        let mut query = sqlx::query(&text).persistent(self.dialect().caches_statement(ids.len()));
         for id in ids {
             query = query.bind(id.as_str());
         }
