@@ -1,14 +1,12 @@
 //! What is monitored ([`AssetSpec`]) and one analysed stretch of its vibration ([`Segment`]).
 
 mod alarm_rules;
-mod channel_estimator;
 mod heard_mesh;
 mod operating_bin;
 mod place;
 mod segment;
 mod spec;
 
-pub use channel_estimator::{ChannelEstimator, ChannelState, RecordResult};
 pub use heard_mesh::{MOST_ON_ONE_SENSOR, OtherMeshSpec};
 pub use operating_bin::OperatingBin;
 pub use place::{Location, MeasuringPoint};

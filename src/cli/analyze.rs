@@ -12,8 +12,8 @@ use serde::Serialize;
 
 use super::library::kept_ensemble;
 use super::{CliError, output};
-use crate::asset::{AssetSpec, ChannelEstimator, ChannelState};
-use crate::estimate::{EstimatorSettings, PanelChange, WearEstimate, shape_deviation};
+use crate::asset::AssetSpec;
+use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, PanelChange, WearEstimate, shape_deviation};
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
 use crate::report::{Report, ReportedAlarm, ReportedRecord, angle_words};
 use crate::signal::{

@@ -11,7 +11,7 @@ use crate::signal::OperatingPoint;
 
 #[expect(unreachable_pub, reason = "generated from the schema, which says what each field is")]
 mod generated {
-    include!(concat!(env!("OUT_DIR"), "/work/flankwatch.v1.rs"));
+    include!("message/work.rs");
 }
 
 /// The message of a record.

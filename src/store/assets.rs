@@ -7,7 +7,7 @@ use sqlx::any::AnyRow;
 use sqlx::{Any, Row, Transaction};
 
 use super::rows::{asset_id, from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns};
-use super::{SegmentKey, Store, StoreError, shared_sensors, raw};
+use super::{SegmentKey, Store, StoreError, raw, shared_sensors};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// Assets that one statement asks for, where there are many.

@@ -184,10 +184,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let database = Database::open_folder(folder.path()).await.unwrap();
         assert!(matches!(error_of(folder.path()).await, StoreError::InUse(_)));
-        sqlx::query("INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES (999, 'later', 1, x'00', 0)")
-            .execute(&database.write)
-            .await
-            .unwrap();
+        sqlx::query(
+            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES (999, 'later', 1, x'00', 0)",
+        )
+        .execute(&database.write)
+        .await
+        .unwrap();
         drop(database);
         let error = error_of(folder.path()).await;
         assert!(matches!(error, StoreError::Newer { found: 999, .. }), "{error}");

@@ -24,7 +24,6 @@ mod full_disk;
 mod gear_indicators;
 mod integrations;
 mod killed;
-mod left_out;
 mod libraries;
 #[cfg(feature = "cluster")]
 mod many_workers;
@@ -48,3 +47,5 @@ mod trends;
 mod two_stages;
 mod uploads;
 mod views;
+
+use flankwatch_test_support as left_out;

@@ -133,4 +133,3 @@ fn a_record_that_comes_after_hundreds_of_later_ones_is_folded_in_the_background(
     }
     assert_eq!(history(&service, "late"), history(&service, "in-order"));
 }
-

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
 use super::{ConvertArgs, ConvertError, argument};
-use crate::recording::{CsvFrames, Format, RecordDefaults, RecordingError, WavFrames, channel_names};
+use crate::recording::{CsvFrames, Format, RecordDefaults, RecordingError, WavFrames};
 
 /// Frames of the input, with the chosen channels only.
 pub(super) struct Source {
@@ -47,7 +47,7 @@ impl Source {
                 let frames = WavFrames::new(BufReader::new(file)).map_err(input)?;
                 frames.check_length(bytes).map_err(input)?;
                 let format = frames.format();
-                let names = channel_names(format.channels, &RecordDefaults::default());
+                let names = RecordDefaults::default().names_of(format.channels);
                 let chosen = choose(&names, &args.channels)?;
                 Ok(Self {
                     frames_at_most: frames.frames_at_most(bytes),

@@ -165,7 +165,7 @@ fn a_replaced_file_is_whole() {
 /// The six files of `gearbox-spectraquest`.
 #[test]
 fn real_gearbox_recordings_agree_in_wav_and_mcap() {
-    let Some(recordings) = crate::recording::tests::data("gearbox-spectraquest") else {
+    let Some(recordings) = flankwatch_test_support::recordings("gearbox-spectraquest") else {
         return;
     };
     for name in ["h30hz0", "h30hz50", "h30hz90", "b30hz0", "b30hz50", "b30hz90"] {

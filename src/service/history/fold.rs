@@ -7,8 +7,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use super::timeline::{Timeline, TimelineEvent};
-use crate::asset::ChannelState;
-use crate::estimate::{AlarmPanel, BaselineProgress, PanelChange, WearEstimate, WearStatus};
+use crate::estimate::{AlarmPanel, BaselineProgress, ChannelState, PanelChange, WearEstimate, WearStatus};
 use crate::service::error::ServiceError;
 use crate::service::simulations::KeyedEstimator;
 use crate::signal::{Features, Indicators};

@@ -1,0 +1,74 @@
+//! How far a response's indicators and features are from those of a far shorter step of the integrator.
+
+use flankwatch_signal::{Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record};
+use jiff::Timestamp;
+
+use crate::response::simulate_refined;
+use crate::testing::shen2022_spec;
+use crate::{ContactRule, FlankWear, MeshCycle, RunSettings, simulate_together};
+
+/// Steps of the reference for one sample: eight times the usual.
+const REFINED: usize = 64;
+
+/// Every amplitude, moment and ratio, worn or not, teeth parting (half the torque, loaded) or not, within 0.1 %. The lines of the shaft's
+/// sidebands, a thousandth of the mesh lines, are the hardest.
+#[test]
+fn features_are_those_of_a_refined_step() {
+    let mut analyzer = Analyzer::new(AnalysisSettings::default());
+    for (contact, torque) in [
+        (ContactRule::Threshold, 1.0),
+        (ContactRule::Loaded, 1.0),
+        (ContactRule::Loaded, 0.5),
+    ] {
+        let mut spec = shen2022_spec();
+        spec.dynamics.contact = contact;
+        spec.operation.torque_nm *= torque;
+        spec.operation.output_torque_nm = spec.operation.output_torque_nm.map(|output| output * torque);
+        let pair = spec.resolve().unwrap();
+        let worn = |depth_mm: f64| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap();
+        let cycles = [0.0, 0.05, 0.1, 0.245].map(worn);
+        let cycles = cycles.each_ref();
+        let run = RunSettings::nominal(&pair, 20_000.0, 1.0);
+        let usual = simulate_together(&pair, &cycles, &run, None).unwrap();
+        let refined = simulate_refined(&pair, &cycles, &run, REFINED);
+        let mut worst = (0.0, String::new());
+        for (state, (usual, refined)) in usual.iter().zip(&refined).enumerate() {
+            let [usual, refined] = [usual, refined].map(|response| analyze(&mut analyzer, pair.gears[0].teeth, &run, response));
+            assert_eq!(usual.features.values.len(), 20);
+            for (name, value) in &usual.features.values {
+                let error = (value - refined.features.values[name]).exp() - 1.0;
+                worst = greater(worst, error, || format!("{name} of state {state}"));
+            }
+            for (name, value) in &usual.indicators.values {
+                let error = value / refined.indicators.values[name] - 1.0;
+                worst = greater(worst, error, || format!("{name} of state {state}"));
+            }
+        }
+        println!("{contact}, {torque} of the torque: {:.4} % at {}", 100.0 * worst.0, worst.1);
+        assert!(worst.0 < 1e-3, "{contact}, {torque} of the torque: {worst:?}");
+    }
+}
+
+fn greater(worst: (f64, String), error: f64, name: impl Fn() -> String) -> (f64, String) {
+    // Not a number must not pass.
+    if error.abs() <= worst.0 { worst } else { (error.abs(), name()) }
+}
+
+fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f64]) -> Analysis {
+    let samples = response.iter().map(|&a| a as f32).collect();
+    let point = OperatingPoint {
+        shaft_speed_hz: Some(run.shaft_speed_hz),
+        torque_nm: Some(run.torque_nm),
+        ..OperatingPoint::default()
+    };
+    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples).unwrap();
+    let record = record.with_operating_point(point).unwrap();
+    let mesh = MeshContext {
+        teeth,
+        nominal_shaft_speed_hz: run.shaft_speed_hz,
+        tolerance: 0.0,
+        nominal_is_exact: true,
+        others: OtherMeshes::NONE,
+    };
+    analyzer.analyze(&record, &mesh)
+}

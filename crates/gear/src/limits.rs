@@ -1,0 +1,243 @@
+//! What numbers a gear pair may have: each refusal names the field, the value and the limit.
+
+use std::f64::consts::FRAC_PI_4;
+
+use super::error::{positive, within};
+use super::{ErrorSpec, GearError, GeometrySpec, MaterialSpec, PairSpec, wear};
+
+/// Greatest bottom clearance of the basic rack in modules (ISO 53, profile A); the rack's flank is straight above it.
+const RACK_CLEARANCE_MODULES: f64 = 0.25;
+/// Undercut that is let pass, in modules: 17 teeth of standard form are cut without harm.
+const HARMLESS_UNDERCUT_MODULES: f64 = 0.01;
+/// Least ratio of root to bore radius for which the foundation's polynomial was made (Sainsot et al. 2004).
+const LEAST_ROOT_TO_BORE: f64 = 1.4;
+/// Tightness of the mesh in modules that counts as the rounding of a centre distance.
+const CENTRE_ROUNDING_MODULES: f64 = 0.01;
+
+/// Range of every number of the basic data.
+pub(super) fn check_basic(basic: &GeometrySpec) -> Result<(), GearError> {
+    for teeth in basic.teeth {
+        if !(5..=2000).contains(&teeth) {
+            return Err(GearError::field("geometry.teeth", teeth, "from 5 to 2000 teeth"));
+        }
+    }
+    positive("geometry.module_mm", basic.module_mm, 200.0)?;
+    positive("geometry.face_width_mm", basic.face_width_mm, 10_000.0)?;
+    within("geometry.pressure_angle_deg", basic.pressure_angle_deg, 10.0, 40.0)?;
+    for i in 0..2 {
+        positive("geometry.addendum", basic.addendum[i], 3.0)?;
+        positive("geometry.dedendum", basic.dedendum[i], 4.0)?;
+        positive("geometry.bore_radius_mm", basic.bore_radius_mm[i], 1e6)?;
+        within("geometry.profile_shift", basic.profile_shift[i], -3.0, 3.0)?;
+    }
+    if let Some(centre) = basic.centre_distance_mm {
+        positive("geometry.centre_distance_mm", centre, 1e7)?;
+    }
+    Ok(())
+}
+
+/// Range of every number of material, load, supports, dynamics and errors.
+pub(super) fn check_physics(spec: &PairSpec) -> Result<(), GearError> {
+    let MaterialSpec {
+        youngs_modulus_pa,
+        poisson_ratio,
+        density_kg_per_m3,
+    } = spec.material;
+    within("material.youngs_modulus_pa", youngs_modulus_pa, 1e6, 1e13)?;
+    within("material.poisson_ratio", poisson_ratio, 0.0, 0.499)?;
+    within("material.density_kg_per_m3", density_kg_per_m3, 1.0, 1e5)?;
+    positive("operation.torque_nm", spec.operation.torque_nm, 1e9)?;
+    if let Some(torque) = spec.operation.output_torque_nm {
+        positive("operation.output_torque_nm", torque, 1e9)?;
+    }
+    positive("operation.shaft_speed_hz", spec.operation.shaft_speed_hz, 1e4)?;
+    positive("supports.stiffness_n_per_m", spec.supports.stiffness_n_per_m, 1e13)?;
+    within("supports.damping_n_s_per_m", spec.supports.damping_n_s_per_m, 0.0, 1e10)?;
+    positive("dynamics.mesh_damping_ratio", spec.dynamics.mesh_damping_ratio, 2.0)?;
+    positive("dynamics.contact_threshold_rad", spec.dynamics.contact_threshold_rad, 0.1)?;
+    for i in 0..2 {
+        if let Some(masses) = spec.dynamics.mass_kg {
+            positive("dynamics.mass_kg", masses[i], 1e8)?;
+        }
+        if let Some(inertias) = spec.dynamics.inertia_kg_m2 {
+            positive("dynamics.inertia_kg_m2", inertias[i], 1e10)?;
+        }
+    }
+    let ErrorSpec {
+        long_period_um,
+        short_period_um,
+        random_um,
+        random_clock_hz,
+        seed: _,
+    } = spec.errors;
+    within("errors.long_period_um", long_period_um, 0.0, 1e4)?;
+    within("errors.short_period_um", short_period_um, 0.0, 1e4)?;
+    within("errors.random_um", random_um, 0.0, 1e4)?;
+    within("errors.random_clock_hz", random_clock_hz, 1.0, 1e7)?;
+    positive("wear.coefficient", spec.wear.coefficient, 1.0)?;
+    for hardness in spec.wear.hardness_pa {
+        within("wear.hardness_pa", hardness, 1e6, 1e12)?;
+    }
+    wear::check_shape(&spec.wear)
+}
+
+/// The centre distance against the base radii and against `least_mm`, that of zero backlash.
+pub(super) fn check_centre(basic: &GeometrySpec, centre_mm: f64, base: [f64; 2], least_mm: f64) -> Result<(), GearError> {
+    let field = "geometry.centre_distance_mm";
+    if centre_mm <= base[0] + base[1] {
+        let expected = format!("more than {:.4}, the sum of the base radii", base[0] + base[1]);
+        return Err(GearError::field(field, centre_mm, expected));
+    }
+    if centre_mm < least_mm - CENTRE_ROUNDING_MODULES * basic.module_mm {
+        let expected = format!("at least {least_mm:.4}, below it the teeth jam");
+        return Err(GearError::field(field, centre_mm, expected));
+    }
+    Ok(())
+}
+
+/// The tip circles must cross for the teeth to touch at all.
+pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError> {
+    if centre_mm >= tip[0] + tip[1] {
+        let expected = format!(
+            "less than {:.4}, the sum of the tip radii: beyond it no teeth are in contact",
+            tip[0] + tip[1]
+        );
+        return Err(GearError::field("geometry.centre_distance_mm", centre_mm, expected));
+    }
+    Ok(())
+}
+
+/// Undercut, tooth height and bore of gear `i` with its `[base, tip, root]` radii.
+pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f64; 3], alpha0: f64) -> Result<(), GearError> {
+    let number = i + 1;
+    if tip <= base || tip <= root {
+        let expected = format!("more: the tip radius {tip:.4} of gear {number} mm is not above its base and root circles");
+        return Err(GearError::field("geometry.addendum", basic.addendum[i], expected));
+    }
+    check_rack(basic, i, alpha0)?;
+    let bore = basic.bore_radius_mm[i];
+    if root <= 0.0 || bore * LEAST_ROOT_TO_BORE > root {
+        let expected = format!(
+            "at most {:.4}: the root radius {root:.4} of gear {number} over {LEAST_ROOT_TO_BORE}",
+            root / LEAST_ROOT_TO_BORE
+        );
+        return Err(GearError::field("geometry.bore_radius_mm", bore, expected));
+    }
+    let teeth = f64::from(basic.teeth[i]);
+    let least_shift = rack_depth(basic, i) - teeth * alpha0.sin().powi(2) / 2.0;
+    if basic.profile_shift[i] < least_shift - HARMLESS_UNDERCUT_MODULES {
+        let least_teeth = (2.0 * (rack_depth(basic, i) - basic.profile_shift[i]) / alpha0.sin().powi(2)).ceil();
+        let expected = format!(
+            "at least {least_teeth} teeth on gear {number} or a profile shift of at least {least_shift:.4}, below it the tooth is undercut"
+        );
+        return Err(GearError::field("geometry.teeth", basic.teeth[i], expected));
+    }
+    Ok(())
+}
+
+/// The rack that cuts gear `i` must have a tooth with a tip: half its thickness is π/4 modules on the rolling line.
+fn check_rack(basic: &GeometrySpec, i: usize, alpha0: f64) -> Result<(), GearError> {
+    let most = FRAC_PI_4 / alpha0.tan();
+    if basic.dedendum[i] >= most {
+        let expected = format!("less than {most:.4}, where the rack that cuts gear {} is pointed", i + 1);
+        return Err(GearError::field("geometry.dedendum", basic.dedendum[i], expected));
+    }
+    Ok(())
+}
+
+/// Depth in modules of the straight part of the rack that cuts gear `i`.
+fn rack_depth(basic: &GeometrySpec, i: usize) -> f64 {
+    basic.dedendum[i] - (basic.dedendum[i] - basic.addendum[1 - i]).clamp(0.0, RACK_CLEARANCE_MODULES)
+}
+
+/// The mating tip must meet gear `i` on its involute, at or above the form circle where the fillet ends.
+pub(super) fn check_active_profile(basic: &GeometrySpec, i: usize, sap_length_mm: f64, alpha0: f64) -> Result<(), GearError> {
+    let reference = basic.module_mm * f64::from(basic.teeth[i]) / 2.0;
+    let form_length_mm = reference * alpha0.sin() - (rack_depth(basic, i) - basic.profile_shift[i]) * basic.module_mm / alpha0.sin();
+    if sap_length_mm < form_length_mm.max(0.0) - 1e-6 * basic.module_mm {
+        let expected = format!(
+            "less: the tip of gear {} meets gear {} {:.4} mm of line of action below the end of its involute",
+            2 - i,
+            i + 1,
+            form_length_mm.max(0.0) - sap_length_mm
+        );
+        return Err(GearError::field("geometry.addendum", basic.addendum[1 - i], expected));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::shen2022_spec;
+    use crate::{GearError, PairSpec, WearShape};
+
+    #[test]
+    fn values_that_cannot_be_used_are_refused_with_the_field() {
+        type Change = fn(&mut PairSpec);
+        let cases: [(&str, Change); 36] = [
+            ("geometry.teeth", |s| s.geometry.teeth[0] = 0),
+            ("geometry.teeth", |s| s.geometry.teeth[1] = 12),
+            ("geometry.teeth", |s| s.geometry.profile_shift = [-0.5, 0.5]),
+            ("geometry.module_mm", |s| s.geometry.module_mm = 0.0),
+            ("geometry.module_mm", |s| s.geometry.module_mm = f64::NAN),
+            ("geometry.face_width_mm", |s| s.geometry.face_width_mm = -50.0),
+            ("geometry.pressure_angle_deg", |s| s.geometry.pressure_angle_deg = 0.0),
+            ("geometry.pressure_angle_deg", |s| s.geometry.pressure_angle_deg = 90.0),
+            ("geometry.addendum", |s| s.geometry.addendum[1] = f64::INFINITY),
+            ("geometry.addendum", |s| s.geometry.addendum = [0.3, 0.3]),
+            ("geometry.addendum", |s| s.geometry.addendum = [1.3, 1.0]),
+            ("geometry.dedendum", |s| s.geometry.dedendum[0] = 0.0),
+            ("geometry.dedendum", |s| s.geometry.dedendum[1] = 2.2),
+            ("wear.floor", |s| s.wear.floor = f64::NAN),
+            ("wear.tip_ratio", |s| s.wear.tip_ratio = 1.5),
+            ("wear.exponent", |s| s.wear.exponent = 1.0),
+            ("wear.table", |s| s.wear.shape = WearShape::Table),
+            ("geometry.profile_shift", |s| s.geometry.profile_shift[0] = f64::NAN),
+            ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[0] = 64.5),
+            ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[1] = 0.0),
+            ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(140.0)),
+            ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(149.0)),
+            ("geometry.addendum", |s| s.geometry.centre_distance_mm = Some(158.0)),
+            ("material.youngs_modulus_pa", |s| s.material.youngs_modulus_pa = 0.0),
+            ("material.poisson_ratio", |s| s.material.poisson_ratio = 0.5),
+            ("material.density_kg_per_m3", |s| s.material.density_kg_per_m3 = f64::NAN),
+            ("operation.torque_nm", |s| s.operation.torque_nm = 0.0),
+            ("operation.torque_nm", |s| s.operation.torque_nm = f64::NAN),
+            ("operation.output_torque_nm", |s| s.operation.output_torque_nm = Some(-1.0)),
+            ("operation.shaft_speed_hz", |s| s.operation.shaft_speed_hz = 0.0),
+            ("supports.stiffness_n_per_m", |s| s.supports.stiffness_n_per_m = 0.0),
+            ("supports.damping_n_s_per_m", |s| s.supports.damping_n_s_per_m = -1.0),
+            ("dynamics.mesh_damping_ratio", |s| s.dynamics.mesh_damping_ratio = 0.0),
+            ("dynamics.contact_threshold_rad", |s| s.dynamics.contact_threshold_rad = f64::NAN),
+            ("dynamics.mass_kg", |s| s.dynamics.mass_kg = Some([1.0, 0.0])),
+            ("errors.random_clock_hz", |s| s.errors.random_clock_hz = 0.0),
+        ];
+        for (wanted, change) in cases {
+            let mut spec = shen2022_spec();
+            change(&mut spec);
+            match spec.resolve() {
+                Err(GearError::Field { field, expected, .. }) => assert_eq!(field, wanted, "{expected}"),
+                other => panic!("{wanted}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn refusals_say_what_is_wrong_with_the_teeth() {
+        let refusal = |change: fn(&mut PairSpec)| {
+            let mut spec = shen2022_spec();
+            spec.geometry.centre_distance_mm = None;
+            change(&mut spec);
+            spec.resolve().unwrap_err().to_string()
+        };
+        assert!(refusal(|s| s.geometry.teeth = [12, 26]).contains("at least 18 teeth on gear 1"));
+        let pointed = refusal(|s| {
+            s.geometry.teeth = [16, 60];
+            s.geometry.profile_shift = [1.2, 0.0];
+            s.geometry.addendum = [1.0, 0.6];
+        });
+        assert!(pointed.contains("pointed"), "{pointed}");
+        let short = refusal(|s| s.geometry.addendum = [0.4, 0.4]);
+        assert!(short.contains("contact ratio"), "{short}");
+    }
+}

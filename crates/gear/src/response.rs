@@ -1,0 +1,456 @@
+//! A run of the pair: from one mesh period to the vibration that a sensor at the bearings would record.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::decimator::Decimator;
+use super::dynamics::{LaneMotion, Motion, State};
+use super::excitation::{ExcitationLanes, LaneExcitation};
+use super::transmission_error::{RandomError, long_period_m};
+use super::{ErrorSpec, GearError, GearPair, MeshCycle, ResponseCoordinate, RunSettings};
+
+/// Records that are simulated side by side.
+const SIDE_BY_SIDE: usize = 8;
+/// Least steps of the integrator for one sample; even.
+const LEAST_OVERSAMPLING: usize = 8;
+/// Steps between two looks at whether to stop.
+const STEPS_BETWEEN_LOOKS: i64 = 4096;
+/// Most steps for one sample: what is stiffer is refused.
+const MOST_OVERSAMPLING: f64 = 20_000.0;
+/// Longest step as a part of the fastest rate's reciprocal.
+const STEP_PER_RATE: f64 = 0.4;
+/// Distance in shaft rates from every mesh line that images of mesh lines about the step's rate are kept away.
+const CLEAR_SHAFTS: f64 = 4.0;
+/// Decay of the start-up before the record starts, in nepers.
+const SETTLING_NEPERS: f64 = 16.0;
+/// Longest start-up in seconds.
+const LONGEST_SETTLING_S: f64 = 2.0;
+
+/// Simulates the pair and gives the acceleration in m/s² of its response coordinate at `sample_rate_hz`, start-up removed and low-passed
+/// below half the sampling rate (flat to 0.4 of it).
+///
+/// The integrator's step is at most an eighth of a sample and short against the fastest rate of the system; it ends exactly where the mesh
+/// stiffness jumps. Accelerations are second differences of the position over a step, so a jump of the error gives its whole push.
+///
+/// # Errors
+/// [`GearError::Field`] for settings that cannot be used.
+pub fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings) -> Result<Vec<f64>, GearError> {
+    let mut records = simulate_together(pair, &[cycle], run, None)?;
+    Ok(records.pop().unwrap_or_default())
+}
+
+/// Simulates the same run with several mesh cycles of one pair side by side, which is quicker than one after the other; gives a record for each as
+/// [`simulate`] does. Where supports or damping ask for a shorter step or a longer start-up, all records have those of the one that needs most.
+///
+/// # Errors
+/// [`GearError::Field`] for settings that cannot be used; [`GearError::Stopped`] soon after `stop` becomes true.
+pub fn simulate_together(
+    pair: &GearPair,
+    cycles: &[&MeshCycle],
+    run: &RunSettings,
+    stop: Option<&AtomicBool>,
+) -> Result<Vec<Vec<f64>>, GearError> {
+    run.check()?;
+    let mut records = Vec::with_capacity(cycles.len());
+    for together in cycles.chunks(SIDE_BY_SIDE) {
+        let motions = motions(pair, together, run);
+        let oversampling = oversampling(f64::from(pair.gears[0].teeth), together, &motions, run)?;
+        records.extend(match together {
+            [_] => Run::<1>::new(pair, together, run, &motions, oversampling).records(stop)?,
+            _ => Run::<SIDE_BY_SIDE>::new(pair, together, run, &motions, oversampling).records(stop)?,
+        });
+    }
+    Ok(records)
+}
+
+/// [`simulate_together`] for at most 8 cycles with `oversampling` steps for one sample.
+#[cfg(test)]
+pub(crate) fn simulate_refined(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings, oversampling: usize) -> Vec<Vec<f64>> {
+    let run = Run::<SIDE_BY_SIDE>::new(pair, cycles, run, &motions(pair, cycles, run), oversampling);
+    run.records(None).unwrap()
+}
+
+fn motions(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> Vec<Motion> {
+    cycles.iter().map(|cycle| Motion::new(pair, cycle, run.torque_nm)).collect()
+}
+
+/// Even number of steps for one sample: the least that resolves the system and puts no image of a mesh line beside a mesh line, where the shaft
+/// sidebands of worn gears lie, weaker by a million than the impacts. Where no step up to half of the longest does, the longest.
+fn oversampling(teeth: f64, cycles: &[&MeshCycle], motions: &[Motion], run: &RunSettings) -> Result<usize, GearError> {
+    let fastest = cycles.iter().zip(motions).map(|(cycle, motion)| {
+        let stiffness = cycle.pieces.iter().flat_map(|piece| &piece.stiffness_n_per_m);
+        motion.fastest_rate(stiffness.copied().fold(0.0, f64::max))
+    });
+    let least_hz = fastest.fold(0.0, f64::max) / STEP_PER_RATE;
+    let needed = least_hz / run.sample_rate_hz;
+    if needed > MOST_OVERSAMPLING {
+        let least = least_hz / MOST_OVERSAMPLING;
+        let expected = format!("at least {least:.1}, the supports and masses being as stiff as they are");
+        return Err(GearError::field("sample_rate_hz", run.sample_rate_hz, expected));
+    }
+    let least = (needed.ceil() as usize).next_multiple_of(2).max(LEAST_OVERSAMPLING);
+    let is_clear = |oversampling: &usize| {
+        // Steps and their middles.
+        [1.0, 2.0].iter().all(|part| {
+            let mesh_lines = part * *oversampling as f64 * run.sample_rate_hz / (run.shaft_speed_hz * teeth);
+            (mesh_lines - mesh_lines.round()).abs() * teeth > CLEAR_SHAFTS
+        })
+    };
+    Ok((least..=2 * least).step_by(2).find(is_clear).unwrap_or(least))
+}
+
+struct Run<'a, const LANES: usize> {
+    settings: &'a RunSettings,
+    response: ResponseCoordinate,
+    /// Shared by all lanes but for what differs.
+    motion: Motion,
+    differing: LaneMotion<LANES>,
+    excitation: ExcitationLanes<LANES>,
+    common: CommonError<'a>,
+    oversampling: usize,
+    settling_s: f64,
+    mesh_hz: f64,
+    teeth: f64,
+    /// Lanes that stand for a record of their own; the others repeat the last one.
+    used: usize,
+}
+
+impl<'a, const LANES: usize> Run<'a, LANES> {
+    /// `cycles` and `motions` have from one to `LANES` entries.
+    fn new(pair: &'a GearPair, cycles: &[&MeshCycle], settings: &'a RunSettings, motions: &[Motion], oversampling: usize) -> Self {
+        let used = cycles.len();
+        let of_lane = |lane: usize| lane.min(used - 1);
+        let lanes: [&MeshCycle; LANES] = std::array::from_fn(|lane| cycles[of_lane(lane)]);
+        let decays = motions
+            .iter()
+            .zip(cycles)
+            .map(|(motion, cycle)| motion.slowest_decay(cycle.mean_stiffness_n_per_m()));
+        let teeth = f64::from(pair.gears[0].teeth);
+        Self {
+            settings,
+            response: pair.spec.dynamics.response,
+            motion: motions[0],
+            differing: LaneMotion {
+                mesh_damping: std::array::from_fn(|lane| motions[of_lane(lane)].mesh_damping),
+                backlash_m: std::array::from_fn(|lane| motions[of_lane(lane)].backlash_m),
+            },
+            excitation: ExcitationLanes::new(&lanes, pair),
+            common: CommonError::new(&pair.spec.errors, settings),
+            oversampling,
+            settling_s: (SETTLING_NEPERS / decays.fold(f64::INFINITY, f64::min)).min(LONGEST_SETTLING_S),
+            mesh_hz: settings.shaft_speed_hz * teeth,
+            teeth,
+            used,
+        }
+    }
+
+    fn records(mut self, stop: Option<&AtomicBool>) -> Result<Vec<Vec<f64>>, GearError> {
+        let samples = (self.settings.seconds * self.settings.sample_rate_hz).round().max(1.0) as usize;
+        let step = 1.0 / (self.settings.sample_rate_hz * self.oversampling as f64);
+        let mut decimator = Decimator::<LANES>::new(self.oversampling);
+        let settling = (self.settling_s / step).ceil() as i64;
+        let first = -(decimator.reach() as i64);
+        let width = step * self.mesh_hz;
+
+        let mut records: Vec<Vec<f64>> = (0..self.used).map(|_| Vec::with_capacity(samples)).collect();
+        let mut n = first - settling;
+        let mut phase = self.phase_at(n as f64 * step);
+        let mut states = self.at_rest(phase, n as f64 * step);
+        let mut start = self.with_common(phase, n as f64 * step);
+        let mut positions = [self.response_positions(&states); 2];
+        let per_square = 1.0 / (step * step);
+        while records[0].len() < samples {
+            let seconds = n as f64 * step;
+            if n % STEPS_BETWEEN_LOOKS == 0 && stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+                return Err(GearError::Stopped);
+            }
+            let cut = self.excitation.cut_within(phase, width);
+            let before = if cut == 0 { [[0.0; LANES]; 6] } else { states };
+            let next = (phase + width).fract();
+            let middle = self.with_common((phase + 0.5 * width).fract(), seconds + 0.5 * step);
+            let end = self.with_common(next, seconds + step);
+            self.motion.step_lanes(&self.differing, &mut states, [&start, &middle, &end], step);
+            for lane in (0..LANES).filter(|lane| cut >> lane & 1 == 1) {
+                let state = self.cut_step(lane, before.map(|row| row[lane]), (phase, seconds), step);
+                states.iter_mut().zip(state).for_each(|(row, value)| row[lane] = value);
+            }
+            (start, phase) = (end, next);
+            let after = self.response_positions(&states);
+            if n >= first {
+                let acceleration = std::array::from_fn(|lane| (after[lane] - 2.0 * positions[1][lane] + positions[0][lane]) * per_square);
+                if let Some(sample) = decimator.push(acceleration) {
+                    records.iter_mut().zip(sample).for_each(|(record, value)| record.push(value));
+                }
+            }
+            positions = [positions[1], after];
+            n += 1;
+        }
+        Ok(records)
+    }
+
+    /// A step of one lane from a phase and time on, cut where its pieces of the mesh period end.
+    fn cut_step(&mut self, lane: usize, mut state: State, (mut phase, mut seconds): (f64, f64), step: f64) -> State {
+        let motion = Motion {
+            mesh_damping: self.differing.mesh_damping[lane],
+            backlash_m: self.differing.backlash_m[lane],
+            ..self.motion
+        };
+        let pieces = &self.excitation.pieces[lane];
+        let mut piece = pieces.iter().position(|piece| phase < piece.end).unwrap_or(0);
+        let mut rest = step;
+        loop {
+            let to_end = (pieces[piece].end - phase) / self.mesh_hz;
+            let length = rest.min(to_end);
+            if length > 0.0 {
+                let mut at = |part: f64| {
+                    let mut excitation = pieces[piece].at(phase + part * length * self.mesh_hz);
+                    excitation.error += self.common.at(seconds + part * length);
+                    excitation
+                };
+                state = motion.step(&state, &[at(0.0), at(0.5), at(1.0)], length);
+            }
+            if to_end > rest {
+                return state;
+            }
+            seconds += length.max(0.0);
+            rest -= length.max(0.0);
+            piece = (piece + 1) % pieces.len();
+            phase = pieces[piece].start;
+        }
+    }
+
+    /// Static balance of each lane.
+    fn at_rest(&mut self, phase: f64, seconds: f64) -> [[f64; LANES]; 6] {
+        let common = self.common.at(seconds);
+        let mut states = [[0.0; LANES]; 6];
+        for lane in 0..LANES {
+            let motion = Motion {
+                mesh_damping: self.differing.mesh_damping[lane],
+                ..self.motion
+            };
+            let pieces = &self.excitation.pieces[lane];
+            let piece = pieces.iter().find(|piece| phase < piece.end).unwrap_or(&pieces[0]);
+            let mut excitation = piece.at(phase);
+            excitation.error += common;
+            let state = motion.at_rest(excitation);
+            states.iter_mut().zip(state).for_each(|(row, value)| row[lane] = value);
+        }
+        states
+    }
+
+    /// k and the whole e of Eq. (25) of each lane at a phase, which is that of `seconds`.
+    #[inline]
+    fn with_common(&mut self, phase: f64, seconds: f64) -> LaneExcitation<LANES> {
+        let mut excitation = self.excitation.at(phase);
+        let common = self.common.at(seconds);
+        for error in &mut excitation[1] {
+            *error += common;
+        }
+        excitation
+    }
+
+    /// Mesh phase at a time.
+    fn phase_at(&self, seconds: f64) -> f64 {
+        let turns = self.settings.start_phase_turns + self.settings.shaft_speed_hz * seconds;
+        (turns * self.teeth).rem_euclid(1.0).min(1.0 - 1e-12)
+    }
+
+    /// Place in m of the response's coordinate in each lane.
+    #[inline]
+    fn response_positions(&self, [x, y1, y2, ..]: &[[f64; LANES]; 6]) -> [f64; LANES] {
+        match self.response {
+            ResponseCoordinate::Bearing1 => *y1,
+            ResponseCoordinate::Bearing2 => *y2,
+            ResponseCoordinate::Mesh => std::array::from_fn(|lane| x[lane] - y1[lane] + y2[lane]),
+        }
+    }
+}
+
+/// What is common to all states in a run: once-per-turn and random error.
+struct CommonError<'a> {
+    spec: &'a ErrorSpec,
+    settings: &'a RunSettings,
+    random: RandomError,
+}
+
+impl<'a> CommonError<'a> {
+    fn new(spec: &'a ErrorSpec, settings: &'a RunSettings) -> Self {
+        Self {
+            spec,
+            settings,
+            random: RandomError::new(spec, settings.seed),
+        }
+    }
+
+    /// In m at a time.
+    #[inline]
+    fn at(&mut self, seconds: f64) -> f64 {
+        let turns = self.settings.start_phase_turns + self.settings.shaft_speed_hz * seconds;
+        long_period_m(self.spec, turns) + self.random.at(seconds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use nalgebra::{Complex, Matrix3, Vector3};
+
+    use super::super::mesh_cycle::CyclePiece;
+    use super::super::testing::{shen2022, shen2022_spec};
+    use std::sync::atomic::AtomicBool;
+
+    use super::{Motion, RunSettings, simulate, simulate_refined, simulate_together};
+    use crate::{FlankWear, MeshCycle, ResponseCoordinate};
+
+    fn rms(signal: &[f64]) -> f64 {
+        (signal.iter().map(|value| value * value).sum::<f64>() / signal.len() as f64).sqrt()
+    }
+
+    fn worn(depth_mm: f64) -> (crate::GearPair, MeshCycle) {
+        let pair = shen2022();
+        let cycle = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap();
+        (pair, cycle)
+    }
+
+    #[test]
+    fn with_constant_stiffness_the_response_is_the_transfer_function() {
+        let mut spec = shen2022_spec();
+        spec.errors.random_um = 0.0;
+        spec.errors.long_period_um = 0.0;
+        let (k, f) = (6e8, 16.64 * 24.0);
+        for (response, row) in [
+            (ResponseCoordinate::Bearing1, 1),
+            (ResponseCoordinate::Bearing2, 2),
+            (ResponseCoordinate::Mesh, 3),
+        ] {
+            spec.dynamics.response = response;
+            let pair = spec.resolve().unwrap();
+            let mut cycle = MeshCycle::compute(&pair, &FlankWear::none(), 1000).unwrap();
+            cycle.pieces = vec![CyclePiece {
+                start: 0.0,
+                end: 1.0,
+                stiffness_n_per_m: vec![k; 1025],
+                uste_rad: vec![0.0; 1025],
+            }];
+            let motion = Motion::new(&pair, &cycle, 1300.0);
+            // m_j q̈_j = s_j F_m − support, F_m = (k + iωc)(x − y₁ + y₂ − e), for e = 15 µm e^{iωt}.
+            let omega = TAU * f;
+            let mesh = Complex::new(k, omega * motion.mesh_damping);
+            let support = Complex::new(motion.support_stiffness, omega * motion.support_damping);
+            let signs = [1.0, -1.0, 1.0];
+            let mut dynamic = Matrix3::from_fn(|i, j| mesh * signs[i] * signs[j]);
+            for i in 0..3 {
+                dynamic[(i, i)] += -omega * omega / motion.inverse_mass[i];
+            }
+            dynamic[(1, 1)] += support;
+            dynamic[(2, 2)] += support;
+            let force = Vector3::from_fn(|i, _| mesh * signs[i] * 15e-6);
+            let solved = dynamic.lu().solve(&force).unwrap();
+            let q = if row == 3 { solved[0] - solved[1] + solved[2] } else { solved[row] };
+            let wanted = -omega * omega * q;
+
+            let run = RunSettings::nominal(&pair, 20_000.0, 0.5);
+            let signal = simulate(&pair, &cycle, &run).unwrap();
+            // e = A sin: the imaginary part of wanted·e^{iωt}.
+            let worst = signal
+                .iter()
+                .enumerate()
+                .map(|(n, value)| (value - (wanted * Complex::from_polar(1.0, omega * n as f64 / 20_000.0)).im).abs());
+            let worst = worst.fold(0.0, f64::max);
+            assert!(worst < 1e-4 * wanted.norm(), "{response:?}: {worst} of {}", wanted.norm());
+        }
+    }
+
+    #[test]
+    fn halving_the_step_changes_nothing_that_matters() {
+        let (pair, cycle) = worn(0.12);
+        let settings = RunSettings::nominal(&pair, 20_000.0, 0.25);
+        let with = |oversampling| simulate_refined(&pair, &[&cycle], &settings, oversampling).remove(0);
+        let (used, halved) = (with(8), with(16));
+        let difference: Vec<f64> = used.iter().zip(&halved).map(|(a, b)| a - b).collect();
+        assert!(rms(&difference) < 1e-3 * rms(&halved), "{} of {}", rms(&difference), rms(&halved));
+        assert!(
+            (rms(&used) / rms(&halved) - 1.0).abs() < 2e-4,
+            "{}",
+            rms(&used) / rms(&halved) - 1.0
+        );
+    }
+
+    #[test]
+    fn no_wear_state_shows_spikes() {
+        for depth in [0.0, 0.03, 0.1, 0.245] {
+            let (pair, cycle) = worn(depth);
+            let signal = simulate(&pair, &cycle, &RunSettings::nominal(&pair, 20_000.0, 1.0)).unwrap();
+            assert_eq!(signal.len(), 20_000);
+            let mean_square = rms(&signal).powi(2);
+            let kurtosis = signal.iter().map(|value| value.powi(4)).sum::<f64>() / signal.len() as f64 / mean_square.powi(2);
+            assert!((3.0..25.0).contains(&kurtosis), "kurtosis {kurtosis} at {depth} mm");
+            // Every mesh period has its impact: the largest is no outlier of the typical one.
+            let mut peaks: Vec<f64> = signal
+                .chunks(50)
+                .map(|period| period.iter().fold(0.0, |most: f64, value| most.max(value.abs())))
+                .collect();
+            peaks.sort_by(f64::total_cmp);
+            assert!(
+                peaks[peaks.len() - 1] < 2.0 * peaks[peaks.len() / 2],
+                "{} {}",
+                peaks[peaks.len() - 1],
+                peaks[peaks.len() / 2]
+            );
+        }
+    }
+
+    #[test]
+    fn a_run_may_start_anywhere_in_the_turn() {
+        let mut spec = shen2022_spec();
+        spec.errors.random_um = 0.0;
+        let pair = spec.resolve().unwrap();
+        let cycle = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, 0.1).unwrap(), 1000).unwrap();
+        let from_zero = simulate(&pair, &cycle, &RunSettings::nominal(&pair, 20_000.0, 0.2)).unwrap();
+        let mut run = RunSettings::nominal(&pair, 20_000.0, 0.1);
+        run.start_phase_turns = 16.64 * 0.1;
+        let later = simulate(&pair, &cycle, &run).unwrap();
+        let difference: Vec<f64> = later.iter().zip(&from_zero[2000..]).map(|(a, b)| a - b).collect();
+        assert!(rms(&difference) < 1e-5 * rms(&later), "{}", rms(&difference) / rms(&later));
+    }
+
+    #[test]
+    fn seed_torque_and_speed_are_the_runs_own() {
+        let (pair, cycle) = worn(0.05);
+        let run = RunSettings::nominal(&pair, 20_000.0, 0.1);
+        let base = simulate(&pair, &cycle, &run).unwrap();
+        assert_eq!(simulate(&pair, &cycle, &run).unwrap(), base);
+        for changed in [
+            RunSettings { seed: 2, ..run },
+            RunSettings { torque_nm: 900.0, ..run },
+            RunSettings {
+                shaft_speed_hz: 15.0,
+                ..run
+            },
+        ] {
+            assert_ne!(simulate(&pair, &cycle, &changed).unwrap(), base);
+        }
+        // A longer record begins with the shorter one.
+        let longer = simulate(&pair, &cycle, &RunSettings { seconds: 0.15, ..run }).unwrap();
+        assert_eq!(&longer[..2000], &base[..]);
+    }
+
+    /// Lanes know nothing of each other but for the length of the start-up.
+    #[test]
+    fn records_made_together_are_those_made_alone() {
+        let pair = shen2022();
+        let worn = |depth: f64| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 1000).unwrap();
+        let cycles: Vec<MeshCycle> = (0..10).map(|i| worn(0.02 * f64::from(i))).collect();
+        let run = RunSettings::nominal(&pair, 20_000.0, 0.05);
+        let together = simulate_together(&pair, &cycles.iter().collect::<Vec<_>>(), &run, None).unwrap();
+        assert_eq!(together.len(), 10);
+        for (cycle, record) in cycles.iter().zip(together) {
+            let alone = simulate(&pair, cycle, &run).unwrap();
+            let difference: Vec<f64> = alone.iter().zip(&record).map(|(a, b)| a - b).collect();
+            assert!(rms(&difference) < 1e-6 * rms(&alone), "{}", rms(&difference) / rms(&alone));
+        }
+        let stop = AtomicBool::new(true);
+        let stopped = simulate_together(&pair, &[&cycles[0]], &run, Some(&stop)).unwrap_err();
+        assert!(matches!(stopped, crate::GearError::Stopped));
+    }
+}

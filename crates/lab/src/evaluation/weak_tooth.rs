@@ -1,0 +1,125 @@
+//! The dynamics with one cracked tooth: Eqs. (23) and (24) with the mesh stiffness of one mesh period in a turn reduced.
+//!
+//! The gear model has no tooth that differs from the others, so this integrates the same equations by itself, from the cycle's tables:
+//! velocities in x_m = x − y₁ + y₂ − e take e by differences over a step.
+
+use std::f64::consts::TAU;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use flankwatch_gear::{GearPair, MeshCycle, ResponseCoordinate, RunSettings};
+
+/// Steps of the integration to one sample.
+const OVERSAMPLING: usize = 8;
+
+/// Start-up in seconds that is left out.
+const SETTLING_S: f64 = 0.1;
+
+struct Cycle<'a> {
+    cycle: &'a MeshCycle,
+    pair: &'a GearPair,
+    run: &'a RunSettings,
+    loss: f64,
+    random: Vec<f64>,
+}
+
+impl Cycle<'_> {
+    /// k in N/m and e in m.
+    fn at(&self, seconds: f64) -> (f64, f64) {
+        let teeth = f64::from(self.pair.gears[0].teeth);
+        let turns = self.run.start_phase_turns + self.run.shaft_speed_hz * (seconds + 1.0);
+        let periods = turns * teeth;
+        let place = periods.rem_euclid(1.0) * self.cycle.stiffness_n_per_m.len() as f64;
+        let points = self.cycle.stiffness_n_per_m.len();
+        let (i, part) = (place as usize % points, place.fract());
+        let between = |values: &[f64]| values[i] + part * (values[(i + 1) % points] - values[i]);
+        let weak = (periods.floor() as i64).rem_euclid(i64::from(self.pair.gears[0].teeth)) == 0;
+        // The tooth takes over and hands over gradually.
+        let bend = (TAU / 2.0 * periods.rem_euclid(1.0)).sin().powi(2);
+        let left = if weak { 1.0 - self.loss * bend } else { 1.0 };
+        let errors = &self.pair.spec.errors;
+        let clock = (seconds + SETTLING_S) * errors.random_clock_hz;
+        let (tick, fraction) = ((clock.max(0.0) as usize).min(self.random.len() - 2), clock.fract());
+        let random = self.random[tick] + fraction * (self.random[tick + 1] - self.random[tick]);
+        let error = self.pair.gears[1].base_radius_mm * 1e-3 * between(&self.cycle.uste_rad)
+            + errors.long_period_um * 1e-6 * (TAU * turns).sin()
+            + errors.short_period_um * 1e-6 * (TAU * periods).sin()
+            + errors.random_um * 1e-6 * random;
+        (left * between(&self.cycle.stiffness_n_per_m), error)
+    }
+}
+
+/// As [`flankwatch_gear::simulate`], with a part `loss` of the stiffness gone at the middle of one tooth's mesh period.
+pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, loss: f64) -> Vec<f64> {
+    let samples = (run.seconds * run.sample_rate_hz).round() as usize;
+    let step = 1.0 / (run.sample_rate_hz * OVERSAMPLING as f64);
+    let mut rng = ChaCha8Rng::seed_from_u64(run.seed);
+    let ticks = ((run.seconds + 2.0 * SETTLING_S) * pair.spec.errors.random_clock_hz) as usize + 4;
+    let excitation = Cycle {
+        cycle,
+        pair,
+        run,
+        loss,
+        random: (0..ticks).map(|_| rng.random::<f64>()).collect(),
+    };
+    let mesh_mass = pair.mesh_mass_kg();
+    let inverse = [1.0 / mesh_mass, 1.0 / pair.gears[0].mass_kg, 1.0 / pair.gears[1].mass_kg];
+    let damping = 2.0 * pair.spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt();
+    let force = run.torque_nm / (pair.gears[0].base_radius_mm * 1e-3);
+    let drive = force * inverse[0];
+    let supports = pair.spec.supports;
+    // The velocities less the damper's part c·x_m/m stay continuous whatever e does.
+    let slope = |s: &[f64; 6], (k, e): (f64, f64)| -> [f64; 6] {
+        let mesh = (s[0] - s[1] + s[2] - e).max(0.0);
+        let damped = damping * mesh;
+        let v = [s[3] - damped * inverse[0], s[4] + damped * inverse[1], s[5] - damped * inverse[2]];
+        let push = k * mesh;
+        let bearing = |i: usize| supports.damping_n_s_per_m * v[i] + supports.stiffness_n_per_m * s[i];
+        [
+            v[0],
+            v[1],
+            v[2],
+            drive - push * inverse[0],
+            (push - bearing(1)) * inverse[1],
+            (-push - bearing(2)) * inverse[2],
+        ]
+    };
+    let (k, e) = excitation.at(-SETTLING_S);
+    let (mesh, support) = (force / k, force / supports.stiffness_n_per_m);
+    let part = inverse.map(|inverse| damping * mesh * inverse);
+    let mut state = [mesh + 2.0 * support + e, support, -support, part[0], -part[1], part[2]];
+    let ahead = |s: &[f64; 6], d: &[f64; 6], h: f64| -> [f64; 6] { std::array::from_fn(|i| s[i] + h * d[i]) };
+    let settling = (SETTLING_S * run.sample_rate_hz) as usize;
+    let mut positions = Vec::with_capacity((samples + settling) * OVERSAMPLING + 2);
+    let mut start = excitation.at(-SETTLING_S);
+    for n in 0..(samples + settling) * OVERSAMPLING + 2 {
+        let t = n as f64 * step - SETTLING_S;
+        let (middle, end) = (excitation.at(t + 0.5 * step), excitation.at(t + step));
+        let k1 = slope(&state, start);
+        let k2 = slope(&ahead(&state, &k1, 0.5 * step), middle);
+        let k3 = slope(&ahead(&state, &k2, 0.5 * step), middle);
+        let k4 = slope(&ahead(&state, &k3, step), end);
+        state = std::array::from_fn(|i| state[i] + step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]));
+        start = end;
+        positions.push(match pair.spec.dynamics.response {
+            ResponseCoordinate::Bearing1 => state[1],
+            ResponseCoordinate::Bearing2 => state[2],
+            ResponseCoordinate::Mesh => state[0] - state[1] + state[2],
+        });
+    }
+    let acceleration: Vec<f64> = positions.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]) / (step * step)).collect();
+    // A Hann-weighted mean over three samples' length before every eighth is kept.
+    let reach = 3 * OVERSAMPLING / 2;
+    let weights: Vec<f64> = (0..=2 * reach)
+        .map(|i| (TAU / 2.0 * (i as f64 + 1.0) / (2 * reach + 2) as f64).sin().powi(2))
+        .collect();
+    let total: f64 = weights.iter().sum();
+    (0..samples)
+        .map(|n| {
+            let at = (n + settling) * OVERSAMPLING - reach;
+            let sum: f64 = weights.iter().zip(&acceleration[at..]).map(|(w, a)| w * a).sum();
+            sum / total
+        })
+        .collect()
+}

@@ -1,0 +1,368 @@
+//! One `WaveformBlock` message to a [`Record`] and back, in protobuf or JSON.
+
+use std::collections::BTreeMap;
+
+use jiff::Timestamp;
+use prost::Message;
+
+use super::RecordingError;
+use super::error::shortened;
+use super::json::JsonBlock;
+use super::message::{self, WaveformBlock};
+use super::pulses::Pulses;
+use super::{packed_samples, pulse_count};
+use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError};
+
+/// Longest unit taken, in bytes.
+const MAX_UNIT_BYTES: usize = 64;
+
+/// Longest channel name taken, in bytes.
+pub(crate) const MAX_CHANNEL_BYTES: usize = 256;
+
+/// How a block is encoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BlockEncoding {
+    /// Protobuf, `proto/flankwatch/v1/vibration.proto`.
+    Protobuf,
+    /// JSON with the same field names; `start_time` in RFC 3339 may stand for `start_time_ns`.
+    Json,
+}
+
+impl BlockEncoding {
+    /// The media type of a block in this encoding.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Protobuf => "application/x-protobuf",
+            Self::Json => "application/json",
+        }
+    }
+}
+
+/// What holds for a record where the recording itself does not say.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RecordDefaults {
+    /// Channel name.
+    pub channel: Option<String>,
+    /// Names of the channels in their order, in place of what the recording calls them; none, or one for each.
+    pub channel_names: Vec<String>,
+    /// Time of the first sample of the recording.
+    pub start_time: Timestamp,
+    /// Unit of the samples.
+    pub unit: Option<String>,
+    /// Units of channels that have one of their own, by name; they count before `unit`.
+    pub channel_units: BTreeMap<String, String>,
+    /// What the machine was doing; each field stands in for one that the recording leaves out.
+    pub operating_point: OperatingPoint,
+}
+
+impl RecordDefaults {
+    /// Names of a recording's channels where it has none: those given where there are as many, else `"1"`, `"2"`, ….
+    #[must_use]
+    pub fn names_of(&self, channels: usize) -> Vec<String> {
+        match &self.channel {
+            _ if self.channel_names.len() == channels => self.channel_names.clone(),
+            Some(name) if channels == 1 => vec![name.clone()],
+            _ => (1..=channels).map(|k| k.to_string()).collect(),
+        }
+    }
+
+    /// The unit of a channel where the recording has none: `"1"` if nobody knows it.
+    pub(crate) fn unit_of(&self, channel: &str) -> &str {
+        self.channel_units.get(channel).or(self.unit.as_ref()).map_or("1", String::as_str)
+    }
+}
+
+/// Reads one block.
+///
+/// A start time of 0 (protobuf) or none (JSON), an empty channel, an empty unit and absent parts of the operating point
+/// are filled from `defaults`; a channel named nowhere is `"1"`. Errors name the field; more than [`MAX_RECORD_SAMPLES`] samples or
+/// 4 194 304 pulses are refused before they are kept.
+pub fn decode_block(bytes: &[u8], encoding: BlockEncoding, defaults: &RecordDefaults) -> Result<Record, RecordingError> {
+    decode_message(bytes, encoding)?.into_record(None, defaults)
+}
+
+/// Writes one block.
+///
+/// Every sample, the rate, the operating point and the quality come back exactly, pulse times to a nanosecond; the start time does for years 1678 to 2261 (the range of 64-bit
+/// nanoseconds), and is held at the range's end in protobuf beyond it.
+pub fn encode_block(record: &Record, encoding: BlockEncoding) -> Vec<u8> {
+    match encoding {
+        BlockEncoding::Protobuf => message_of(record).encode_to_vec(),
+        BlockEncoding::Json => JsonBlock::from_record(record).encode(),
+    }
+}
+
+/// A decoded block whose fields are not checked yet.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct DecodedBlock {
+    pub(crate) start_time: Option<Timestamp>,
+    pub(crate) sample_rate_hz: f64,
+    pub(crate) unit: String,
+    pub(crate) channel: String,
+    pub(crate) samples: Vec<f32>,
+    pub(crate) operating_point: OperatingPoint,
+    pub(crate) quality: Quality,
+    pub(crate) pulses: Option<Pulses>,
+}
+
+/// Decodes without checking fields against each other.
+pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<DecodedBlock, RecordingError> {
+    match encoding {
+        BlockEncoding::Protobuf => {
+            // A sample takes 4 bytes packed and 5 unpacked: more bytes than this cannot be a record, so they are not decoded at all.
+            let most = 5 * MAX_RECORD_SAMPLES + (1 << 16);
+            if bytes.len() > most {
+                return Err(RecordingError::field(
+                    "the block's length in bytes",
+                    bytes.len(),
+                    "at most 83951616 bytes: cut it into shorter records",
+                ));
+            }
+            let block = match packed_samples::split(bytes) {
+                // What is split has no more than 64 KiB besides its samples, and so not too many pulses.
+                Some((samples, others)) => WaveformBlock {
+                    samples,
+                    ..WaveformBlock::decode(&others[..])?
+                },
+                None => {
+                    pulse_count::check_block(bytes)?;
+                    WaveformBlock::decode(bytes)?
+                }
+            };
+            Ok(DecodedBlock {
+                start_time: timestamp_of(block.start_time_ns)?,
+                sample_rate_hz: block.sample_rate_hz,
+                unit: block.unit,
+                channel: block.channel,
+                samples: block.samples,
+                operating_point: block.operating_point.as_ref().map(operating_point_of).unwrap_or_default(),
+                quality: block.quality.map_or_else(Quality::default, |quality| Quality {
+                    clipped: quality.clipped,
+                    gap: quality.gap,
+                }),
+                pulses: block.tachometer.map(Pulses::from),
+            })
+        }
+        BlockEncoding::Json => JsonBlock::decode(bytes)?.into_block(),
+    }
+}
+
+impl DecodedBlock {
+    /// Checks everything; `channel` overrides the block's own.
+    pub(crate) fn into_record(self, channel: Option<&str>, defaults: &RecordDefaults) -> Result<Record, RecordingError> {
+        let given = channel.or(defaults.channel_names.first().map(String::as_str));
+        let channel = match (given, self.channel.as_str()) {
+            (Some(given), _) => given,
+            (None, "") => defaults.channel.as_deref().unwrap_or("1"),
+            (None, own) => own,
+        };
+        if channel.len() > MAX_CHANNEL_BYTES || channel.chars().any(char::is_control) {
+            return Err(RecordingError::field(
+                "channel",
+                format!("{:?}", shortened(channel)),
+                "at most 256 bytes without control characters",
+            ));
+        }
+        let unit = if self.unit.is_empty() {
+            defaults.unit_of(channel)
+        } else {
+            &self.unit
+        };
+        if unit.len() > MAX_UNIT_BYTES || unit.chars().any(char::is_control) {
+            return Err(RecordingError::field(
+                "unit",
+                format!("{:?}", shortened(unit)),
+                "at most 64 bytes without control characters",
+            ));
+        }
+        let start_time = self.start_time.unwrap_or(defaults.start_time);
+        let operating_point = filled(self.operating_point, defaults.operating_point);
+        let record = Record::new(channel, start_time, self.sample_rate_hz, unit, self.samples)?.with_operating_point(operating_point)?;
+        let tachometer = self.pulses.and_then(|pulses| pulses.of(start_time));
+        Ok(record.with_quality(self.quality).with_tachometer(tachometer))
+    }
+}
+
+/// The first operating point, completed by the second.
+pub(crate) fn filled(own: OperatingPoint, other: OperatingPoint) -> OperatingPoint {
+    OperatingPoint {
+        shaft_speed_hz: own.shaft_speed_hz.or(other.shaft_speed_hz),
+        torque_nm: own.torque_nm.or(other.torque_nm),
+        temperature_c: own.temperature_c.or(other.temperature_c),
+    }
+}
+
+/// A record as a protobuf message, without an index.
+pub(crate) fn message_of(record: &Record) -> WaveformBlock {
+    let point = record.operating_point();
+    WaveformBlock {
+        start_time_ns: nanoseconds(record.start_time()),
+        sample_rate_hz: record.sample_rate_hz(),
+        first_sample_index: 0,
+        unit: record.unit().to_owned(),
+        samples: record.samples().to_vec(),
+        quality: (record.quality() != Quality::default()).then_some(message::Quality {
+            clipped: record.quality().clipped,
+            gap: record.quality().gap,
+        }),
+        channel: record.channel().to_owned(),
+        operating_point: (point != OperatingPoint::default()).then_some(message::OperatingPoint {
+            start_time_ns: 0,
+            shaft_speed_hz: point.shaft_speed_hz,
+            torque_nm: point.torque_nm,
+            temperature_c: point.temperature_c,
+        }),
+        tachometer: Pulses::of_record(record).map(message::Tachometer::from),
+    }
+}
+
+/// The message without its time.
+pub(crate) fn operating_point_of(message: &message::OperatingPoint) -> OperatingPoint {
+    OperatingPoint {
+        shaft_speed_hz: message.shaft_speed_hz,
+        torque_nm: message.torque_nm,
+        temperature_c: message.temperature_c,
+    }
+}
+
+/// A time of a protobuf message; 0 means that it was not given.
+fn timestamp_of(nanoseconds: i64) -> Result<Option<Timestamp>, RecordingError> {
+    if nanoseconds == 0 {
+        return Ok(None);
+    }
+    Timestamp::from_nanosecond(nanoseconds.into())
+        .map(Some)
+        .map_err(|_| RecordingError::field("start_time_ns", nanoseconds, "nanoseconds since 1970-01-01 UTC"))
+}
+
+/// Nanoseconds since 1970, held at the ends of the 64-bit range.
+pub(crate) fn nanoseconds(time: Timestamp) -> i64 {
+    let nanoseconds = time.as_nanosecond();
+    i64::try_from(nanoseconds).unwrap_or(if nanoseconds < 0 { i64::MIN } else { i64::MAX })
+}
+
+/// Refuses a sample count that no record can have, before anything is kept.
+pub(crate) fn check_sample_count(channel: &str, samples: usize) -> Result<(), RecordError> {
+    if samples > MAX_RECORD_SAMPLES {
+        return Err(RecordError::TooLong {
+            channel: channel.to_owned(),
+            samples,
+        });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn any_record() -> impl Strategy<Value = Record> {
+        let finite = prop::num::f32::NORMAL | prop::num::f32::ZERO | prop::num::f32::SUBNORMAL;
+        (
+            "[a-z0-9/ä]{1,12}",
+            prop_oneof![Just(1i64), 1..i64::MAX, i64::MIN..-1],
+            1e-3f64..1e7,
+            "[a-z/²0-9]{1,8}",
+            prop::collection::vec(finite, 1..200),
+            prop::option::of(1e-6f64..1e4),
+            [prop::option::of(-1e6f64..1e6), prop::option::of(-1e2f64..1e3)],
+            any::<[bool; 2]>(),
+        )
+            .prop_map(
+                |(channel, time, rate, unit, samples, shaft_speed_hz, [torque_nm, temperature_c], [clipped, gap])| {
+                    let time = Timestamp::from_nanosecond(time.into()).unwrap();
+                    Record::new(channel, time, rate, unit, samples)
+                        .unwrap()
+                        .with_operating_point(OperatingPoint {
+                            shaft_speed_hz,
+                            torque_nm,
+                            temperature_c,
+                        })
+                        .unwrap()
+                        .with_quality(Quality { clipped, gap })
+                },
+            )
+    }
+
+    proptest! {
+        #[test]
+        fn a_record_comes_back_exactly(record in any_record()) {
+            for encoding in [BlockEncoding::Protobuf, BlockEncoding::Json] {
+                let bytes = encode_block(&record, encoding);
+                prop_assert_eq!(&decode_block(&bytes, encoding, &RecordDefaults::default()).unwrap(), &record);
+            }
+        }
+
+        #[test]
+        fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+            for encoding in [BlockEncoding::Protobuf, BlockEncoding::Json] {
+                let _ = decode_block(&bytes, encoding, &RecordDefaults::default());
+            }
+        }
+
+        #[test]
+        fn a_changed_byte_never_panics(record in any_record(), place in any::<prop::sample::Index>(), byte in any::<u8>()) {
+            for encoding in [BlockEncoding::Protobuf, BlockEncoding::Json] {
+                let mut bytes = encode_block(&record, encoding);
+                let place = place.index(bytes.len());
+                bytes[place] = byte;
+                let _ = decode_block(&bytes, encoding, &RecordDefaults::default());
+            }
+        }
+    }
+
+    #[test]
+    fn defaults_fill_what_a_block_leaves_out() {
+        let block = WaveformBlock {
+            sample_rate_hz: 100.0,
+            samples: vec![1.0],
+            ..Default::default()
+        };
+        let defaults = RecordDefaults {
+            channel: Some("x".to_owned()),
+            start_time: Timestamp::from_second(5).unwrap(),
+            unit: Some("g".to_owned()),
+            operating_point: OperatingPoint {
+                shaft_speed_hz: Some(30.0),
+                torque_nm: None,
+                ..OperatingPoint::default()
+            },
+            ..RecordDefaults::default()
+        };
+        let record = decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &defaults).unwrap();
+        assert_eq!((record.channel(), record.unit(), record.start_time().as_second()), ("x", "g", 5));
+        assert_eq!(record.operating_point().shaft_speed_hz, Some(30.0));
+        let bare = decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &RecordDefaults::default()).unwrap();
+        assert_eq!((bare.channel(), bare.unit()), ("1", "1"));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_refused() {
+        let mut block = WaveformBlock {
+            sample_rate_hz: 100.0,
+            samples: vec![0.0, f32::NAN],
+            ..Default::default()
+        };
+        let refused = |block: &WaveformBlock| {
+            decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &RecordDefaults::default())
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(refused(&block).contains("NaN at sample 1"));
+        block.samples.pop();
+        block.sample_rate_hz = f64::INFINITY;
+        assert!(refused(&block).contains("sample_rate_hz is inf"));
+        block.sample_rate_hz = 1.0;
+        block.unit = "m".repeat(65);
+        assert!(refused(&block).contains("unit is"));
+    }
+
+    #[test]
+    fn too_many_bytes_are_not_decoded() {
+        let bytes = vec![0; 5 * MAX_RECORD_SAMPLES + (1 << 16) + 1];
+        let error = decode_block(&bytes, BlockEncoding::Protobuf, &RecordDefaults::default()).unwrap_err();
+        assert!(error.to_string().contains("83951617"), "{error}");
+    }
+}

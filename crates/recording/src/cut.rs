@@ -1,0 +1,212 @@
+//! Cutting a long multi-channel recording into records, in bounded memory.
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::{RecordDefaults, RecordingError};
+use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
+
+/// Longest recording that stays one record a channel where no cut is asked for, in seconds, and in samples of a channel: its analysis takes some
+/// 85 bytes a sample.
+const WHOLE_SECONDS: f64 = 120.0;
+const WHOLE_SAMPLES: u64 = 1 << 22;
+
+/// Length of the records of a longer recording where no cut is asked for, in seconds.
+const DEFAULT_SECONDS: f64 = 10.0;
+
+/// Most samples held at a time over all channels: 256 MiB of `f32`.
+const MAX_HELD_SAMPLES: usize = 4 * MAX_RECORD_SAMPLES;
+
+/// How long the records of a cut recording are. The last one holds what is left and may be shorter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cut {
+    /// Seconds, rounded to whole samples.
+    Seconds(f64),
+    /// Samples of each channel.
+    Samples(usize),
+}
+
+/// How a recording is cut into records.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CutPlan {
+    /// Samples of each channel in a record.
+    pub frames: usize,
+    /// Length of the records in seconds where the recording is cut without having been asked to.
+    pub default_seconds: Option<f64>,
+}
+
+impl CutPlan {
+    /// The plan for `total_frames` samples a channel (at most: an upper bound will do).
+    ///
+    /// # Errors
+    /// A sampling rate that is not positive, records of no sample or of more than may be held.
+    pub fn new(cut: Option<Cut>, total_frames: u64, sample_rate_hz: f64, channels: usize) -> Result<Self, RecordingError> {
+        if !(sample_rate_hz > 0.0 && sample_rate_hz.is_finite()) {
+            return Err(RecordError::SampleRate(sample_rate_hz).into());
+        }
+        let most = MAX_RECORD_SAMPLES.min(MAX_HELD_SAMPLES / channels.max(1));
+        let frames = match cut {
+            Some(Cut::Samples(frames)) => frames as f64,
+            Some(Cut::Seconds(seconds)) => (seconds * sample_rate_hz).round(),
+            None if total_frames <= WHOLE_SAMPLES.min(most as u64) && total_frames as f64 <= WHOLE_SECONDS * sample_rate_hz => {
+                return Ok(Self {
+                    frames: most,
+                    default_seconds: None,
+                });
+            }
+            None => {
+                let frames = (DEFAULT_SECONDS * sample_rate_hz).round().clamp(1.0, most as f64) as usize;
+                return Ok(Self {
+                    frames,
+                    default_seconds: Some(frames as f64 / sample_rate_hz),
+                });
+            }
+        };
+        if !(frames >= 1.0 && frames <= most as f64) {
+            return Err(RecordingError::field(
+                "the cut",
+                format!("{frames} samples ({channels} channels at {sample_rate_hz} Hz)"),
+                "1 to 16777216 samples a record, and at most 67108864 over all channels",
+            ));
+        }
+        Ok(Self {
+            frames: frames as usize,
+            default_seconds: None,
+        })
+    }
+}
+
+/// Collects frames (one sample of every channel) and hands them out as records.
+#[derive(Debug)]
+pub struct Cutter {
+    channels: Vec<String>,
+    /// Of each channel.
+    units: Vec<String>,
+    sample_rate_hz: f64,
+    start_time: Timestamp,
+    operating_point: OperatingPoint,
+    frames: usize,
+    first_frame: u64,
+    columns: Vec<Vec<f32>>,
+}
+
+impl Cutter {
+    /// Starts with no frame; records are `plan.frames` long.
+    pub fn new(channels: Vec<String>, sample_rate_hz: f64, defaults: &RecordDefaults, plan: CutPlan) -> Self {
+        Self {
+            columns: vec![Vec::new(); channels.len()],
+            units: channels.iter().map(|channel| defaults.unit_of(channel).to_owned()).collect(),
+            channels,
+            sample_rate_hz,
+            start_time: defaults.start_time,
+            operating_point: defaults.operating_point,
+            frames: plan.frames,
+            first_frame: 0,
+        }
+    }
+
+    /// Adds one frame; true when the records are complete and must be taken.
+    pub fn push(&mut self, frame: &[f32]) -> bool {
+        for (column, &sample) in self.columns.iter_mut().zip(frame) {
+            column.push(sample);
+        }
+        self.columns.first().is_some_and(|column| column.len() >= self.frames)
+    }
+
+    /// Takes the collected frames as one record a channel; nothing where there are none, unless there were none at all.
+    pub fn take(&mut self) -> Vec<Result<Record, RecordingError>> {
+        let frames = self.columns.first().map_or(0, Vec::len);
+        if frames == 0 && self.first_frame > 0 {
+            return Vec::new();
+        }
+        let first_sample = self.first_frame;
+        self.first_frame += frames as u64;
+        let start_time = match time_after(self.start_time, first_sample as f64 / self.sample_rate_hz) {
+            Ok(time) => time,
+            Err(error) => return vec![Err(error)],
+        };
+        let columns: Vec<Vec<f32>> = self.columns.iter_mut().map(std::mem::take).collect();
+        let named = self.channels.iter().zip(&self.units);
+        let records = named.zip(columns).map(|((channel, unit), samples)| {
+            Record::new(channel, start_time, self.sample_rate_hz, unit, samples)
+                .and_then(|record| record.with_operating_point(self.operating_point))
+                .map_err(|source| match (first_sample, source) {
+                    (0, source) => RecordingError::Record(source),
+                    (first_sample, source @ RecordError::NotFinite { .. }) => RecordingError::Cut { first_sample, source },
+                    (_, source) => RecordingError::Record(source),
+                })
+        });
+        records.collect()
+    }
+}
+
+/// A time that many seconds later.
+fn time_after(time: Timestamp, seconds: f64) -> Result<Timestamp, RecordingError> {
+    SignedDuration::try_from_secs_f64(seconds)
+        .ok()
+        .and_then(|duration| time.checked_add(duration).ok())
+        .ok_or_else(|| RecordingError::field("start_time", time, "a time whose recording ends before the year 10000"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_follow_each_other_without_gap_or_overlap() {
+        let plan = CutPlan::new(Some(Cut::Samples(4)), 10, 8.0, 2).unwrap();
+        let mut cutter = Cutter::new(vec!["a".into(), "b".into()], 8.0, &RecordDefaults::default(), plan);
+        let mut records = Vec::new();
+        for k in 0..10 {
+            if cutter.push(&[k as f32, -(k as f32)]) {
+                records.extend(cutter.take());
+            }
+        }
+        records.extend(cutter.take());
+        let records: Vec<Record> = records.into_iter().map(Result::unwrap).collect();
+        let lengths: Vec<usize> = records.iter().map(|r| r.samples().len()).collect();
+        assert_eq!(lengths, [4, 4, 4, 4, 2, 2]);
+        let milliseconds: Vec<i64> = records.iter().map(|r| r.start_time().as_millisecond()).collect();
+        assert_eq!(milliseconds, [0, 0, 500, 500, 1000, 1000]);
+        assert_eq!(records[4].samples(), [8.0, 9.0]);
+        assert_eq!(records[5].channel(), "b");
+    }
+
+    #[test]
+    fn long_recordings_are_cut_by_default_and_short_ones_are_not() {
+        let whole = CutPlan::new(None, 120 * 20_000, 20_000.0, 1).unwrap();
+        assert_eq!(whole.default_seconds, None);
+        assert!(whole.frames >= 120 * 20_000);
+        let cut = CutPlan::new(None, 120 * 20_000 + 1, 20_000.0, 1).unwrap();
+        assert_eq!((cut.frames, cut.default_seconds), (200_000, Some(10.0)));
+        // At a high rate it is the samples that are too many, and those of all channels.
+        assert_eq!(CutPlan::new(None, (1 << 22) + 1, 100_000.0, 1).unwrap().frames, 1_000_000);
+        assert_eq!(CutPlan::new(None, 1 << 22, 100_000.0, 17).unwrap().frames, 1_000_000);
+    }
+
+    #[test]
+    fn cuts_that_cannot_be_held_are_refused() {
+        for cut in [
+            Cut::Samples(0),
+            Cut::Samples(MAX_RECORD_SAMPLES + 1),
+            Cut::Seconds(0.0),
+            Cut::Seconds(-1.0),
+            Cut::Seconds(f64::NAN),
+            Cut::Seconds(1e9),
+        ] {
+            assert!(CutPlan::new(Some(cut), 10, 1000.0, 1).is_err(), "{cut:?}");
+        }
+        assert!(CutPlan::new(Some(Cut::Samples(MAX_RECORD_SAMPLES)), 10, 1000.0, 5).is_err());
+    }
+
+    #[test]
+    fn an_error_in_a_later_record_says_where_it_stands() {
+        let plan = CutPlan::new(Some(Cut::Samples(2)), 4, 8.0, 1).unwrap();
+        let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
+        cutter.push(&[0.0]);
+        cutter.push(&[0.0]);
+        assert!(cutter.take()[0].is_ok());
+        cutter.push(&[f32::NAN]);
+        let error = cutter.take().remove(0).unwrap_err().to_string();
+        assert!(error.starts_with("record from sample 2 of the recording"), "{error}");
+    }
+}

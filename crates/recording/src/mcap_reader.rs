@@ -1,0 +1,443 @@
+//! MCAP recordings: vibration out of a stream of bytes.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
+use std::io::Read;
+
+use jiff::Timestamp;
+use prost::Message;
+
+use super::block::{decode_message, filled, operating_point_of};
+use super::json::{JsonOperatingPoint, JsonTachometer};
+use super::mcap_frames::McapFrames;
+use super::mcap_record::{ChannelView, Damage, MessageView, MetadataView, SchemaView, opcode};
+use super::mcap_topic::{asset_of, channel_of, shaft_of};
+use super::message::{self, OPERATING_POINT_SCHEMA, TACHOMETER_SCHEMA, WAVEFORM_SCHEMA};
+use super::pulses::{PulseTrains, Pulses, end_ns};
+use super::{BlockEncoding, RecordDefaults, RecordingError, pulse_count};
+use flankwatch_signal::{OperatingPoint, Record};
+
+/// Name of the metadata record with the wear that is known from elsewhere: start time in nanoseconds → wear depth in µm.
+pub const REFERENCE_WEAR: &str = "reference_wear";
+
+/// Most schemas and channels taken, each.
+const MAX_DECLARATIONS: usize = 4096;
+
+/// Most entries of reference wear taken.
+const MAX_REFERENCES: usize = 1 << 20;
+
+/// Samples held while their tachometer's pulses are waited for, beyond which the earliest record goes without the missing ones.
+const MAX_HELD_SAMPLES: usize = 1 << 22;
+
+/// Records held at most for the same reason.
+const MAX_HELD_RECORDS: usize = 64;
+
+/// Bytes as they came of the records held at most for the same reason: what is no sample counts too.
+const MAX_HELD_BYTES: usize = 128 << 20;
+
+/// Most topics named when a recording without vibration is refused.
+const NAMED_TOPICS: usize = 20;
+
+/// A record as it stood in a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recorded {
+    /// The record.
+    pub record: Record,
+    /// The block's bytes as they came, followed by the pulses of tachometer messages where they belong to it; a cut of a WAV recording is
+    /// encoded anew.
+    pub raw: Vec<u8>,
+    /// How `raw` is encoded.
+    pub encoding: BlockEncoding,
+    /// Wear depth in µm that the recording states for this record's start time, for comparison only.
+    pub reference_wear_um: Option<f64>,
+}
+
+impl Recorded {
+    /// Bytes of memory that it takes.
+    pub fn bytes(&self) -> usize {
+        let pulses = self.record.tachometer().map_or(0, |tachometer| tachometer.pulse_times_s.len());
+        self.raw.capacity() + size_of_val(self.record.samples()) + pulses * size_of::<f64>()
+    }
+}
+
+/// Reads the waveforms of an MCAP recording in the order of the file, in bounded memory.
+///
+/// A waveform is a message of schema `flankwatch.v1.WaveformBlock` in protobuf or JSON, or any JSON message on a topic that ends in `/waveform`. The
+/// record's channel is the topic `/{asset}/{channel}/waveform` without its first and last part, so `/pump/gearbox/x/waveform` is
+/// `gearbox/x`; another topic is taken whole. Messages on `/{asset}/operating_point` hold for the asset's following waveforms where these say nothing themselves.
+/// Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same time, before or after them in the file, where these bring none
+/// of their own; a waveform waits for pulses past its end while no more than 64 records, 4 million samples or 128 MiB wait. A message on
+/// `/{asset}/driven/tachometer` that names no shaft is of the driven one, and not used; other words there are the name of a place.
+/// A start time of 0 stands for the message's publish time.
+///
+/// A bad message is an `Err` and reading goes on. Damage is an `Err` that says at which byte, and the last item: the records before it are whole, those
+/// of a chunk whose checksum is wrong are not used. A recording without any waveform is an `Err` that names what is in it.
+pub struct McapReader {
+    frames: McapFrames,
+    contents: Contents,
+    /// Records in the order of the file that wait for pulses, or behind one that does.
+    held: VecDeque<Held>,
+    ended: bool,
+}
+
+/// An item to come and, where it waits for pulses, whose.
+struct Held {
+    item: Result<Recorded, RecordingError>,
+    waits_for: Option<String>,
+}
+
+/// What a channel of the file carries.
+enum Kind {
+    Waveform(BlockEncoding),
+    OperatingPoint(BlockEncoding),
+    Tachometer(BlockEncoding),
+    Other,
+}
+
+struct Channel {
+    topic: String,
+    kind: Kind,
+}
+
+/// What the file has said so far.
+#[derive(Default)]
+struct Contents {
+    defaults: RecordDefaults,
+    schemas: HashMap<u16, String>,
+    channels: HashMap<u16, Channel>,
+    operating_points: HashMap<String, OperatingPoint>,
+    /// Assets whose tachometer has been declared.
+    tachometers: HashSet<String>,
+    pulses: PulseTrains,
+    reference_wear: BTreeMap<i64, f64>,
+    other_topics: BTreeSet<String>,
+    waveforms: u64,
+}
+
+/// What one record of the file brings.
+enum Outcome {
+    Nothing,
+    Item(Result<Recorded, RecordingError>),
+    /// A record that the tachometer of this asset may have pulses for.
+    Waiting(Recorded, String),
+    Damage(Damage),
+}
+
+impl McapReader {
+    /// Reads a recording from its first byte. Nothing is read before the first record is asked for.
+    pub fn new(bytes: impl Read + Send + 'static) -> Self {
+        Self::with_defaults(bytes, RecordDefaults::default())
+    }
+
+    /// The same with what holds where neither a block nor the recording says it.
+    pub fn with_defaults(bytes: impl Read + Send + 'static, defaults: RecordDefaults) -> Self {
+        Self {
+            frames: McapFrames::new(bytes),
+            contents: Contents {
+                defaults,
+                ..Default::default()
+            },
+            held: VecDeque::new(),
+            ended: false,
+        }
+    }
+
+    /// The next item that waits for nothing more.
+    fn ready(&mut self) -> Option<Result<Recorded, RecordingError>> {
+        let first = self.held.front()?;
+        if let (Some(asset), Ok(recorded)) = (&first.waits_for, &first.item) {
+            let there = self.contents.pulses.of(asset);
+            let complete = there.is_some_and(|pulses| pulses.reaches_past(end_ns(&recorded.record)));
+            let held = self.held.iter().flat_map(|held| &held.item);
+            let (samples, bytes) = held.fold((0, 0), |(samples, bytes), held| {
+                (samples + held.record.samples().len(), bytes + held.raw.len())
+            });
+            let full = self.held.len() > MAX_HELD_RECORDS || samples > MAX_HELD_SAMPLES || bytes > MAX_HELD_BYTES;
+            if !(complete || full || self.ended) {
+                return None;
+            }
+        }
+        let Held { item, waits_for } = self.held.pop_front()?;
+        Some(match (item, waits_for) {
+            (Ok(recorded), Some(asset)) => Ok(self.contents.with_pulses(recorded, &asset)),
+            (item, _) => item,
+        })
+    }
+
+    fn hold(&mut self, item: Result<Recorded, RecordingError>, waits_for: Option<String>) {
+        self.held.push_back(Held { item, waits_for });
+    }
+}
+
+impl Iterator for McapReader {
+    type Item = Result<Recorded, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(item) = self.ready() {
+                return Some(item);
+            }
+            if self.ended {
+                return None;
+            }
+            let contents = &mut self.contents;
+            match self.frames.next_record(|opcode, data| contents.take(opcode, data)) {
+                Ok(Some(Outcome::Nothing)) => {}
+                Ok(Some(Outcome::Item(item))) => self.hold(item, None),
+                Ok(Some(Outcome::Waiting(recorded, asset))) => self.hold(Ok(recorded), Some(asset)),
+                Ok(Some(Outcome::Damage(what))) => {
+                    self.ended = true;
+                    let byte = self.frames.record_start();
+                    self.hold(Err(RecordingError::McapDamaged { byte, what }), None);
+                }
+                Ok(None) => {
+                    self.ended = true;
+                    if self.contents.waveforms == 0 {
+                        self.hold(Err(self.contents.no_vibration()), None);
+                    }
+                }
+                Err(error) => {
+                    self.ended = true;
+                    self.hold(Err(error), None);
+                }
+            }
+        }
+    }
+}
+
+impl Contents {
+    fn take(&mut self, opcode: u8, data: &[u8]) -> Outcome {
+        let done = match opcode {
+            opcode::SCHEMA => self.schema(data),
+            opcode::CHANNEL => self.channel(data),
+            opcode::METADATA => match self.metadata(data) {
+                Ok(Some(error)) => return Outcome::Item(Err(error)),
+                Ok(None) => Ok(()),
+                Err(damage) => Err(damage),
+            },
+            opcode::MESSAGE => match MessageView::parse(data) {
+                Ok(message) => return self.message(&message),
+                Err(damage) => Err(damage),
+            },
+            _ => Ok(()),
+        };
+        match done {
+            Ok(()) => Outcome::Nothing,
+            Err(damage) => Outcome::Damage(damage),
+        }
+    }
+
+    fn schema(&mut self, data: &[u8]) -> Result<(), Damage> {
+        let schema = SchemaView::parse(data)?;
+        self.schemas.insert(schema.id, schema.name.to_owned());
+        limited("schemas", self.schemas.len())
+    }
+
+    fn channel(&mut self, data: &[u8]) -> Result<(), Damage> {
+        let channel = ChannelView::parse(data)?;
+        let schema = self.schemas.get(&channel.schema_id).map_or("", String::as_str);
+        let kind = match (channel.encoding, schema) {
+            ("protobuf", WAVEFORM_SCHEMA) => Kind::Waveform(BlockEncoding::Protobuf),
+            ("protobuf", OPERATING_POINT_SCHEMA) => Kind::OperatingPoint(BlockEncoding::Protobuf),
+            ("protobuf", TACHOMETER_SCHEMA) => Kind::Tachometer(BlockEncoding::Protobuf),
+            ("json", WAVEFORM_SCHEMA) => Kind::Waveform(BlockEncoding::Json),
+            ("json", OPERATING_POINT_SCHEMA) => Kind::OperatingPoint(BlockEncoding::Json),
+            ("json", TACHOMETER_SCHEMA) => Kind::Tachometer(BlockEncoding::Json),
+            ("json", _) if channel.topic.ends_with("/waveform") => Kind::Waveform(BlockEncoding::Json),
+            ("json", _) if channel.topic.ends_with("/operating_point") => Kind::OperatingPoint(BlockEncoding::Json),
+            ("json", _) if channel.topic.ends_with("/tachometer") => Kind::Tachometer(BlockEncoding::Json),
+            (encoding, schema) => {
+                let schema = if schema.is_empty() { "no schema" } else { schema };
+                self.other_topics.insert(format!("{} ({encoding}, {schema})", channel.topic));
+                Kind::Other
+            }
+        };
+        let topic = channel.topic.to_owned();
+        if matches!(kind, Kind::Tachometer(_)) {
+            self.tachometers.insert(asset_of(&topic).to_owned());
+        }
+        self.channels.insert(channel.id, Channel { topic, kind });
+        // A channel declared again under another topic leaves something behind in these.
+        let others = [self.other_topics.len(), self.tachometers.len(), self.operating_points.len()];
+        limited("channels", others.into_iter().fold(self.channels.len(), usize::max))
+    }
+
+    /// Keeps reference wear; an entry that is none is an error of its own.
+    fn metadata(&mut self, data: &[u8]) -> Result<Option<RecordingError>, Damage> {
+        let metadata = MetadataView::parse(data)?;
+        if metadata.name != REFERENCE_WEAR {
+            return Ok(None);
+        }
+        let mut error = None;
+        for (time, depth) in metadata.entries()? {
+            match (time.parse(), depth.parse::<f64>()) {
+                (Ok(time), Ok(depth)) if depth >= 0.0 && depth.is_finite() => {
+                    self.reference_wear.insert(time, depth);
+                }
+                _ => {
+                    error.get_or_insert(RecordingError::field(
+                        "reference_wear",
+                        format!("{time:?}: {depth:?}"),
+                        "a start time in nanoseconds and a depth in µm of at least 0",
+                    ));
+                }
+            }
+        }
+        if self.reference_wear.len() > MAX_REFERENCES {
+            return Err(format!("more than {MAX_REFERENCES} entries of reference wear"));
+        }
+        Ok(error)
+    }
+
+    fn message(&mut self, message: &MessageView<'_>) -> Outcome {
+        let Some(channel) = self.channels.get(&message.channel_id) else {
+            return Outcome::Item(Err(RecordingError::Message {
+                topic: format!("(channel {})", message.channel_id),
+                sequence: message.sequence,
+                source: Box::new(RecordingError::field(
+                    "channel id",
+                    message.channel_id,
+                    "that of a channel declared before",
+                )),
+            }));
+        };
+        let failed = |source| RecordingError::Message {
+            topic: channel.topic.clone(),
+            sequence: message.sequence,
+            source: Box::new(source),
+        };
+        match channel.kind {
+            Kind::Other => Outcome::Nothing,
+            Kind::Waveform(encoding) => {
+                self.waveforms += 1;
+                match self.waveform(&channel.topic, encoding, message).map_err(failed) {
+                    Ok(recorded) if recorded.record.tachometer().is_none() && self.tachometers.contains(asset_of(&channel.topic)) => {
+                        Outcome::Waiting(recorded, asset_of(&channel.topic).to_owned())
+                    }
+                    item => Outcome::Item(item),
+                }
+            }
+            Kind::Tachometer(encoding) => match decode_tachometer(message.data, encoding) {
+                Ok(mut pulses) => {
+                    if pulses.shaft.is_empty() {
+                        pulses.shaft = shaft_of(&channel.topic).to_owned();
+                    }
+                    self.pulses.take(asset_of(&channel.topic), &pulses);
+                    Outcome::Nothing
+                }
+                Err(error) => Outcome::Item(Err(failed(error))),
+            },
+            Kind::OperatingPoint(encoding) => match decode_operating_point(message.data, encoding) {
+                Ok(point) => {
+                    self.operating_points.insert(asset_of(&channel.topic).to_owned(), point);
+                    Outcome::Nothing
+                }
+                Err(error) => Outcome::Item(Err(failed(error))),
+            },
+        }
+    }
+
+    fn waveform(&self, topic: &str, encoding: BlockEncoding, message: &MessageView<'_>) -> Result<Recorded, RecordingError> {
+        let mut block = decode_message(message.data, encoding)?;
+        if block.start_time.is_none() && message.publish_time > 0 {
+            block.start_time = Some(
+                Timestamp::from_nanosecond(message.publish_time.into())
+                    .map_err(|_| RecordingError::field("publish_time", message.publish_time, "nanoseconds since 1970-01-01 UTC"))?,
+            );
+        }
+        if let Some(&point) = self.operating_points.get(asset_of(topic)) {
+            block.operating_point = filled(block.operating_point, point);
+        }
+        let record = block.into_record(Some(channel_of(topic)), &self.defaults)?;
+        let reference = i64::try_from(record.start_time().as_nanosecond()).ok();
+        Ok(Recorded {
+            reference_wear_um: reference.and_then(|time| self.reference_wear.get(&time).copied()),
+            record,
+            raw: message.data.to_vec(),
+            encoding,
+        })
+    }
+
+    /// The record with what its asset's tachometer has for it.
+    fn with_pulses(&mut self, mut recorded: Recorded, asset: &str) -> Recorded {
+        let Some(train) = self.pulses.of_mut(asset) else {
+            return recorded;
+        };
+        let start = recorded.record.start_time();
+        if let Some(pulses) = train.during(&recorded.record) {
+            let pulses = append_pulses(&mut recorded.raw, recorded.encoding, pulses);
+            recorded.record = recorded.record.with_tachometer(pulses.of(start));
+        }
+        train.forget_before(start);
+        recorded
+    }
+
+    fn no_vibration(&self) -> RecordingError {
+        let mut named: Vec<&str> = self.other_topics.iter().take(NAMED_TOPICS).map(String::as_str).collect();
+        let more = self.other_topics.len().saturating_sub(NAMED_TOPICS);
+        let more = format!("{more} more");
+        if self.other_topics.len() > NAMED_TOPICS {
+            named.push(&more);
+        }
+        let found = if named.is_empty() {
+            "no topics".to_owned()
+        } else {
+            named.join(", ")
+        };
+        RecordingError::NoVibration { found }
+    }
+}
+
+fn limited(what: &str, count: usize) -> Result<(), Damage> {
+    if count > MAX_DECLARATIONS {
+        return Err(format!("more than {MAX_DECLARATIONS} {what}"));
+    }
+    Ok(())
+}
+
+fn decode_operating_point(bytes: &[u8], encoding: BlockEncoding) -> Result<OperatingPoint, RecordingError> {
+    Ok(match encoding {
+        BlockEncoding::Protobuf => operating_point_of(&message::OperatingPoint::decode(bytes)?),
+        BlockEncoding::Json => JsonOperatingPoint::decode(bytes)?.operating_point(),
+    })
+}
+
+fn decode_tachometer(bytes: &[u8], encoding: BlockEncoding) -> Result<Pulses, RecordingError> {
+    Ok(match encoding {
+        BlockEncoding::Protobuf => {
+            pulse_count::check_tachometer(bytes)?;
+            message::Tachometer::decode(bytes)?.into()
+        }
+        BlockEncoding::Json => JsonTachometer::decode(bytes)?,
+    })
+}
+
+/// Adds pulses to the bytes of a block that was read from them and has none, so that they are kept together; gives them back.
+fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> Pulses {
+    match encoding {
+        // Messages in protobuf are merged by writing one after the other.
+        BlockEncoding::Protobuf => {
+            let block = message::WaveformBlock {
+                tachometer: Some(pulses.into()),
+                ..Default::default()
+            };
+            raw.reserve_exact(block.encoded_len());
+            block.encode(raw).expect("a vector grows as it must");
+            block.tachometer.map(Pulses::from).unwrap_or_default()
+        }
+        BlockEncoding::Json => {
+            const KEY: &[u8] = b"\"tachometer\"";
+            let Some(end) = raw.iter().rposition(|byte| *byte == b'}') else {
+                return pulses;
+            };
+            // A block that says it has none keeps saying so.
+            if raw.windows(KEY.len()).any(|window| window == KEY) {
+                return pulses;
+            }
+            raw.truncate(end);
+            raw.extend_from_slice(b",\"tachometer\":");
+            let pulses = JsonTachometer::append(pulses, raw);
+            raw.push(b'}');
+            pulses
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! A tachometer's pulses between messages and records.
+
+use std::collections::{HashMap, VecDeque};
+
+use jiff::Timestamp;
+
+use super::block::nanoseconds;
+use super::message;
+use flankwatch_signal::{Record, Tachometer};
+
+/// Names of the shaft whose angle is meant.
+const DRIVING: [&str; 2] = ["", "driving"];
+
+/// Name of the other shaft of a pair.
+pub(super) const DRIVEN: &str = "driven";
+
+/// Most pulses of a message, and most kept of a shaft: one at 100 Hz with 60 pulses a turn for 11 minutes.
+pub(super) const MOST_PULSES: usize = 1 << 22;
+
+/// Most pulses kept of all assets of a recording: 64 MiB. Each asset has its share.
+const MOST_OF_ALL: usize = 2 * MOST_PULSES;
+
+/// Pulses as they stand in a message.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Pulses {
+    /// Nanoseconds UTC.
+    pub(crate) time_ns: Vec<i64>,
+    pub(crate) per_revolution: u32,
+    pub(crate) shaft: String,
+}
+
+impl From<message::Tachometer> for Pulses {
+    fn from(message: message::Tachometer) -> Self {
+        Self {
+            time_ns: message.pulse_time_ns,
+            per_revolution: message.pulses_per_revolution,
+            shaft: message.shaft,
+        }
+    }
+}
+
+impl From<Pulses> for message::Tachometer {
+    fn from(pulses: Pulses) -> Self {
+        Self {
+            pulse_time_ns: pulses.time_ns,
+            pulses_per_revolution: pulses.per_revolution,
+            shaft: pulses.shaft,
+        }
+    }
+}
+
+impl Pulses {
+    /// The pulses of a record that begins at `start`; none where they are another shaft's.
+    pub(crate) fn of(self, start: Timestamp) -> Option<Tachometer> {
+        let start_ns = nanoseconds(start);
+        DRIVING.contains(&self.shaft.as_str()).then(|| Tachometer {
+            // By value: the seconds take the place of the nanoseconds, there may be millions.
+            pulse_times_s: self
+                .time_ns
+                .into_iter()
+                .map(|time| (i128::from(time) - i128::from(start_ns)) as f64 / 1e9)
+                .collect(),
+            pulses_per_revolution: self.per_revolution,
+        })
+    }
+
+    /// The pulses that a record carries.
+    pub(crate) fn of_record(record: &Record) -> Option<Self> {
+        let tachometer = record.tachometer()?;
+        let start_ns = nanoseconds(record.start_time());
+        let time_ns = tachometer.pulse_times_s.iter();
+        Some(Self {
+            // A pulse so far away that its time does not exist stays at the end of all times.
+            time_ns: time_ns.map(|time| start_ns.saturating_add((time * 1e9).round() as i64)).collect(),
+            per_revolution: tachometer.pulses_per_revolution,
+            shaft: String::new(),
+        })
+    }
+}
+
+/// The pulses of one asset's driving shaft as a recording brings them, in the order of time.
+#[derive(Debug, Default)]
+pub(crate) struct PulseTrain {
+    time_ns: VecDeque<i64>,
+    per_revolution: u32,
+}
+
+impl PulseTrain {
+    /// Takes one message of this shaft and keeps the latest `most` pulses. Those at or before the latest one are left out; another number of
+    /// pulses a turn begins anew.
+    fn take(&mut self, pulses: &Pulses, most: usize) {
+        if pulses.per_revolution != self.per_revolution {
+            self.time_ns.clear();
+            self.per_revolution = pulses.per_revolution;
+        }
+        for &time in &pulses.time_ns {
+            if self.time_ns.back().is_none_or(|last| *last < time) {
+                if self.time_ns.len() >= most {
+                    self.time_ns.pop_front();
+                }
+                self.time_ns.push_back(time);
+            }
+        }
+    }
+
+    fn keep_latest(&mut self, most: usize) {
+        let surplus = self.time_ns.len().saturating_sub(most);
+        if surplus > 0 {
+            self.time_ns.drain(..surplus);
+            self.time_ns.shrink_to_fit();
+        }
+    }
+
+    /// Whether there are pulses after this time.
+    pub(crate) fn reaches_past(&self, time_ns: i64) -> bool {
+        self.time_ns.back().is_some_and(|last| *last > time_ns)
+    }
+
+    /// The pulses from the last one before a record to the first one after it; none where there are fewer than two.
+    pub(crate) fn during(&self, record: &Record) -> Option<Pulses> {
+        let start_ns = nanoseconds(record.start_time());
+        let end_ns = end_ns(record);
+        let first = self.time_ns.partition_point(|time| *time <= start_ns).saturating_sub(1);
+        let past = (self.time_ns.partition_point(|time| *time < end_ns) + 1).min(self.time_ns.len());
+        (past >= first + 2).then(|| Pulses {
+            time_ns: self.time_ns.range(first..past).copied().collect(),
+            per_revolution: self.per_revolution,
+            shaft: String::new(),
+        })
+    }
+
+    /// Forgets what no record from `start` on needs, but for a second before it.
+    pub(crate) fn forget_before(&mut self, start: Timestamp) {
+        const KEPT_NS: i64 = 1_000_000_000;
+        let past = self
+            .time_ns
+            .partition_point(|time| *time < nanoseconds(start).saturating_sub(KEPT_NS))
+            .saturating_sub(1);
+        self.time_ns.drain(..past);
+    }
+}
+
+/// The pulse trains of a recording's assets.
+#[derive(Debug, Default)]
+pub(crate) struct PulseTrains {
+    by_asset: HashMap<String, PulseTrain>,
+}
+
+impl PulseTrains {
+    /// Takes one message; nothing of one of another shaft.
+    pub(crate) fn take(&mut self, asset: &str, pulses: &Pulses) {
+        if !DRIVING.contains(&pulses.shaft.as_str()) {
+            return;
+        }
+        let is_new = !self.by_asset.contains_key(asset);
+        let share = MOST_OF_ALL / (self.by_asset.len() + usize::from(is_new));
+        let most = share.min(MOST_PULSES);
+        if is_new {
+            for train in self.by_asset.values_mut() {
+                train.keep_latest(most);
+            }
+        }
+        self.by_asset.entry(asset.to_owned()).or_default().take(pulses, most);
+    }
+
+    /// The train of an asset.
+    pub(crate) fn of(&self, asset: &str) -> Option<&PulseTrain> {
+        self.by_asset.get(asset)
+    }
+
+    /// The same to change it.
+    pub(crate) fn of_mut(&mut self, asset: &str) -> Option<&mut PulseTrain> {
+        self.by_asset.get_mut(asset)
+    }
+}
+
+/// The time just after a record's last sample.
+pub(crate) fn end_ns(record: &Record) -> i64 {
+    nanoseconds(record.start_time()).saturating_add((record.duration_s() * 1e9) as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn second(start_s: i64) -> Record {
+        Record::new("1", Timestamp::from_second(start_s).unwrap(), 100.0, "g", vec![0.5; 100]).unwrap()
+    }
+
+    fn pulses(time_ns: Vec<i64>) -> Pulses {
+        Pulses {
+            time_ns,
+            per_revolution: 1,
+            shaft: "driving".to_owned(),
+        }
+    }
+
+    #[test]
+    fn a_record_gets_the_pulses_around_it() {
+        let mut train = PulseTrain::default();
+        train.take(&pulses((0..40).map(|k| k * 100_000_000 + 50_000_000).collect()), 100);
+        let got = train.during(&second(2)).unwrap();
+        assert_eq!(
+            (got.time_ns.len(), got.time_ns[0], got.time_ns[11]),
+            (12, 1_950_000_000, 3_050_000_000)
+        );
+        let times = got.of(Timestamp::from_second(2).unwrap()).unwrap().pulse_times_s;
+        assert!((times[0] + 0.05).abs() < 1e-12 && (times[11] - 1.05).abs() < 1e-12);
+        assert!(train.reaches_past(3_900_000_000) && !train.reaches_past(4_000_000_000));
+        assert_eq!(train.during(&second(10)), None);
+        train.forget_before(Timestamp::from_second(3).unwrap());
+        assert_eq!(train.time_ns.front(), Some(&1_950_000_000));
+        train.take(&pulses(vec![1, 5_000_000_000]), 100);
+        assert_eq!(train.time_ns.back(), Some(&5_000_000_000));
+        assert!(!train.time_ns.contains(&1));
+    }
+
+    #[test]
+    fn another_shaft_is_not_this_one() {
+        let mut other = pulses(vec![1, 2, 3]);
+        other.shaft = "driven".to_owned();
+        let mut trains = PulseTrains::default();
+        trains.take("pump", &other);
+        assert!(trains.of("pump").is_none());
+        assert_eq!(other.of(Timestamp::UNIX_EPOCH), None);
+    }
+
+    #[test]
+    fn the_assets_of_a_recording_share_what_is_kept() {
+        let most = i64::try_from(MOST_PULSES).unwrap();
+        let mut trains = PulseTrains::default();
+        let kept = |trains: &PulseTrains| -> Vec<usize> {
+            let held = ["a", "b", "c"].iter().filter_map(|asset| trains.of(asset));
+            held.map(|train| train.time_ns.len()).collect()
+        };
+        trains.take("a", &pulses((0..most).collect()));
+        trains.take("a", &pulses((most..most + 10).collect()));
+        assert_eq!(trains.of("a").unwrap().time_ns.front(), Some(&10));
+        trains.take("b", &pulses((0..most).collect()));
+        assert_eq!(kept(&trains), [MOST_PULSES, MOST_PULSES]);
+        trains.take("c", &pulses((0..most).collect()));
+        assert_eq!(kept(&trains), [MOST_OF_ALL / 3; 3]);
+        assert!(trains.by_asset.values().all(|train| train.time_ns.capacity() <= MOST_PULSES));
+        assert_eq!(trains.of("a").unwrap().time_ns.back(), Some(&(most + 9)));
+    }
+
+    #[test]
+    fn the_seconds_of_pulses_take_no_memory_of_their_own() {
+        let many = pulses((0..100_000).collect());
+        let counted = allocation_counter::measure(|| {
+            let times = many.of(Timestamp::UNIX_EPOCH).unwrap().pulse_times_s;
+            assert_eq!((times.len(), times[7]), (100_000, 7e-9));
+        });
+        assert_eq!(counted.count_total, 0);
+    }
+}

@@ -1,0 +1,174 @@
+//! WAV recordings: read into records, written as 32-bit floating point.
+//!
+//! Floating-point samples are taken as they stand, in the unit given by the defaults. Integers are scaled to a full scale of −1…1, whatever their
+//! number of bits; a sensor's sensitivity then belongs into the unit. Without a unit it is `"1"`. WAV has no time: the defaults say when it began.
+
+use std::collections::VecDeque;
+use std::io::{Cursor, Read, Seek, Write};
+
+use super::block::check_sample_count;
+use super::cut::{Cut, CutPlan, Cutter};
+use super::wav_frames::WavFrames;
+use super::{RecordDefaults, RecordingError};
+use flankwatch_signal::Record;
+
+/// Most bytes of samples in a WAV that we write: the lengths in its header have 32 bits.
+const MAX_DATA_BYTES: u64 = u32::MAX as u64 - 128;
+
+/// Reads a WAV recording as one record a channel.
+///
+/// Channels are named `"1"`, `"2"`, …; a single one takes the name of the defaults. Refused are recordings longer than one record may be, those
+/// that end before their declared length, and those with a sample that is not finite.
+pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+    if bytes.is_empty() {
+        return Err(RecordingError::NoBytes);
+    }
+    let frames = WavFrames::new(Cursor::new(bytes))?;
+    frames.check_length(bytes.len() as u64)?;
+    let count = usize::try_from(frames.frames_at_most(bytes.len() as u64)).unwrap_or(usize::MAX);
+    check_sample_count(defaults.channel.as_deref().unwrap_or("1"), count)?;
+    let plan = CutPlan {
+        frames: count.max(1),
+        default_seconds: None,
+    };
+    WavBlocks::with_plan(frames, defaults, plan).collect()
+}
+
+/// Reads a WAV recording of any length as consecutive records: all channels of one stretch, then those of the next.
+///
+/// Only one stretch is held at a time. A stretch with a bad sample is an error and reading goes on after it; an early end of the file
+/// is an error and the last item.
+#[derive(Debug)]
+pub struct WavBlocks<R> {
+    frames: WavFrames<R>,
+    cutter: Cutter,
+    plan: CutPlan,
+    frame: Vec<f32>,
+    ready: VecDeque<Result<Record, RecordingError>>,
+    ended: bool,
+}
+
+impl<R: Read> WavBlocks<R> {
+    /// Reads the header of a file of `file_bytes` bytes.
+    ///
+    /// Without a cut, up to 2 minutes (and 4 194 304 samples) are one record a channel, and more is cut into records of 10 s.
+    pub fn new(reader: R, file_bytes: u64, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
+        let frames = WavFrames::new(reader)?;
+        let format = frames.format();
+        let plan = CutPlan::new(
+            cut,
+            frames.frames_at_most(file_bytes),
+            format.sample_rate_hz.into(),
+            format.channels,
+        )?;
+        Ok(Self::with_plan(frames, defaults, plan))
+    }
+
+    fn with_plan(frames: WavFrames<R>, defaults: &RecordDefaults, plan: CutPlan) -> Self {
+        let format = frames.format();
+        let names = defaults.names_of(format.channels);
+        Self {
+            cutter: Cutter::new(names, format.sample_rate_hz.into(), defaults, plan),
+            plan,
+            frame: vec![0.0; format.channels],
+            frames,
+            ready: VecDeque::new(),
+            ended: false,
+        }
+    }
+
+    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    pub fn default_cut_seconds(&self) -> Option<f64> {
+        self.plan.default_seconds
+    }
+}
+
+impl<R: Read> Iterator for WavBlocks<R> {
+    type Item = Result<Record, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.ready.is_empty() && !self.ended {
+            match self.frames.next_frame(&mut self.frame) {
+                Ok(true) => {
+                    if self.cutter.push(&self.frame) {
+                        self.ready.extend(self.cutter.take());
+                    }
+                }
+                Ok(false) => {
+                    self.ended = true;
+                    self.ready.extend(self.cutter.take());
+                }
+                Err(error) => {
+                    self.ended = true;
+                    self.ready.push_back(Err(error));
+                }
+            }
+        }
+        self.ready.pop_front()
+    }
+}
+
+/// Writes 32-bit floating-point WAV.
+pub struct WavWriter<W: Write + Seek> {
+    inner: hound::WavWriter<W>,
+    channels: usize,
+    bytes: u64,
+}
+
+impl<W: Write + Seek> WavWriter<W> {
+    /// Begins a recording; its rate must be a whole number of hertz, for the header has no more.
+    pub fn new(writer: W, channels: usize, sample_rate_hz: f64) -> Result<Self, RecordingError> {
+        if !(1.0..=1e7).contains(&sample_rate_hz) || sample_rate_hz.fract() != 0.0 {
+            return Err(RecordingError::wav(
+                "sample rate",
+                sample_rate_hz,
+                "a whole number of hertz up to 10 MHz (MCAP keeps any rate)",
+            ));
+        }
+        if !(1..=256).contains(&channels) {
+            return Err(RecordingError::wav("channel count", channels, "1 to 256"));
+        }
+        let spec = hound::WavSpec {
+            channels: channels as u16,
+            sample_rate: sample_rate_hz as u32,
+            bits_per_sample: 32,
+            sample_format: hound::SampleFormat::Float,
+        };
+        Ok(Self {
+            inner: hound::WavWriter::new(writer, spec).map_err(write_error)?,
+            channels,
+            bytes: 0,
+        })
+    }
+
+    /// Adds one sample of every channel.
+    pub fn write_frame(&mut self, frame: &[f32]) -> Result<(), RecordingError> {
+        if frame.len() != self.channels {
+            return Err(RecordingError::wav("frame length", frame.len(), "one sample a channel"));
+        }
+        self.bytes += 4 * frame.len() as u64;
+        if self.bytes > MAX_DATA_BYTES {
+            return Err(RecordingError::wav(
+                "data chunk length",
+                self.bytes,
+                "less than 4 GiB (MCAP has no such limit)",
+            ));
+        }
+        for &sample in frame {
+            self.inner.write_sample(sample).map_err(write_error)?;
+        }
+        Ok(())
+    }
+
+    /// Completes the header. Without this the recording is not whole.
+    pub fn finish(self) -> Result<(), RecordingError> {
+        self.inner.finalize().map_err(write_error)
+    }
+}
+
+fn write_error(error: hound::Error) -> RecordingError {
+    match error {
+        hound::Error::IoError(error) => error.into(),
+        other => RecordingError::Io(std::io::Error::other(other)),
+    }
+}

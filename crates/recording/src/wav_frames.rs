@@ -1,0 +1,209 @@
+//! The samples of a WAV recording, frame by frame.
+
+use std::io::{self, Read};
+
+use super::RecordingError;
+use super::wav_format::{WavFormat, WavHeader};
+
+/// How much is read at a time, in bytes (rounded to whole frames).
+const READ_BYTES: usize = 1 << 16;
+
+/// Where the valid bits stand in a container that is at least a byte wider.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Justification {
+    /// At the top, as the format wants it.
+    Left,
+    /// At the bottom, as some writers do it.
+    Right,
+}
+
+/// Reads frames (one sample of every channel) in bounded memory.
+///
+/// Integers are scaled to a full scale of −1…1, that is by two to the number of bits less one; floating-point samples are as they stand.
+#[derive(Debug)]
+pub struct WavFrames<R> {
+    reader: R,
+    format: WavFormat,
+    declared: Option<u64>,
+    data_start: u64,
+    read: u64,
+    early_end: Option<u64>,
+    buffer: Vec<u8>,
+    next: usize,
+    justification: Option<Justification>,
+}
+
+impl<R: Read> WavFrames<R> {
+    /// Reads the header.
+    ///
+    /// # Errors
+    /// A header that is not a WAV recording's, or one of samples that are not read here.
+    pub fn new(mut reader: R) -> Result<Self, RecordingError> {
+        let header = WavHeader::read(&mut reader)?;
+        Ok(Self {
+            reader,
+            format: header.format,
+            declared: header.data_bytes,
+            data_start: header.data_start,
+            read: 0,
+            early_end: None,
+            buffer: Vec::new(),
+            next: 0,
+            justification: None,
+        })
+    }
+
+    /// How samples are stored.
+    pub fn format(&self) -> WavFormat {
+        self.format
+    }
+
+    /// Frames there are at most, in a file of `file_bytes` bytes.
+    pub fn frames_at_most(&self, file_bytes: u64) -> u64 {
+        let there = file_bytes.saturating_sub(self.data_start);
+        self.declared.unwrap_or(there).min(there) / self.format.frame_bytes() as u64
+    }
+
+    /// Refuses a recording that ends before its declared length, where the file's length is known.
+    ///
+    /// # Errors
+    /// [`RecordingError::WavEnds`].
+    pub fn check_length(&self, file_bytes: u64) -> Result<(), RecordingError> {
+        let found = file_bytes.saturating_sub(self.data_start);
+        match self.declared {
+            Some(declared) if declared > found => Err(RecordingError::WavEnds {
+                part: "the data chunk",
+                byte: file_bytes,
+                declared,
+                found,
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// The next frame, false at the end. `frame` holds one sample a channel.
+    ///
+    /// # Errors
+    /// An early end, samples whose padding is not empty, and what the reader says.
+    pub fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
+        if self.next == self.buffer.len() {
+            self.fill()?;
+            if self.buffer.is_empty() {
+                return Ok(false);
+            }
+        }
+        let width = self.format.container;
+        let bytes = &self.buffer[self.next..self.next + self.format.frame_bytes()];
+        for (sample, bytes) in frame.iter_mut().zip(bytes.chunks_exact(width)) {
+            *sample = decode(bytes, &self.format, self.justification);
+        }
+        self.next += self.format.frame_bytes();
+        Ok(true)
+    }
+
+    /// Reads the next whole frames.
+    fn fill(&mut self) -> Result<(), RecordingError> {
+        let frame = self.format.frame_bytes();
+        if let Some(found) = self.early_end {
+            return Err(RecordingError::WavEnds {
+                part: "the data chunk",
+                byte: self.data_start + found,
+                declared: self.declared.unwrap_or(self.read + frame as u64),
+                found,
+            });
+        }
+        let wanted = (READ_BYTES / frame).max(1) * frame;
+        let wanted = match self.declared {
+            Some(declared) => wanted.min(usize::try_from(declared - self.read).unwrap_or(wanted)),
+            None => wanted,
+        };
+        self.next = 0;
+        self.buffer.resize(wanted, 0);
+        let mut filled = 0;
+        while filled < wanted {
+            match self.reader.read(&mut self.buffer[filled..]) {
+                Ok(0) => break,
+                Ok(n) => filled += n,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        // What is whole comes first; the next call reports the early end.
+        let whole = filled / frame * frame;
+        let found = self.read + filled as u64;
+        if filled < wanted && (self.declared.is_some() || filled > whole) {
+            self.early_end = Some(found);
+        }
+        self.read += whole as u64;
+        self.buffer.truncate(whole);
+        self.check_padding()
+    }
+
+    /// Finds where the valid bits stand, from the samples themselves, and refuses samples that stand in neither place.
+    fn check_padding(&mut self) -> Result<(), RecordingError> {
+        let padding = self.format.container - self.format.bits.div_ceil(8);
+        if padding == 0 || self.format.float {
+            return Ok(());
+        }
+        let samples = self.buffer.chunks_exact(self.format.container);
+        if samples.clone().all(|bytes| bytes.iter().all(|&byte| byte == 0)) {
+            return Ok(());
+        }
+        let mut left = samples.clone().all(|bytes| low_bytes(bytes, &self.format, padding) == 0);
+        let mut right = samples.clone().all(|bytes| {
+            let high = most_significant_first(bytes, &self.format) >> (64 - 8 * padding);
+            high == 0 || high == (1 << (8 * padding)) - 1
+        });
+        // What was found in the data before holds for the rest.
+        left &= self.justification != Some(Justification::Right);
+        right &= self.justification != Some(Justification::Left);
+        self.justification = match (left, right) {
+            (true, _) => Some(Justification::Left),
+            (false, true) => Some(Justification::Right),
+            (false, false) => {
+                return Err(RecordingError::wav(
+                    "sample padding",
+                    format!(
+                        "not empty in containers of {} bytes for {} bits",
+                        self.format.container, self.format.bits
+                    ),
+                    "all samples at the container's top, or all at its bottom",
+                ));
+            }
+        };
+        Ok(())
+    }
+}
+
+/// A container's bytes in the upper bytes of a word, the most significant one first.
+fn most_significant_first(bytes: &[u8], format: &WavFormat) -> u64 {
+    let mut word = [0; 8];
+    let used = &mut word[..bytes.len()];
+    used.copy_from_slice(bytes);
+    if !format.big_endian {
+        used.reverse();
+    }
+    u64::from_be_bytes(word)
+}
+
+fn low_bytes(bytes: &[u8], format: &WavFormat, padding: usize) -> u64 {
+    (most_significant_first(bytes, format) >> (64 - 8 * bytes.len())) & ((1 << (8 * padding)) - 1)
+}
+
+fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>) -> f32 {
+    let word = most_significant_first(bytes, format);
+    if format.float {
+        return match format.container {
+            4 => f32::from_bits((word >> 32) as u32),
+            _ => f64::from_bits(word) as f32,
+        };
+    }
+    let word = match justification {
+        Some(Justification::Right) => word << (8 * (format.container - format.bits.div_ceil(8))),
+        _ => word,
+    };
+    // Samples of up to 8 bits are unsigned around 128: the sign bit turned over makes them signed.
+    let word = if format.container == 1 { word ^ (1 << 63) } else { word };
+    const FULL_SCALE: f64 = 9_223_372_036_854_775_808.0;
+    (word.cast_signed() as f64 / FULL_SCALE) as f32
+}

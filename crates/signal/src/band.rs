@@ -1,0 +1,129 @@
+//! Root-mean-square values of frequency bands that the user defines.
+
+use serde::{Deserialize, Serialize};
+
+use super::indicators::Absence;
+use super::spectrum::HANN_BANDWIDTH_BINS;
+
+/// Standard gravity in m/s².
+const GRAVITY_M_PER_S2: f64 = 9.806_65;
+
+/// What is summed up in a band.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum BandQuantity {
+    /// The record as it is, in its unit.
+    #[default]
+    Record,
+    /// Velocity in mm/s: the record, an acceleration in m/s² or g, integrated.
+    Velocity,
+}
+
+/// A band that becomes the indicator `band_` and its name, for example velocity from 10 to 1000 Hz as in ISO 20816.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Band {
+    /// Its name: 1 to 32 of `a-z`, `0-9` and `_`.
+    pub name: String,
+    /// Lowest and highest frequency in hertz.
+    pub band_hz: [f64; 2],
+    /// What is summed up.
+    #[serde(default)]
+    pub quantity: BandQuantity,
+}
+
+impl Band {
+    /// Whether name and frequencies can be used.
+    pub fn is_usable(&self) -> bool {
+        let [low, high] = self.band_hz;
+        let name = &self.name;
+        let letters = name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+        letters && (1..=32).contains(&name.len()) && low >= 0.0 && low < high && high.is_finite()
+    }
+
+    /// The indicator's name.
+    pub(super) fn indicator(&self) -> String {
+        format!("band_{}", self.name)
+    }
+
+    /// √(Σ P(f)·Δf) over the bins of the Hann power spectral density P from the lowest to the highest frequency, both included and zero
+    /// left out; for velocity each divided by (2πf)².
+    pub(super) fn rms(&self, amplitude: &[f64], samples: usize, resolution_hz: f64, unit: &str) -> Result<f64, Absence> {
+        let factor = match self.quantity {
+            BandQuantity::Record => 1.0,
+            BandQuantity::Velocity => 1e3 * acceleration_m_per_s2(unit).ok_or(Absence::NotAcceleration)?,
+        };
+        let [low, high] = self.band_hz.map(|frequency| frequency / resolution_hz);
+        if high > 0.5 * samples as f64 {
+            return Err(Absence::AboveNyquist);
+        }
+        let (first, last) = ((low.ceil() as usize).max(1), high.floor() as usize);
+        if first > last {
+            return Err(Absence::TooShort);
+        }
+        let power = |k: usize| {
+            let sides = if 2 * k == samples { 1.0 } else { 0.5 };
+            let omega = match self.quantity {
+                BandQuantity::Record => 1.0,
+                BandQuantity::Velocity => std::f64::consts::TAU * k as f64 * resolution_hz,
+            };
+            sides * (amplitude[k] / omega).powi(2) / HANN_BANDWIDTH_BINS
+        };
+        Ok(factor * (first..=last).map(power).sum::<f64>().sqrt())
+    }
+}
+
+fn acceleration_m_per_s2(unit: &str) -> Option<f64> {
+    match unit {
+        "m/s2" | "m/s^2" | "m/s²" => Some(1.0),
+        "g" => Some(GRAVITY_M_PER_S2),
+        "mg" => Some(1e-3 * GRAVITY_M_PER_S2),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use jiff::Timestamp;
+
+    use super::super::{AnalysisSettings, Analyzer, MeshContext, Record};
+    use super::*;
+
+    fn value(band_hz: [f64; 2], quantity: BandQuantity, unit: &str) -> Result<f64, Absence> {
+        let samples = (0..8000)
+            .map(|i| (3.0 + 2.0 * (2.0 * PI * 159.3 * f64::from(i) / 8000.0).sin()) as f32)
+            .collect();
+        let record = Record::new("1", Timestamp::UNIX_EPOCH, 8000.0, unit, samples).unwrap();
+        let band = Band {
+            name: "b".to_owned(),
+            band_hz,
+            quantity,
+        };
+        let got = Analyzer::new(AnalysisSettings::default()).analyze_with_bands(&record, &MeshContext::unknown(), &[band]);
+        got.indicators.get("band_b").ok_or_else(|| got.indicators.absent["band_b"])
+    }
+
+    /// Closed form: a sine of amplitude 2 has a root mean square of √2, and of √2·1000/(2π·159.3) mm/s as velocity, the offset left out.
+    #[test]
+    fn a_sine_reads_its_root_mean_square() {
+        let rms = value([10.0, 1000.0], BandQuantity::Record, "m/s2").unwrap();
+        assert!((rms / 2.0_f64.sqrt() - 1.0).abs() < 1e-6, "{rms}");
+        let velocity = value([10.0, 1000.0], BandQuantity::Velocity, "m/s2").unwrap();
+        let want = 2.0_f64.sqrt() * 1e3 / (2.0 * PI * 159.3);
+        assert!((velocity / want - 1.0).abs() < 1e-4, "{velocity} {want}");
+        let in_g = value([10.0, 1000.0], BandQuantity::Velocity, "g").unwrap();
+        assert!((in_g / velocity - 9.806_65).abs() < 1e-12);
+        assert!(value([1000.0, 4000.0], BandQuantity::Record, "m/s2").unwrap() < 1e-3);
+    }
+
+    #[test]
+    fn bands_that_have_no_value_say_why() {
+        assert_eq!(value([10.0, 1000.0], BandQuantity::Velocity, "V"), Err(Absence::NotAcceleration));
+        assert_eq!(value([10.0, 4001.0], BandQuantity::Record, "V"), Err(Absence::AboveNyquist));
+        assert_eq!(value([10.2, 10.4], BandQuantity::Record, "V"), Err(Absence::TooShort));
+    }
+}

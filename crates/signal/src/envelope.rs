@@ -1,0 +1,244 @@
+//! The envelope spectrum of a band, from the band's bins alone.
+
+use realfft::num_complex::Complex;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::spectrum::hann_amplitude;
+use super::transform::Transforms;
+
+/// The envelope has this many times as many samples as the band has bins. The modulus of a signal of B bins is not limited to B bins
+/// itself: what lies above folds back, the less the more samples there are.
+const OVERSAMPLING: usize = 4;
+
+/// The fewest bins in a band.
+const FEWEST_BINS: usize = 3;
+
+/// Where an envelope's band came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum BandSource {
+    /// Given with the asset.
+    Asset,
+    /// One and a half mesh frequencies to either side of the strongest mesh harmonic.
+    StrongestMeshHarmonic,
+    /// The most impulsive band of the record's kurtogram.
+    Kurtogram,
+    /// All of the spectrum, where no shaft speed is known, or no kurtogram can be made.
+    Whole,
+    /// Given with the query.
+    Query,
+}
+
+/// How an envelope's band is looked for where none is given.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum EnvelopeSearch {
+    /// Around the strongest mesh harmonic.
+    #[default]
+    MeshHarmonic,
+    /// The most impulsive band, by the fast kurtogram.
+    Kurtogram,
+}
+
+impl EnvelopeSearch {
+    /// Whether it is the one that is taken where nobody says.
+    pub fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A band to take the envelope of.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct EnvelopeBand {
+    /// Lowest and highest frequency in hertz.
+    pub band_hz: [f64; 2],
+    /// How it was chosen.
+    #[serde(rename = "band_source")]
+    pub source: BandSource,
+    /// Kurtosis of the band's envelope where the kurtogram chose it: 0 in noise.
+    pub spectral_kurtosis: Option<f64>,
+}
+
+impl EnvelopeBand {
+    /// A band that someone gave.
+    pub fn given(band_hz: [f64; 2], source: BandSource) -> Self {
+        Self {
+            band_hz,
+            source,
+            spectral_kurtosis: None,
+        }
+    }
+}
+
+/// Why a band has no envelope spectrum.
+#[derive(Debug, Clone, Copy, Error, PartialEq)]
+pub enum BandError {
+    /// Not two frequencies in order.
+    #[error("band_hz is [{low}, {high}], expected two finite frequencies of at least 0, the lower one first")]
+    Order {
+        /// Its first frequency in hertz.
+        low: f64,
+        /// Its second frequency in hertz.
+        high: f64,
+    },
+    /// It reaches above half the sampling rate.
+    #[error("band_hz is [{low}, {high}], expected nothing above half the sampling rate, {nyquist_hz} Hz")]
+    AboveNyquist {
+        /// Its first frequency in hertz.
+        low: f64,
+        /// Its second frequency in hertz.
+        high: f64,
+        /// Half the sampling rate in hertz.
+        nyquist_hz: f64,
+    },
+    /// It holds fewer spectral lines than an envelope needs.
+    #[error(
+        "band_hz is [{low}, {high}], which holds {bins} lines {resolution_hz} Hz apart, expected at least {FEWEST_BINS}: widen it or take a longer record"
+    )]
+    TooNarrow {
+        /// Its first frequency in hertz.
+        low: f64,
+        /// Its second frequency in hertz.
+        high: f64,
+        /// Bins of the record's spectrum within it.
+        bins: usize,
+        /// Their distance in hertz.
+        resolution_hz: f64,
+    },
+}
+
+/// The first and the last bin of a band of a spectrum of `length` samples. The bins at zero and at half the sampling rate are
+/// never part of it: they have no phase.
+pub(super) fn band_bins([low, high]: [f64; 2], length: usize, sample_rate_hz: f64) -> Result<[usize; 2], BandError> {
+    if !(low >= 0.0 && high > low && high.is_finite()) {
+        return Err(BandError::Order { low, high });
+    }
+    let nyquist_hz = 0.5 * sample_rate_hz;
+    if high > nyquist_hz {
+        return Err(BandError::AboveNyquist { low, high, nyquist_hz });
+    }
+    let resolution_hz = sample_rate_hz / length as f64;
+    let first = ((low / resolution_hz).ceil() as usize).max(1);
+    let last = ((high / resolution_hz).floor() as usize).min((length - 1) / 2);
+    let bins = (last + 1).saturating_sub(first);
+    if bins < FEWEST_BINS {
+        return Err(BandError::TooNarrow {
+            low,
+            high,
+            bins,
+            resolution_hz,
+        });
+    }
+    Ok([first, last])
+}
+
+/// Work space and result of an envelope spectrum.
+#[derive(Default)]
+pub(super) struct Envelope {
+    packed: Vec<Complex<f64>>,
+    real: Vec<f64>,
+    imaginary: Vec<f64>,
+    bins: Vec<Complex<f64>>,
+    /// Amplitudes, as many as the band has bins, at the distance of the record's own bins.
+    pub(super) amplitude: Vec<f64>,
+}
+
+impl Envelope {
+    /// Hann amplitude spectrum of the modulus, mean removed, of the analytic signal made of the bins `first` to `last` of the
+    /// unwindowed transform of `length` samples.
+    ///
+    /// The band is moved down to begin at bin 1, which leaves the modulus as it is, and transformed back with no more samples
+    /// than its width asks for: 4 samples a bin, rounded up to a power of two, or `length` where that is less.
+    pub(super) fn compute(&mut self, bins: &[Complex<f64>], length: usize, [first, last]: [usize; 2], transforms: &mut Transforms) {
+        let width = last - first + 1;
+        let samples = (OVERSAMPLING * width).next_power_of_two().min(length);
+        let scale = 1.0 / length as f64;
+        // The analytic signal's real and imaginary parts are two real signals, the second a quarter period behind.
+        for (output, factor) in [
+            (&mut self.real, Complex::new(scale, 0.0)),
+            (&mut self.imaginary, Complex::new(0.0, -scale)),
+        ] {
+            self.packed.clear();
+            self.packed.resize(samples / 2 + 1, Complex::default());
+            for (packed, bin) in self.packed[1..].iter_mut().zip(&bins[first..=last]) {
+                *packed = bin * factor;
+            }
+            output.resize(samples, 0.0);
+            transforms.inverse(&mut self.packed, output);
+        }
+        let mut sum = 0.0;
+        for (re, im) in self.real.iter_mut().zip(&self.imaginary) {
+            *re = (*re * *re + im * im).sqrt();
+            sum += *re;
+        }
+        let mean = sum / samples as f64;
+        self.real.iter_mut().for_each(|modulus| *modulus -= mean);
+        transforms.forward(&mut self.real, &mut self.bins);
+        // The bins beyond the band's width are not asked for; two more are what the window needs.
+        self.bins.truncate((width + 2).min(samples / 2 + 1));
+        hann_amplitude(&self.bins, samples, &mut self.amplitude);
+        self.amplitude.truncate(width);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    fn envelope(mut x: Vec<f64>, band: [f64; 2], rate: f64) -> Vec<f64> {
+        let (length, mut bins, mut transforms) = (x.len(), Vec::new(), Transforms::default());
+        transforms.forward(&mut x, &mut bins);
+        let mut envelope = Envelope::default();
+        envelope.compute(&bins, length, band_bins(band, length, rate).unwrap(), &mut transforms);
+        envelope.amplitude
+    }
+
+    /// Closed form: x = (1 + m·cos Ωt)·a·cos ωt has the envelope a·(1 + m·cos Ωt), a line of m·a at Ω. The rest is outside the band.
+    #[test]
+    fn amplitude_modulation_reads_its_depth() {
+        for length in [4096, 5000, 4999] {
+            let x: Vec<f64> = (0..length)
+                .map(|i| {
+                    let turn = 2.0 * PI * i as f64 / length as f64;
+                    2.0 * (1.0 + 0.4 * (12.0 * turn).cos()) * (600.0 * turn + 0.4).cos() + 7.0 * (900.0 * turn).sin() + 3.0
+                })
+                .collect();
+            let amplitude = envelope(x, [560.0, 640.0], length as f64);
+            assert_eq!(amplitude.len(), 81);
+            assert!((amplitude[12] - 0.8).abs() < 1e-12, "{}", amplitude[12]);
+            assert!((amplitude[11] - 0.4).abs() < 1e-12 && (amplitude[13] - 0.4).abs() < 1e-12);
+            assert!(amplitude.iter().enumerate().all(|(k, a)| (11..=13).contains(&k) || *a < 1e-12));
+        }
+    }
+
+    #[test]
+    fn the_widest_band_of_the_shortest_record_works() {
+        assert_eq!(band_bins([0.0, 4.0], 8, 8.0), Ok([1, 3]));
+        assert_eq!(band_bins([0.0, 3.5], 7, 7.0), Ok([1, 3]));
+        assert_eq!(envelope(vec![1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 4.0], 8.0).len(), 3);
+        assert_eq!(envelope(vec![0.0; 7], [0.0, 3.5], 7.0), [0.0; 3]);
+    }
+
+    #[test]
+    fn unusable_bands_are_refused() {
+        assert_eq!(band_bins([5.0, 2.0], 100, 100.0), Err(BandError::Order { low: 5.0, high: 2.0 }));
+        assert!(matches!(band_bins([f64::NAN, 2.0], 100, 100.0), Err(BandError::Order { .. })));
+        assert!(matches!(band_bins([0.0, f64::INFINITY], 100, 100.0), Err(BandError::Order { .. })));
+        assert!(matches!(band_bins([0.0, 50.5], 100, 100.0), Err(BandError::AboveNyquist { .. })));
+        assert!(matches!(
+            band_bins([10.0, 11.5], 100, 100.0),
+            Err(BandError::TooNarrow { bins: 2, .. })
+        ));
+        assert!(matches!(
+            band_bins([10.2, 10.4], 100, 100.0),
+            Err(BandError::TooNarrow { bins: 0, .. })
+        ));
+        assert!(matches!(band_bins([0.0, 0.5], 1, 1.0), Err(BandError::TooNarrow { bins: 0, .. })));
+    }
+}

@@ -1,0 +1,167 @@
+//! Indicators of the signals over a shaft's angle, and the run means that NA4 and NB4 compare with.
+
+use serde::{Deserialize, Serialize};
+
+use super::gear_signals::GearSignals;
+use super::indicators::{Absence, Indicators};
+use super::shaft_angle::AngleSource;
+
+/// Names of all indicators of this kind.
+pub(super) const NAMES: [&str; 12] = [
+    "omx_tracked",
+    "sideband_energy_ratio",
+    "sideband_level_factor",
+    "fm0",
+    "fm4",
+    "m6a",
+    "m8a",
+    "energy_ratio",
+    "residual_variance",
+    "residual_fourth_moment",
+    "mesh_envelope_variance",
+    "mesh_envelope_fourth_moment",
+];
+
+/// Below this part of the average's deviation a signal is rounding: of 32-bit samples and of the transforms.
+const ROUNDING: f64 = 1e-9;
+
+/// The angle that a record was looked at over.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct AngleUsed {
+    /// Where it came from, and how sure it is.
+    #[serde(flatten)]
+    pub source: AngleSource,
+    /// Whole turns that were averaged.
+    pub turns: usize,
+    /// Why the record's tachometer was not used, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tachometer_refused: Option<String>,
+}
+
+/// What a record says over the angle of its shaft.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct GearAnalysis {
+    /// The indicators; those that could not be computed are absent with a reason.
+    pub indicators: Indicators,
+    /// The angle; none where there is none.
+    pub angle: Option<AngleUsed>,
+}
+
+impl GearAnalysis {
+    /// All indicators absent for one reason.
+    pub(super) fn absent(reason: Absence) -> Self {
+        let mut analysis = Self::default();
+        for name in NAMES {
+            analysis.indicators.insert(name, Err(reason));
+        }
+        analysis
+    }
+
+    /// The indicators of a split average and of the mesh line of all turns, H mesh harmonics in FM0.
+    pub(super) fn of(signals: &GearSignals, tracked: Result<f64, Absence>, angle: AngleUsed, harmonics: usize) -> Self {
+        let mut indicators = Indicators::default();
+        indicators.insert("omx_tracked", tracked);
+        let deviation = mean_power(&signals.average, 2).sqrt();
+        let ratio = |above: Option<f64>, below: Option<f64>| match (above, below) {
+            (Some(above), Some(below)) if below > ROUNDING * deviation => Ok(above / below),
+            (Some(_), Some(_)) => Err(Absence::NoSignal),
+            _ => Err(Absence::AboveNyquist),
+        };
+        let first = signals.mesh_line(1);
+        indicators.insert("sideband_energy_ratio", ratio(signals.sideband_sum(), first));
+        indicators.insert("sideband_level_factor", ratio(signals.first_sidebands(), Some(deviation)));
+        let (low, high) = signals
+            .average
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)));
+        let lines: f64 = (1..=harmonics).map_while(|order| signals.mesh_line(order)).sum();
+        indicators.insert("fm0", ratio(Some(high - low), Some(lines)));
+        let difference = mean_power(&signals.difference, 2);
+        for (name, power) in [("fm4", 4), ("m6a", 6), ("m8a", 8)] {
+            let moment = if difference.sqrt() > ROUNDING * deviation {
+                Ok(mean_power(&signals.difference, power) / difference.powi(power / 2))
+            } else {
+                Err(Absence::NoSignal)
+            };
+            indicators.insert(name, moment);
+        }
+        let regular = mean_power(&signals.regular, 2).sqrt();
+        indicators.insert("energy_ratio", ratio(Some(difference.sqrt()), Some(regular)));
+        indicators.insert("residual_variance", Ok(mean_power(&signals.residual, 2)));
+        indicators.insert("residual_fourth_moment", Ok(mean_power(&signals.residual, 4)));
+        indicators.insert("mesh_envelope_variance", Ok(mean_power(&signals.mesh_envelope, 2)));
+        indicators.insert("mesh_envelope_fourth_moment", Ok(mean_power(&signals.mesh_envelope, 4)));
+        Self {
+            indicators,
+            angle: Some(angle),
+        }
+    }
+
+    /// Where the angle came from.
+    pub fn source(&self) -> Option<AngleSource> {
+        self.angle.as_ref().map(|angle| angle.source)
+    }
+}
+
+/// The mean over a run so far of a signal's variance: the state of NA4 (Zakrajsek 1994) and of NB4, one for each channel. An exact copy
+/// in JSON continues with the same bits.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunMean {
+    records: u64,
+    variances: f64,
+}
+
+impl RunMean {
+    /// Takes one more record with E\[r²\] and E\[r⁴\] of its signal, in time order: E\[r⁴\] / (mean of E\[r²\] over the run, this record among
+    /// it)², which is N·Σr⁴/(mean of Σr²)² where records have as many samples a turn. Numbers that are not finite do not count.
+    pub fn update(&mut self, variance: f64, fourth_moment: f64) -> Result<f64, Absence> {
+        let usable = variance >= 0.0 && variance.is_finite() && fourth_moment.is_finite();
+        if !usable {
+            return Err(Absence::NoSignal);
+        }
+        self.records += 1;
+        self.variances += variance;
+        let mean = self.variances / self.records as f64;
+        let value = fourth_moment / (mean * mean);
+        if value.is_finite() { Ok(value) } else { Err(Absence::NoSignal) }
+    }
+
+    /// Records so far.
+    pub fn records(&self) -> u64 {
+        self.records
+    }
+}
+
+/// The state of NA4 and NB4 of one channel.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunMeans {
+    residual: RunMean,
+    mesh_envelope: RunMean,
+}
+
+impl RunMeans {
+    /// `na4` and `nb4` after one more record with these indicators, in time order, or why there are none; nothing at all where no indicators
+    /// over the shaft's angle were asked for.
+    pub fn update(&mut self, indicators: &Indicators) -> Indicators {
+        let mut answer = Indicators::default();
+        for (name, run, signal) in [
+            ("na4", &mut self.residual, "residual"),
+            ("nb4", &mut self.mesh_envelope, "mesh_envelope"),
+        ] {
+            let (variance, fourth) = (format!("{signal}_variance"), format!("{signal}_fourth_moment"));
+            match (indicators.get(&variance), indicators.get(&fourth), indicators.absent.get(&variance)) {
+                (Some(variance), Some(fourth), _) => answer.insert(name, run.update(variance, fourth)),
+                (_, _, Some(&reason)) => answer.insert(name, Err(reason)),
+                _ => {}
+            }
+        }
+        answer
+    }
+}
+
+/// Mean of an even power of a signal without a mean, in a sum whose partial sums stay short.
+fn mean_power(signal: &[f64], power: i32) -> f64 {
+    let sums = signal.chunks(64).map(|chunk| chunk.iter().map(|x| x.powi(power)).sum::<f64>());
+    sums.sum::<f64>() / signal.len() as f64
+}

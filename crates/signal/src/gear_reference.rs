@@ -1,0 +1,179 @@
+//! Comparison with NumPy and SciPy on `fixtures/reference/signal/gear_vectors.json`, written by the script beside it.
+
+use std::collections::BTreeMap;
+
+use jiff::Timestamp;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde::Deserialize;
+
+use super::{AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, OtherMeshes, Record, RunMean, RunMeans, ShaftAngle};
+
+#[derive(Deserialize)]
+struct Vectors {
+    cases: Vec<Case>,
+}
+
+#[derive(Deserialize)]
+struct Case {
+    name: String,
+    sample_rate_hz: f64,
+    teeth: u32,
+    samples: Vec<f32>,
+    pulse_times_s: Vec<f64>,
+    pulses_per_revolution: u32,
+    samples_per_turn: usize,
+    turns: usize,
+    order_amplitude: Vec<f64>,
+    indicators: BTreeMap<String, f64>,
+    signals: BTreeMap<String, Vec<f64>>,
+    psd: Vec<f64>,
+    cepstrum: Vec<f64>,
+    band_hz: [f64; 2],
+    band_rms: f64,
+    band_velocity_mm_per_s: f64,
+}
+
+impl Case {
+    fn record(&self) -> Record {
+        Record::new("1", Timestamp::UNIX_EPOCH, self.sample_rate_hz, "m/s2", self.samples.clone()).unwrap()
+    }
+
+    fn angle(&self) -> ShaftAngle {
+        ShaftAngle::from_pulses(&self.pulse_times_s, self.pulses_per_revolution).unwrap()
+    }
+
+    fn mesh(&self) -> MeshContext {
+        MeshContext {
+            teeth: self.teeth,
+            nominal_shaft_speed_hz: 10.0,
+            tolerance: 0.05,
+            nominal_is_exact: false,
+            others: OtherMeshes::NONE,
+        }
+    }
+}
+
+fn cases() -> Vec<Case> {
+    let vectors: Vectors = serde_json::from_str(include_str!("../../../fixtures/reference/signal/gear_vectors.json")).unwrap();
+    vectors.cases
+}
+
+fn analyzer() -> Analyzer {
+    Analyzer::new(AnalysisSettings::default())
+}
+
+/// Each value relative to itself, or to 10⁻³ of the largest where it is less: cancellation leaves no more digits there.
+fn assert_close(name: &str, got: &[f64], want: &[f64]) {
+    assert_eq!(got.len(), want.len(), "{name}");
+    let largest = want.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
+    for (k, (got, want)) in got.iter().zip(want).enumerate() {
+        let scale = want.abs().max(1e-3 * largest);
+        assert!((got - want).abs() <= 1e-9 * scale, "{name}, {k}: {got}, SciPy has {want}");
+    }
+}
+
+#[test]
+fn gear_indicators_and_signals_equal_scipy() {
+    for case in cases() {
+        let (record, angle, mesh) = (case.record(), case.angle(), case.mesh());
+        let turned = analyzer().angle_record(&record, &mesh, Some(&angle)).unwrap();
+        assert_eq!(
+            (turned.samples_per_turn, turned.turns),
+            (case.samples_per_turn, case.turns),
+            "{}",
+            case.name
+        );
+        let spectrum = analyzer().order_spectrum(&record, &mesh, Some(&angle)).unwrap();
+        assert_close(&case.name, &spectrum.amplitude, &case.order_amplitude);
+        let signals = analyzer().gear_signals(&record, &mesh, Some(&angle)).unwrap();
+        for (part, got) in [
+            ("average", &signals.average),
+            ("regular", &signals.regular),
+            ("residual", &signals.residual),
+            ("difference", &signals.difference),
+            ("mesh_envelope", &signals.mesh_envelope),
+        ] {
+            assert_close(&format!("{}, {part}", case.name), got, &case.signals[part]);
+        }
+        let got = analyzer().gear_indicators(&record, &mesh, Some(&angle)).indicators;
+        assert_eq!(got.values.keys().collect::<Vec<_>>(), case.indicators.keys().collect::<Vec<_>>());
+        for (name, want) in &case.indicators {
+            assert_close(&format!("{}, {name}", case.name), &[got.values[name]], &[*want]);
+        }
+    }
+}
+
+#[test]
+fn spectra_and_bands_equal_scipy() {
+    for case in cases() {
+        let record = case.record();
+        let density = analyzer().power_spectral_density(&record);
+        assert_eq!((density.quantity, density.unit.as_str()), ("psd", "(m/s2)^2/Hz"));
+        assert_close(&case.name, &density.amplitude, &case.psd);
+        assert_close(&case.name, &analyzer().cepstrum(&record).unwrap().value, &case.cepstrum);
+        let band = |name: &str, quantity| Band {
+            name: name.to_owned(),
+            band_hz: case.band_hz,
+            quantity,
+        };
+        let bands = [band("a", BandQuantity::Record), band("v", BandQuantity::Velocity)];
+        let got = analyzer().analyze_with_bands(&record, &case.mesh(), &bands).indicators;
+        assert_close(&case.name, &[got.values["band_a"]], &[case.band_rms]);
+        assert_close(&case.name, &[got.values["band_v"]], &[case.band_velocity_mm_per_s]);
+    }
+}
+
+/// NA4 by its definition from the samples of each residual, the state sent through JSON between records.
+#[test]
+fn na4_and_nb4_are_their_definition_after_a_restart() {
+    let mut state = RunMeans::default();
+    let mut sums = Vec::new();
+    for case in cases() {
+        let got = analyzer().gear_indicators(&case.record(), &case.mesh(), Some(&case.angle()));
+        let run = state.update(&got.indicators);
+        let samples = case.samples_per_turn as f64;
+        let sum = |part: &str, power: i32| case.signals[part].iter().map(|x| x.powi(power)).sum::<f64>();
+        sums.push([sum("residual", 2) / samples, sum("mesh_envelope", 2) / samples]);
+        for (part, index, na4) in [("residual", 0, run.values["na4"]), ("mesh_envelope", 1, run.values["nb4"])] {
+            let mean = sums.iter().map(|sum| sum[index]).sum::<f64>() / sums.len() as f64;
+            assert_close(part, &[na4], &[sum(part, 4) / samples / (mean * mean)]);
+        }
+        state = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
+    }
+    let mut state = RunMean::default();
+    assert_eq!((state.update(2.0, 12.0), state.records()), (Ok(3.0), 1));
+    assert!(state.update(f64::NAN, 1.0).is_err() && state.records() == 1);
+}
+
+/// Gaussian noise: 3, 15 and 105, within three standard errors √(96/n), √(9720/n) and √(1 929 312/n), n the samples of all averages.
+#[test]
+fn gaussian_noise_has_its_normal_moments() {
+    let mesh = MeshContext {
+        teeth: 20,
+        nominal_shaft_speed_hz: 5.0,
+        tolerance: 0.0,
+        nominal_is_exact: true,
+        others: OtherMeshes::NONE,
+    };
+    let pulses: Vec<f64> = (0..12).map(|pulse| f64::from(pulse) / 5.0).collect();
+    let angle = ShaftAngle::from_pulses(&pulses, 1).unwrap();
+    let (mut sums, records) = ([0.0; 3], 40);
+    let mut per_turn = 0;
+    for seed in 0..records {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let samples = (0..44_000).map(|_| StandardNormal.sample(&mut random)).collect();
+        let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "g", samples).unwrap();
+        per_turn = analyzer().angle_record(&record, &mesh, Some(&angle)).unwrap().samples_per_turn;
+        let got = analyzer().gear_indicators(&record, &mesh, Some(&angle)).indicators;
+        for (sum, name) in sums.iter_mut().zip(["fm4", "m6a", "m8a"]) {
+            *sum += got.values[name] / records as f64;
+        }
+    }
+    let n = (records as usize * per_turn) as f64;
+    for (mean, (want, variance)) in sums.into_iter().zip([(3.0, 96.0), (15.0, 9720.0), (105.0, 1_929_312.0)]) {
+        let standard_error = f64::sqrt(variance / n);
+        assert!((mean - want).abs() < 3.0 * standard_error, "{mean} {want} ± {standard_error}");
+    }
+}

@@ -1,0 +1,139 @@
+//! Condition indicators of one record.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::band::{Band, BandQuantity};
+
+/// Identifier of what the indicators are made by; stored ones made by another are computed again.
+pub const INDICATORS: &str = "indicators-1";
+
+/// Why an indicator could not be computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Absence {
+    /// The shaft speed is neither given nor found in the spectrum.
+    NoSpeed,
+    /// The record is too short to resolve what the indicator needs.
+    TooShort,
+    /// The samples do not vary.
+    Constant,
+    /// The frequency lies above half the sampling rate.
+    AboveNyquist,
+    /// Fewer than 4 whole turns of the shaft.
+    TooFewTurns,
+    /// The shaft speed varies so much that the record would grow fourfold over the shaft's angle.
+    SpeedVaries,
+    /// Samples stand at the converter's limit: 3 or more in a row at the highest or lowest value, which the signal reaches steeply.
+    Clipped,
+    /// Samples are missing: 64 or more in a row are equal.
+    Gaps,
+    /// The signal to divide by is zero.
+    NoSignal,
+    /// The samples' unit is not one of acceleration, so that no velocity follows from them.
+    NotAcceleration,
+    /// A line of another mesh that the sensor hears lies there.
+    OtherMesh,
+}
+
+/// The condition indicators of one record by name; those that could not be computed are absent with a reason, never zero.
+///
+/// | name | definition | unit |
+/// | --- | --- | --- |
+/// | `rms` | √(Σx²/N), Eq. (32): the mean is **not** removed, a sensor that is not AC-coupled shows its offset here | the record's |
+/// | `peak` | max\|x\|, the mean not removed | the record's |
+/// | `crest_factor` | `peak`/`rms` | none |
+/// | `kurtosis` | E[((x − μ)/σ)⁴], Eq. (32): population σ, not excess (Gaussian 3, sine 1.5) | none |
+/// | `omx` | amplitude of the first mesh line: `mesh_1` | the record's |
+/// | `mesh_h` | peak amplitude of the line at h × mesh frequency, h = 1 …: Hann window, amplitude-corrected, interpolated between bins | the record's |
+/// | `band_…` | root mean square of a band that the user defines: see [`Band`](super::Band) | the record's, or mm/s |
+///
+/// Over the angle of the driving shaft, by [`Analyzer::gear_indicators`](super::Analyzer::gear_indicators): x is the synchronous average
+/// over at least 4 turns, its mean removed, g its regular signal (shaft orders 1 and 2, all mesh harmonics), r = x − g the residual, d the
+/// difference (r without the first-order sidebands of every mesh harmonic), z the teeth, A(k) the amplitude of x at shaft order k.
+///
+/// | name | definition | unit |
+/// | --- | --- | --- |
+/// | `omx_tracked` | the first mesh line in the Hann spectrum over orders of all turns, read as `mesh_1` | the record's |
+/// | `sideband_energy_ratio` | Σ_{k=1..6} (A(z − k) + A(z + k)) / A(z) | none |
+/// | `sideband_level_factor` | (A(z − 1) + A(z + 1)) / σ(x) | none |
+/// | `fm0` | (max x − min x) / Σ_{h=1..H} A(hz), H = 10 or as far as half the sampling rate (Stewart 1977) | none |
+/// | `fm4`, `m6a`, `m8a` | E\[d⁴\]/E\[d²\]², E\[d⁶\]/E\[d²\]³, E\[d⁸\]/E\[d²\]⁴: Gaussian 3, 15, 105 (Martin 1989) | none |
+/// | `energy_ratio` | σ(d)/σ(g); some authors divide by the sidebands too | none |
+/// | `residual_variance`, `residual_fourth_moment` | E\[r²\], E\[r⁴\]: what NA4 is made of (see [`RunMean`](super::RunMean)) | the record's², ⁴ |
+/// | `na4`, `nb4` | E\[r⁴\] over the squared mean of E\[r²\] of all records of the channel up to this one (Zakrajsek 1994), of the residual and of the mesh line's envelope: by [`RunMeans`](super::RunMeans), not from one record alone | none |
+/// | `novelty` | −log₁₀ of the probability that a record of the best wear state deviates as much as this one: from the estimate, not from one record alone | none |
+/// | `mesh_envelope_variance`, `mesh_envelope_fourth_moment` | the same of the envelope of orders z − 6 to z + 6, its mean removed: what NB4 is made of | the record's², ⁴ |
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Indicators {
+    /// Value by indicator name.
+    #[serde(rename = "indicators")]
+    pub values: BTreeMap<String, f64>,
+    /// Reason by the name of an indicator that is missing.
+    #[serde(default)]
+    pub absent: BTreeMap<String, Absence>,
+}
+
+impl Indicators {
+    /// Puts down a value or why there is none.
+    pub(super) fn insert(&mut self, name: impl Into<String>, value: Result<f64, Absence>) {
+        match value {
+            Ok(value) => {
+                self.values.insert(name.into(), value);
+            }
+            Err(absence) => {
+                self.absent.insert(name.into(), absence);
+            }
+        }
+    }
+
+    /// Adds those of `others`; where both have one of a name, that of `others` stays.
+    pub fn extend(&mut self, others: Indicators) {
+        for name in others.values.keys() {
+            self.absent.remove(name);
+        }
+        for name in others.absent.keys() {
+            self.values.remove(name);
+        }
+        self.values.extend(others.values);
+        self.absent.extend(others.absent);
+    }
+
+    /// The unit of an indicator of a record in `unit`: `"1"` where it has none. `bands` are those that the user defined.
+    pub fn unit(name: &str, unit: &str, bands: &[Band]) -> String {
+        const DIMENSIONLESS: [&str; 12] = [
+            "novelty",
+            "kurtosis",
+            "crest_factor",
+            "sideband_energy_ratio",
+            "sideband_level_factor",
+            "fm0",
+            "fm4",
+            "m6a",
+            "m8a",
+            "energy_ratio",
+            "na4",
+            "nb4",
+        ];
+        let is_velocity = |band: &Band| band.quantity == BandQuantity::Velocity && band.indicator() == name;
+        if DIMENSIONLESS.contains(&name) {
+            "1".to_owned()
+        } else if name.ends_with("_variance") {
+            format!("({unit})^2")
+        } else if name.ends_with("_fourth_moment") {
+            format!("({unit})^4")
+        } else if bands.iter().any(is_velocity) {
+            "mm/s".to_owned()
+        } else {
+            unit.to_owned()
+        }
+    }
+
+    /// The value of an indicator, where it could be computed.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.values.get(name).copied()
+    }
+}

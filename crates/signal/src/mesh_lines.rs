@@ -1,0 +1,117 @@
+//! The lines of a mesh in one record: harmonics, sidebands and the envelopes around them.
+
+use serde::Serialize;
+
+use super::features::Features;
+use super::line::{LineReading, MAIN_LOBE_BINS, background, fits, read_line, read_mesh_line, search_reach};
+use super::mesh_comb::SHAFT_RESOLVED_BINS;
+use super::other_meshes::OtherMeshes;
+use super::record_spectrum::RecordSpectrum;
+use super::speed::MeshContext;
+
+/// Mesh harmonics whose sidebands and envelopes are features.
+const SIDEBAND_HARMONICS: usize = 4;
+
+/// Sidebands taken on each side of a harmonic.
+const SIDEBANDS: usize = 2;
+
+/// The features' envelope band reaches this many shaft rates around a mesh harmonic.
+const FEATURE_BAND_SHAFTS: f64 = 2.5;
+
+/// One mesh harmonic as it was found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct MeshLine {
+    /// Its order h, from 1.
+    pub order: u32,
+    /// Its frequency in hertz, interpolated between bins.
+    pub frequency_hz: f64,
+    /// Its amplitude (peak) in the record's unit.
+    pub amplitude: f64,
+}
+
+/// Where one record's lines are, in bins.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MeshPositions {
+    mesh_bins: f64,
+    /// The shaft rate, where the record resolves it.
+    shaft_bins: Option<f64>,
+    teeth: f64,
+    others: OtherMeshes,
+}
+
+impl MeshPositions {
+    pub(super) fn new(mesh_bins: f64, mesh: &MeshContext) -> Self {
+        let teeth = f64::from(mesh.teeth);
+        let shaft_bins = mesh_bins / teeth;
+        Self {
+            mesh_bins,
+            shaft_bins: (shaft_bins >= SHAFT_RESOLVED_BINS).then_some(shaft_bins),
+            teeth,
+            others: mesh.others,
+        }
+    }
+
+    /// Whether the line `sideband` shaft rates beside mesh harmonic `order` is this mesh's alone: no line of another one that is known of is read
+    /// in its place.
+    pub(super) fn is_own(&self, order: f64, sideband: f64) -> bool {
+        if self.others.is_empty() {
+            return true;
+        }
+        let shaft_orders = order * self.teeth + sideband;
+        let bins_per_order = self.mesh_bins / self.teeth;
+        // What is searched, and the main lobes of both lines.
+        let reach = search_reach(shaft_orders * bins_per_order) + 2.0 * MAIN_LOBE_BINS;
+        !self.others.lie_at(shaft_orders, reach / bins_per_order)
+    }
+
+    /// Mesh harmonic `order` and the noise in one bin beside it; `None` where it does not lie below half the sampling rate.
+    pub(super) fn read(&self, work: &mut RecordSpectrum, order: f64) -> Option<(LineReading, Option<f64>)> {
+        let position = order * self.mesh_bins;
+        let noise = self.noise(work, order);
+        let reach = 0.4 * self.shaft_bins.unwrap_or(SHAFT_RESOLVED_BINS);
+        read_mesh_line(&work.amplitude, position, reach, noise).map(|line| (line, noise))
+    }
+
+    fn noise(&self, work: &mut RecordSpectrum, order: f64) -> Option<f64> {
+        let reach = 0.5 * self.mesh_bins;
+        background(&work.amplitude, order * self.mesh_bins, self.shaft_bins, reach, &mut work.sorting)
+    }
+
+    fn has_own_sidebands(&self, order: usize) -> bool {
+        let reach = SIDEBANDS as i32;
+        (-reach..=reach).all(|sideband| self.is_own(order as f64, f64::from(sideband)))
+    }
+
+    pub(super) fn sidebands(&self, work: &mut RecordSpectrum, deviation: f64, features: &mut Features) {
+        let Some(shaft_bins) = self.shaft_bins else { return };
+        for order in (1..=SIDEBAND_HARMONICS).filter(|order| self.has_own_sidebands(*order)) {
+            let centre = order as f64 * self.mesh_bins;
+            let sidebands = (1..=SIDEBANDS).flat_map(|k| [centre - k as f64 * shaft_bins, centre + k as f64 * shaft_bins]);
+            let energy: Option<f64> = sidebands
+                .map(|position| read_line(&work.amplitude, position).map(|line| line.amplitude * line.amplitude))
+                .sum();
+            let Some(energy) = energy else { return };
+            let noise = self.noise(work, order as f64).map(|noise| noise * (2.0 * SIDEBANDS as f64).sqrt());
+            features.insert_line(format!("ln_sideband_{order}"), energy.sqrt(), noise, deviation);
+        }
+    }
+
+    pub(super) fn envelopes(&self, work: &mut RecordSpectrum, deviation: f64, features: &mut Features) {
+        let Some(shaft_bins) = self.shaft_bins else { return };
+        let reach = FEATURE_BAND_SHAFTS * shaft_bins;
+        for order in (1..=SIDEBAND_HARMONICS).filter(|order| self.has_own_sidebands(*order)) {
+            let centre = order as f64 * self.mesh_bins;
+            if centre <= reach + 1.0 || !fits(centre + reach, work.bins.len()) {
+                return;
+            }
+            let band = [(centre - reach).ceil() as usize, (centre + reach).floor() as usize];
+            work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
+            let Some(line) = read_line(&work.envelope.amplitude, shaft_bins) else {
+                return;
+            };
+            let noise = background(&work.envelope.amplitude, shaft_bins, Some(shaft_bins), reach, &mut work.sorting);
+            features.insert_line(format!("ln_env_{order}"), line.amplitude, noise, deviation);
+        }
+    }
+}

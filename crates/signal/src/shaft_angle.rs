@@ -1,0 +1,243 @@
+//! The angle of a shaft over the time of a record: from a tachometer's pulses, from the phase of a mesh line, or at a constant speed.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::pchip::{Pchip, PchipError};
+
+/// An interval between pulses longer than the one before by this factor has lost a pulse, one shorter has one too many.
+const STEADY_INTERVALS: f64 = 1.6;
+
+/// Where the angle of a shaft came from, and how sure it is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case", tag = "source")]
+pub enum AngleSource {
+    /// The pulses of a tachometer.
+    Tachometer {
+        /// How many.
+        pulses: usize,
+        /// Standard deviation of the shaft angle in degrees that the pulses' own scatter leaves, from their third differences; none
+        /// below 5 pulses.
+        angle_error_deg: Option<f64>,
+    },
+    /// The phase of a mesh harmonic, demodulated.
+    MeshPhase {
+        /// Which harmonic.
+        harmonic: u32,
+        /// Amplitude of the tracked line over the root-mean-square amplitude of what else passes the last filter: what noise, sidebands and
+        /// other lines leave of it.
+        line_to_background: f64,
+        /// Standard deviation of the shaft angle in degrees that follows from it.
+        angle_error_deg: f64,
+    },
+    /// The shaft speed of the record, taken to be constant: no line could be followed.
+    ConstantSpeed,
+}
+
+/// Why pulses give no shaft angle.
+#[derive(Debug, Clone, Copy, Error, PartialEq)]
+pub enum PulseError {
+    /// No pulses in a turn.
+    #[error("pulses_per_revolution is 0, expected at least 1")]
+    PulsesPerRevolution,
+    /// Fewer than two pulses.
+    #[error("{0} pulses, expected at least 2")]
+    TooFew(usize),
+    /// A time that is not finite, or not after the one before.
+    #[error("pulse {0} is not after the one before, expected rising finite times")]
+    NotRising(usize),
+    /// Pulses are missing or too many.
+    #[error("pulse {index} comes {interval_s} s after the one before, which came after {before_s} s: a pulse is missing or one too many")]
+    Uneven {
+        /// Which pulse.
+        index: usize,
+        /// Time since the one before.
+        interval_s: f64,
+        /// The interval before.
+        before_s: f64,
+    },
+}
+
+/// Time as a rising function of a shaft's angle in revolutions, over the part of a record where it is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShaftAngle {
+    time_s: Pchip,
+    source: AngleSource,
+}
+
+impl ShaftAngle {
+    /// The angle of a shaft with a tachometer, zero at the first pulse. `pulse_times_s` are seconds after the record's first
+    /// sample, rising, some of them possibly before it or after its end. Between pulses, time is a monotone cubic of the angle.
+    pub fn from_pulses(pulse_times_s: &[f64], pulses_per_revolution: u32) -> Result<Self, PulseError> {
+        Self::from_geared_pulses(pulse_times_s, pulses_per_revolution, 1.0)
+    }
+
+    /// The same of a shaft that makes this many `turns` while the one with the tachometer makes one.
+    pub(super) fn from_geared_pulses(pulse_times_s: &[f64], pulses_per_revolution: u32, turns: f64) -> Result<Self, PulseError> {
+        if pulses_per_revolution == 0 {
+            return Err(PulseError::PulsesPerRevolution);
+        }
+        if pulse_times_s.len() < 2 {
+            return Err(PulseError::TooFew(pulse_times_s.len()));
+        }
+        if let Some(index) = pulse_times_s.iter().position(|time| !time.is_finite()) {
+            return Err(PulseError::NotRising(index));
+        }
+        if let Some(index) = pulse_times_s.windows(2).position(|w| w[1] <= w[0]) {
+            return Err(PulseError::NotRising(index + 1));
+        }
+        for (index, w) in pulse_times_s.windows(3).enumerate() {
+            let (before_s, interval_s) = (w[1] - w[0], w[2] - w[1]);
+            let ratio = interval_s / before_s;
+            // Pulses of one turn may be spaced unevenly, but not by half an interval.
+            if !(ratio < STEADY_INTERVALS && ratio > 1.0 / STEADY_INTERVALS) {
+                return Err(PulseError::Uneven {
+                    index: index + 2,
+                    interval_s,
+                    before_s,
+                });
+            }
+        }
+        let per_revolution = f64::from(pulses_per_revolution) / turns;
+        let revolutions = (0..pulse_times_s.len()).map(|pulse| pulse as f64 / per_revolution).collect();
+        let source = AngleSource::Tachometer {
+            pulses: pulse_times_s.len(),
+            angle_error_deg: pulse_scatter_s(pulse_times_s).map(|scatter_s| {
+                let turns = (pulse_times_s.len() - 1) as f64 / per_revolution;
+                360.0 * scatter_s * turns / (pulse_times_s[pulse_times_s.len() - 1] - pulse_times_s[0])
+            }),
+        };
+        Self::through(revolutions, pulse_times_s.to_vec(), source).map_err(|error| match error {
+            PchipError::TooFew(pulses) => PulseError::TooFew(pulses),
+            PchipError::NotRising(pulse) => PulseError::NotRising(pulse),
+        })
+    }
+
+    /// The angle at a constant speed, zero at the first sample; `None` where speed or duration are not positive numbers.
+    pub(super) fn constant(shaft_speed_hz: f64, duration_s: f64) -> Option<Self> {
+        let turns = shaft_speed_hz * duration_s;
+        if !(turns > 0.0 && duration_s > 0.0) {
+            return None;
+        }
+        Self::through(vec![0.0, turns], vec![0.0, duration_s], AngleSource::ConstantSpeed).ok()
+    }
+
+    /// The angle that goes through these points.
+    pub(super) fn through(revolutions: Vec<f64>, times_s: Vec<f64>, source: AngleSource) -> Result<Self, PchipError> {
+        let time_s = Pchip::new(revolutions, times_s)?;
+        Ok(Self { time_s, source })
+    }
+
+    /// Where the angle came from, and how sure it is.
+    pub fn source(&self) -> AngleSource {
+        self.source
+    }
+
+    /// The first and the last revolution that are known.
+    pub(super) fn revolutions(&self) -> [f64; 2] {
+        self.time_s.range()
+    }
+
+    /// The mean shaft speed between the first and the last known point, in hertz.
+    pub(super) fn mean_speed_hz(&self) -> f64 {
+        let [first, last] = self.time_s.range();
+        (last - first) / (self.time_s.at(last, &mut 0) - self.time_s.at(first, &mut 0))
+    }
+
+    /// The lowest shaft speed between two known points, in hertz.
+    pub(super) fn lowest_speed_hz(&self) -> f64 {
+        self.time_s.steepest().recip()
+    }
+
+    /// The revolution at a time, linear between known points, beyond them at the speed of the outermost two.
+    pub(super) fn revolution(&self, time_s: f64) -> f64 {
+        let (times, revolutions) = (self.time_s.values(), self.time_s.nodes());
+        let i = times.partition_point(|t| *t <= time_s).clamp(1, times.len() - 1);
+        let speed = (revolutions[i] - revolutions[i - 1]) / (times[i] - times[i - 1]);
+        revolutions[i - 1] + speed * (time_s - times[i - 1])
+    }
+
+    /// The times of the rising revolutions `from + steps[j]` in samples of this rate; `interval` is moved along.
+    #[inline(always)]
+    pub(super) fn samples_along(&self, from: f64, steps: &[f64], rate_hz: f64, interval: &mut usize, samples: &mut [f64]) {
+        self.time_s.along(from, steps, rate_hz, interval, samples);
+    }
+
+    /// The time of a revolution; `interval` is moved along by calls with rising revolutions.
+    pub(super) fn time_s(&self, revolution: f64, interval: &mut usize) -> f64 {
+        self.time_s.at(revolution, interval)
+    }
+}
+
+/// Standard deviation of single pulses about a smooth run in seconds: the root mean square of their third differences over √20, which
+/// for independent errors of one deviation is that deviation. A steady change of speed leaves no third difference.
+fn pulse_scatter_s(pulse_times_s: &[f64]) -> Option<f64> {
+    const FEWEST_PULSES: usize = 5;
+    if pulse_times_s.len() < FEWEST_PULSES {
+        return None;
+    }
+    let squares: f64 = pulse_times_s.windows(4).map(|w| (w[3] - w[0] - 3.0 * (w[2] - w[1])).powi(2)).sum();
+    Some((squares / (pulse_times_s.len() - 3) as f64 / 20.0).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+
+    /// Closed form: t = θ/10 at 10 turns a second.
+    #[test]
+    fn even_pulses_are_a_constant_speed() {
+        let pulses: Vec<f64> = (0..41).map(|pulse| 0.3 + f64::from(pulse) / 40.0).collect();
+        let angle = ShaftAngle::from_pulses(&pulses, 4).unwrap();
+        assert_eq!(angle.revolutions(), [0.0, 10.0]);
+        assert!((angle.time_s(2.6, &mut 0) - 0.56).abs() < 1e-12);
+        assert!((angle.lowest_speed_hz() - 10.0).abs() < 1e-9);
+        let AngleSource::Tachometer {
+            pulses: 41,
+            angle_error_deg: Some(error_deg),
+        } = angle.source()
+        else {
+            panic!("{:?}", angle.source());
+        };
+        assert!(error_deg < 1e-9, "{error_deg}");
+    }
+
+    /// Independent errors of 20 µs in the pulses of a shaft at 10 turns a second that speeds up: 360°·10·20·10⁻⁶ = 0.072°.
+    #[test]
+    fn scattered_pulses_say_how_sure_the_angle_is() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let pulses: Vec<f64> = (0..400)
+            .map(|pulse| {
+                let time = f64::from(pulse) / 10.0;
+                let error: f64 = StandardNormal.sample(&mut random);
+                time - 1e-4 * time * time + 20e-6 * error
+            })
+            .collect();
+        let AngleSource::Tachometer {
+            angle_error_deg: Some(error_deg),
+            ..
+        } = ShaftAngle::from_pulses(&pulses, 1).unwrap().source()
+        else {
+            panic!("no error");
+        };
+        assert!((error_deg / 0.072 - 1.0).abs() < 0.1, "{error_deg}");
+    }
+
+    #[test]
+    fn unusable_pulses_say_why() {
+        let error = |times: &[f64], per_revolution| ShaftAngle::from_pulses(times, per_revolution).unwrap_err();
+        assert_eq!(error(&[0.0, 1.0], 0), PulseError::PulsesPerRevolution);
+        assert_eq!(error(&[0.0], 1), PulseError::TooFew(1));
+        assert_eq!(error(&[0.0, 1.0, 1.0], 1), PulseError::NotRising(2));
+        assert_eq!(error(&[f64::NAN, 1.0], 1), PulseError::NotRising(0));
+        assert!(matches!(error(&[0.0, 1.0, 2.0, 4.0], 1), PulseError::Uneven { index: 3, .. }));
+        assert!(matches!(error(&[0.0, 1.0, 1.5, 2.0], 1), PulseError::Uneven { index: 2, .. }));
+        assert_eq!(ShaftAngle::constant(f64::NAN, 1.0), None);
+        assert_eq!(ShaftAngle::constant(10.0, 0.0), None);
+    }
+}

@@ -1,0 +1,151 @@
+//! The shaft speed of a record: given with it, or found from its mesh comb.
+
+use serde::{Deserialize, Serialize};
+
+use super::indicators::Absence;
+use super::line::{MAIN_LOBE_BINS, fits};
+use super::mesh_comb::{self, MESH_RESOLVED_BINS};
+use super::other_meshes::OtherMeshes;
+use super::record::Record;
+
+/// What is known of the mesh before a record is looked at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeshContext {
+    /// Teeth on the shaft whose speed is meant (the driving gear, the pinion).
+    pub teeth: u32,
+    /// That shaft's nominal rotational frequency in hertz.
+    pub nominal_shaft_speed_hz: f64,
+    /// How far from nominal the speed may be, as a fraction (0.05 for ± 5 %).
+    pub tolerance: f64,
+    /// Whether the nominal speed is exact, so that no search is needed.
+    pub nominal_is_exact: bool,
+    /// Other meshes that the sensor hears.
+    pub others: OtherMeshes,
+}
+
+impl MeshContext {
+    /// Nothing is known of the mesh: indicators that need it are absent.
+    pub fn unknown() -> Self {
+        Self {
+            teeth: 0,
+            nominal_shaft_speed_hz: 0.0,
+            tolerance: 0.0,
+            nominal_is_exact: false,
+            others: OtherMeshes::NONE,
+        }
+    }
+}
+
+/// Where a shaft speed came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum SpeedSource {
+    /// Given with the record.
+    Record,
+    /// The mean between the pulses of the record's tachometer.
+    Tachometer,
+    /// The asset's nominal speed, declared exact.
+    Asset,
+    /// Found from the comb of mesh harmonics within the tolerance around nominal.
+    MeshComb,
+}
+
+/// A record's shaft speed and where it came from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ShaftSpeed {
+    /// Rotational frequency of the driving shaft in hertz.
+    pub shaft_speed_hz: f64,
+    /// Where it came from.
+    pub source: SpeedSource,
+    /// Mesh frequency in hertz: teeth × shaft speed.
+    pub mesh_frequency_hz: f64,
+    /// How far the comb stands above the background, as a ratio of amplitudes (root mean square over its lines); `None` where none stood out
+    /// beside a given speed.
+    pub comb_to_background: Option<f64>,
+}
+
+/// A speed given with a record or an asset may be off by this part: the lines are looked for there.
+const GIVEN_SPEED_TOLERANCE: f64 = 1e-3;
+
+/// The mesh in one record's spectrum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LocatedMesh {
+    /// The shaft speed, where it is known.
+    pub(super) speed: Option<ShaftSpeed>,
+    /// The mesh frequency in bins as the lines show it, or why there are no lines to read.
+    pub(super) mesh: Result<f64, Absence>,
+}
+
+/// The speed that comes with a record: what it says itself before the mean of its tachometer.
+pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
+    let own = record.operating_point().shaft_speed_hz.map(|speed| (speed, SpeedSource::Record));
+    own.or_else(|| {
+        let angle = record.tachometer_angle()?.ok()?;
+        Some((angle.mean_speed_hz(), SpeedSource::Tachometer))
+    })
+}
+
+/// Finds the mesh: the speed that comes with the record before the asset's exact one before the comb within the tolerance around nominal.
+///
+/// A given speed stays what it is; only its lines are looked for by the comb within ± 0.1 %, as a few digits of a tachometer's mean
+/// are often not exact to a bin. `constant` says that the samples do not vary.
+pub(super) fn locate(
+    amplitude: &[f64],
+    resolution_hz: f64,
+    given: Option<(f64, SpeedSource)>,
+    context: &MeshContext,
+    constant: bool,
+    scratch: &mut Vec<f64>,
+) -> LocatedMesh {
+    let teeth = f64::from(context.teeth);
+    let nominal_hz = context.nominal_shaft_speed_hz;
+    let exact = context.nominal_is_exact && nominal_hz > 0.0;
+    let given = given.or(exact.then_some((nominal_hz, SpeedSource::Asset)));
+    let (centre_hz, tolerance) = match given {
+        Some((speed, _)) => (speed, GIVEN_SPEED_TOLERANCE),
+        None => (nominal_hz, context.tolerance.max(0.0)),
+    };
+    let centre = teeth * centre_hz / resolution_hz;
+    let absence = if constant {
+        Some(Absence::Constant)
+    } else if !(centre > 0.0 && centre.is_finite()) {
+        Some(Absence::NoSpeed)
+    } else if amplitude.len() < 2 || centre * (1.0 + tolerance) < MESH_RESOLVED_BINS {
+        Some(Absence::TooShort)
+    } else if !fits(centre * (1.0 - tolerance).max(0.0), amplitude.len()) {
+        Some(Absence::AboveNyquist)
+    } else {
+        None
+    };
+    let comb = match absence {
+        Some(_) => None,
+        None => {
+            let highest = amplitude.len() as f64 - 1.0 - MAIN_LOBE_BINS;
+            let range = [centre * (1.0 - tolerance), (centre * (1.0 + tolerance)).min(highest)];
+            mesh_comb::find(amplitude, range, context.teeth, scratch)
+        }
+    };
+    let comb_to_background = comb.map(|comb| comb.to_background);
+    match given {
+        Some((shaft_speed_hz, source)) => LocatedMesh {
+            speed: Some(ShaftSpeed {
+                shaft_speed_hz,
+                source,
+                mesh_frequency_hz: teeth * shaft_speed_hz,
+                comb_to_background,
+            }),
+            mesh: absence.map_or(Ok(comb.map_or(centre, |comb| comb.mesh)), Err),
+        },
+        None => LocatedMesh {
+            speed: comb.map(|comb| ShaftSpeed {
+                shaft_speed_hz: comb.mesh * resolution_hz / teeth,
+                source: SpeedSource::MeshComb,
+                mesh_frequency_hz: comb.mesh * resolution_hz,
+                comb_to_background,
+            }),
+            mesh: absence.map_or(comb.map(|comb| comb.mesh).ok_or(Absence::NoSpeed), Err),
+        },
+    }
+}

@@ -1,0 +1,65 @@
+//! All alarms of a measuring channel.
+
+use serde::{Deserialize, Serialize};
+
+use super::{ActionTaken, Alarm, AlarmChange, AlarmQuantity, AlarmReading, AlarmRule};
+use crate::estimate::{MaintenanceEvent, WearEstimate};
+use flankwatch_signal::Indicators;
+use jiff::Timestamp;
+
+/// The alarms of a channel, one for each rule in the order of the rules; an exact copy in JSON goes on the same.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AlarmPanel {
+    pub(super) alarms: Vec<Alarm>,
+}
+
+/// What a person did to the alarm of a quantity.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PanelAction {
+    /// The quantity that the alarm's rule watches.
+    pub quantity: AlarmQuantity,
+    /// What was done.
+    pub taken: ActionTaken,
+}
+
+/// A change of one of the alarms: the position of its rule, and the change.
+pub type PanelChange = (usize, AlarmChange);
+
+impl AlarmPanel {
+    /// Before the first record.
+    pub fn of(rules: &[AlarmRule]) -> Self {
+        Self {
+            alarms: vec![Alarm::default(); rules.len()],
+        }
+    }
+
+    /// The alarms in the order of the rules.
+    pub fn alarms(&self) -> &[Alarm] {
+        &self.alarms
+    }
+
+    /// Takes a record's results; `indicators` are those of the record and those of the run up to it.
+    pub fn reading(&mut self, rules: &[AlarmRule], time: Timestamp, wear: &WearEstimate, indicators: [&Indicators; 2]) -> Vec<PanelChange> {
+        let each = self.alarms.iter_mut().zip(rules).enumerate();
+        let changes = each.filter_map(|(n, (alarm, rule))| {
+            let value = rule.quantity.value(wear, indicators);
+            Some((n, alarm.reading(rule, AlarmReading { time, value })?))
+        });
+        changes.collect()
+    }
+
+    /// Takes what a person did; none where no rule watches that any more.
+    pub fn act(&mut self, rules: &[AlarmRule], action: &PanelAction) -> Option<PanelChange> {
+        let n = rules.iter().position(|rule| rule.quantity == action.quantity)?;
+        Some((n, self.alarms.get_mut(n)?.act(&action.taken)))
+    }
+
+    /// Takes a maintenance event.
+    pub fn maintenance(&mut self, rules: &[AlarmRule], event: &MaintenanceEvent) -> Vec<PanelChange> {
+        let each = self.alarms.iter_mut().zip(rules).enumerate();
+        let begin_again = each.filter(|(_, (_, rule))| rule.quantity.begins_again(event.kind));
+        begin_again
+            .filter_map(|(n, (alarm, _))| Some((n, alarm.begin_again(event)?)))
+            .collect()
+    }
+}

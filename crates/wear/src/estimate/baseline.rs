@@ -1,0 +1,122 @@
+//! The healthy records of one measuring channel, as the state keeps them.
+
+use serde::{Deserialize, Serialize};
+
+use flankwatch_signal::Features;
+
+/// A line enters the comparison when its healthy amplitude stands above the noise beside it by this factor.
+const LEAST_LINE_TO_BACKGROUND: f64 = 2.0;
+
+/// Records that the fit over the speed is made of: of a longer baseline, as many evenly spread ones.
+const MOST_RECORDS: usize = 40;
+
+/// Healthy values of one feature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct HealthyFeature {
+    pub(super) name: String,
+    /// Value by record.
+    pub(super) values: Vec<f32>,
+    /// Mean logarithm of the noise amplitude beside it, for a line.
+    pub(super) background: Option<f64>,
+}
+
+impl HealthyFeature {
+    /// Its mean.
+    pub(super) fn mean(&self) -> f64 {
+        self.values.iter().map(|&value| f64::from(value)).sum::<f64>() / self.values.len() as f64
+    }
+}
+
+/// The healthy baseline of one measuring channel.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Baseline {
+    /// Lines that every record had and that stand above the noise: what wear is told from.
+    pub(super) lines: Vec<HealthyFeature>,
+    /// Values that wear hardly moves.
+    pub(super) checks: Vec<HealthyFeature>,
+    /// Speed and torque of each record, as far as they are known.
+    pub(super) points: Vec<[Option<f64>; 2]>,
+}
+
+impl Baseline {
+    /// The baseline of these records; features that any of them lacks are left out.
+    pub(super) fn of(records: &[Features]) -> Self {
+        let stride = records.len().div_ceil(MOST_RECORDS).max(1);
+        let records: Vec<&Features> = records.iter().step_by(stride).collect();
+        let is_line = |name: &&String| ["ln_mesh_", "ln_sideband_", "ln_env_"].iter().any(|kind| name.starts_with(kind));
+        let first = records.first();
+        let lines = first.into_iter().flat_map(|record| record.values.keys().filter(is_line));
+        let lines = lines.filter_map(|name| {
+            let values: Option<Vec<f32>> = records.iter().map(|record| Some(*record.values.get(name)? as f32)).collect();
+            let noise: Option<Vec<f64>> = records.iter().map(|record| record.background.get(name).copied()).collect();
+            let feature = HealthyFeature {
+                name: name.clone(),
+                values: values?,
+                background: noise.map(|noise| noise.iter().sum::<f64>() / noise.len() as f64),
+            };
+            let drowned = feature
+                .background
+                .is_some_and(|noise| feature.mean() < noise + LEAST_LINE_TO_BACKGROUND.ln());
+            (!drowned).then_some(feature)
+        });
+        let checks = first.into_iter().flat_map(|record| record.checks.keys()).filter_map(|name| {
+            let values: Option<Vec<f32>> = records.iter().map(|record| Some(*record.checks.get(name)? as f32)).collect();
+            Some(HealthyFeature {
+                name: name.clone(),
+                values: values?,
+                background: None,
+            })
+        });
+        let point = |record: &&Features| [record.operating_point.shaft_speed_hz, record.operating_point.torque_nm];
+        Self {
+            lines: lines.collect(),
+            checks: checks.collect(),
+            points: records.iter().map(point).collect(),
+        }
+    }
+
+    /// Records that are kept.
+    pub(super) fn records(&self) -> usize {
+        self.points.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn features(pairs: &[(&str, f64)], background: &[(&str, f64)]) -> Features {
+        let map = |pairs: &[(&str, f64)]| pairs.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
+        Features {
+            values: map(pairs),
+            background: map(background),
+            ..Features::default()
+        }
+    }
+
+    #[test]
+    fn a_feature_that_one_record_lacks_is_left_out() {
+        let pairs = [("ln_mesh_1", 1.0), ("ln_mesh_2", 2.0), ("ln_rms", 1.0)];
+        let baseline = Baseline::of(&[features(&pairs, &[]), features(&[("ln_mesh_1", 3.0)], &[])]);
+        assert_eq!(baseline.lines.len(), 1);
+        assert_eq!((baseline.lines[0].name.as_str(), baseline.lines[0].mean()), ("ln_mesh_1", 2.0));
+    }
+
+    #[test]
+    fn a_line_in_the_noise_is_left_out() {
+        let noise = [("ln_mesh_1", 0.0), ("ln_mesh_2", 0.0)];
+        let baseline = Baseline::of(&[features(&[("ln_mesh_1", 1.0), ("ln_mesh_2", 0.1)], &noise)]);
+        assert_eq!(
+            baseline.lines.iter().map(|line| line.name.as_str()).collect::<Vec<_>>(),
+            ["ln_mesh_1"]
+        );
+    }
+
+    #[test]
+    fn a_long_baseline_is_thinned_evenly() {
+        let records: Vec<Features> = (0..100).map(|i| features(&[("ln_mesh_1", f64::from(i))], &[])).collect();
+        let baseline = Baseline::of(&records);
+        assert_eq!(baseline.records(), 34);
+        assert_eq!(baseline.lines[0].values[..3], [0.0, 3.0, 6.0]);
+    }
+}

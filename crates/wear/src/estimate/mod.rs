@@ -1,0 +1,33 @@
+//! From features to wear: the healthy baseline, the likelihood of each wear depth, and the tracking of wear over time; what is not wear, the
+//! time to a limit, and alarms.
+//!
+//! Everything here is pure and deterministic: an estimate is a fold over an asset's features and maintenance events in time order. Features
+//! enter relative to the asset's own healthy baseline, so that an unknown linear transmission path cancels.
+
+mod alarm;
+mod baseline;
+mod belief;
+mod channel;
+mod chart;
+mod depth_grid;
+mod event;
+mod healthy;
+mod healthy_checks;
+mod hypotheses;
+mod novelty;
+mod path_gain;
+mod prognosis;
+mod tracker;
+mod transition;
+mod wear;
+
+pub use alarm::{
+    ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmError, AlarmPanel, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings,
+    AlarmState, PanelAction, PanelChange, Severity,
+};
+pub use channel::{ChannelEstimator, ChannelState, RecordResult};
+pub use event::{MaintenanceEvent, MaintenanceKind};
+pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
+pub use prognosis::Prognosis;
+pub use tracker::{EstimatorSettings, KNOWN_SHAPE, METHOD, Tracker, TrackerState, UNKNOWN_SHAPE, shape_deviation};
+pub use wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};

@@ -1,0 +1,159 @@
+//! The answer: wear depth with an interval, or why there is none.
+
+use serde::{Deserialize, Serialize};
+
+use super::novelty::Novelty;
+use super::prognosis::Prognosis;
+use flankwatch_signal::Indicators;
+
+/// What kind of answer a wear estimate is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum WearStatus {
+    /// Records are still being collected to learn what healthy looks like on this asset.
+    CollectingBaseline,
+    /// The asset has no gear pair described, so there is no library to compare with.
+    NoLibrary,
+    /// The record gives no feature to compare (no shaft speed found, for example).
+    NoFeatures,
+    /// Compared, but the interval spans most of the library: the record does not say.
+    NotIdentifiable,
+    /// No state of the library explains the record: something other than wear has changed.
+    OutsideLibrary,
+    /// The sensor, not the machine, is the reason why the record is not explained.
+    SensorFault,
+    /// A wear depth with an interval.
+    Estimated,
+    /// The records before are being computed again; the estimate follows.
+    Recomputing,
+}
+
+/// How far the healthy baseline has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct BaselineProgress {
+    /// Records collected.
+    pub have: u32,
+    /// Records needed.
+    pub need: u32,
+}
+
+/// The library state that explains the record best.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct BestState {
+    /// Its index in the library.
+    pub index: usize,
+    /// Its greatest wear depth in µm.
+    pub wear_um: f64,
+    /// Which contact rule explains it: 0 is the described one, 1 the other.
+    #[serde(default)]
+    pub member: usize,
+}
+
+/// Probability of each wear depth on the tracking grid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Posterior {
+    /// Wear depths in µm.
+    pub wear_um: Vec<f64>,
+    /// Probability of each; the sum is 1.
+    pub probability: Vec<f64>,
+}
+
+/// Wear depth (the greatest over the flank) with its 5 % to 95 % interval, or the reason why there is none.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct WearEstimate {
+    /// What kind of answer this is.
+    pub status: WearStatus,
+    /// The same in words, with the numbers that matter.
+    pub reason: String,
+    /// How far the baseline has come.
+    pub baseline: BaselineProgress,
+    /// Median wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub median_um: Option<f64>,
+    /// Mean wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_um: Option<f64>,
+    /// 5 % quantile of wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p05_um: Option<f64>,
+    /// 25 % quantile of wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p25_um: Option<f64>,
+    /// 75 % quantile of wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p75_um: Option<f64>,
+    /// 95 % quantile of wear depth in µm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p95_um: Option<f64>,
+    /// Probability that the user's limit is passed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub above_limit: Option<f64>,
+    /// Natural logarithm of this record's evidence under the library.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub log_evidence: Option<f64>,
+    /// The library state that explains this record best.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub best_state: Option<BestState>,
+    /// Depths that this operating point can tell from the median at all: within them the library's changes are smaller than what it may be
+    /// wrong by and the scatter of one record.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolved_um: Option<[f64; 2]>,
+    /// How well the best state explains the record.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub novelty: Option<Novelty>,
+    /// Rate of wear and time to the user's limit; nothing before the rate is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prognosis: Option<Prognosis>,
+    /// Hash of the library that was compared with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub library_id: Option<String>,
+    /// Hash of all libraries of the ensemble around it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ensemble_id: Option<String>,
+    /// Identifier of the features' preprocessing and of the estimator.
+    pub method: String,
+    /// The whole posterior; left out of histories.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posterior: Option<Posterior>,
+}
+
+impl WearEstimate {
+    /// What of the estimate is followed over time as an indicator: `novelty`, where there is one.
+    pub fn indicators(&self) -> Indicators {
+        let novelty = self.novelty.iter().map(|novelty| ("novelty".to_owned(), novelty.score));
+        Indicators {
+            values: novelty.collect(),
+            ..Indicators::default()
+        }
+    }
+
+    /// An answer without a wear depth.
+    pub fn without_number(status: WearStatus, reason: String, baseline: BaselineProgress, method: String) -> Self {
+        Self {
+            status,
+            reason,
+            baseline,
+            median_um: None,
+            mean_um: None,
+            p05_um: None,
+            p25_um: None,
+            p75_um: None,
+            p95_um: None,
+            above_limit: None,
+            log_evidence: None,
+            best_state: None,
+            resolved_um: None,
+            novelty: None,
+            prognosis: None,
+            library_id: None,
+            ensemble_id: None,
+            method,
+            posterior: None,
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The grid: wear states × torques × speeds.
+
+use serde::{Deserialize, Serialize};
+
+use super::LibraryError;
+use flankwatch_gear::PairSpec;
+
+/// Most torques and most speeds.
+const MOST_FACTORS: usize = 32;
+/// Least and greatest part of the pair's own torque or speed.
+const FACTORS: (f64, f64) = (0.01, 100.0);
+
+/// The grid of wear states and operating points, and how each point of it is simulated.
+///
+/// Torques and speeds are parts of the pair's own (1 is the nominal operating point), rising, with 1 among them. Every wear state is simulated at
+/// every combination of both.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GridSettings {
+    /// Number of wear states, equally spaced from unworn to `max_wear_um`.
+    pub states: usize,
+    /// Greatest wear depth of the last state in µm.
+    pub max_wear_um: f64,
+    /// Length of each simulated record in seconds.
+    pub seconds: f64,
+    /// Sampling rate of each simulated record in hertz.
+    pub sample_rate_hz: f64,
+    /// Seed of the random error, the same at every point of the grid.
+    pub seed: u64,
+    /// Torques as parts of the pair's `torque_nm`; both gears' torques keep their proportion.
+    pub torque_factors: Vec<f64>,
+    /// Speeds as parts of the pair's `shaft_speed_hz`.
+    pub speed_factors: Vec<f64>,
+}
+
+impl Default for GridSettings {
+    /// The paper's grid: 50 states of 5 µm from 0 to 0.245 mm at the nominal operating point.
+    fn default() -> Self {
+        Self {
+            states: 50,
+            max_wear_um: 245.0,
+            seconds: 2.0,
+            sample_rate_hz: 20_000.0,
+            seed: 1,
+            torque_factors: vec![1.0],
+            speed_factors: vec![1.0],
+        }
+    }
+}
+
+/// What a grid's operating points span.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OperatingRange {
+    /// Least and greatest torque on the driving gear in N·m.
+    pub torque_nm: [f64; 2],
+    /// Least and greatest rotational frequency of the driving gear in hertz.
+    pub shaft_speed_hz: [f64; 2],
+}
+
+impl GridSettings {
+    /// Greatest wear depth of a state in µm.
+    pub fn wear_um(&self, index: usize) -> f64 {
+        self.max_wear_um * index as f64 / (self.states - 1) as f64
+    }
+
+    /// Combinations of torque and speed.
+    pub fn operating_points(&self) -> usize {
+        self.torque_factors.len() * self.speed_factors.len()
+    }
+
+    /// Records that are simulated.
+    pub fn simulations(&self) -> usize {
+        self.states * self.operating_points()
+    }
+
+    /// What the operating points span for a pair.
+    pub fn operating_range(&self, pair: &PairSpec) -> OperatingRange {
+        let ends = |factors: &[f64], nominal: f64| {
+            let end = |factor: Option<&f64>| factor.map_or(nominal, |factor| nominal * factor);
+            [end(factors.first()), end(factors.last())]
+        };
+        OperatingRange {
+            torque_nm: ends(&self.torque_factors, pair.operation.torque_nm),
+            shaft_speed_hz: ends(&self.speed_factors, pair.operation.shaft_speed_hz),
+        }
+    }
+
+    /// Checks that the grid can be simulated.
+    ///
+    /// # Errors
+    /// [`LibraryError::Grid`] naming the field, its value and what was expected.
+    pub fn validate(&self) -> Result<(), LibraryError> {
+        let refuse = |field, value: String, expected| Err(LibraryError::Grid { field, value, expected });
+        if !(2..=10_000).contains(&self.states) {
+            return refuse("states", self.states.to_string(), "a number from 2 to 10000");
+        }
+        if !(self.max_wear_um > 0.0 && self.max_wear_um.is_finite()) {
+            return refuse("max_wear_um", self.max_wear_um.to_string(), "a finite depth above 0");
+        }
+        if !(0.1..=600.0).contains(&self.seconds) {
+            return refuse("seconds", self.seconds.to_string(), "a length from 0.1 to 600 s");
+        }
+        if !(1000.0..=1e6).contains(&self.sample_rate_hz) {
+            return refuse("sample_rate_hz", self.sample_rate_hz.to_string(), "a rate from 1000 to 1000000 Hz");
+        }
+        for (field, factors) in [("torques", &self.torque_factors), ("speeds", &self.speed_factors)] {
+            let sound = factors.iter().all(|factor| (FACTORS.0..=FACTORS.1).contains(factor))
+                && factors.windows(2).all(|two| two[0] < two[1])
+                && factors.contains(&1.0)
+                && factors.len() <= MOST_FACTORS;
+            if !sound {
+                return refuse(
+                    field,
+                    format!("{factors:?}"),
+                    "at most 32 rising factors from 0.01 to 100 with 1, the pair's own, among them",
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Place of a value on an axis of the grid: cell and part of it, held at the ends. `factors` are rising and not empty.
+pub(super) fn place(factors: &[f64], factor: f64) -> (usize, f64) {
+    let after = factors.partition_point(|at| *at <= factor);
+    if after == 0 {
+        return (0, 0.0);
+    }
+    if after == factors.len() {
+        return (after - 1, 0.0);
+    }
+    let (low, high) = (factors[after - 1], factors[after]);
+    (after - 1, (factor - low) / (high - low))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{GridSettings, place};
+
+    #[test]
+    fn places_are_held_at_the_ends() {
+        let factors = [0.5, 1.0, 1.5];
+        for (factor, wanted) in [
+            (0.1, (0, 0.0)),
+            (0.5, (0, 0.0)),
+            (0.75, (0, 0.5)),
+            (1.0, (1, 0.0)),
+            (1.375, (1, 0.75)),
+            (1.5, (2, 0.0)),
+            (9.0, (2, 0.0)),
+        ] {
+            assert_eq!(place(&factors, factor), wanted);
+        }
+        assert_eq!(place(&[1.0], 0.3), (0, 0.0));
+    }
+
+    #[test]
+    fn unusable_factors_are_refused_with_their_axis() {
+        let unusable = [
+            vec![],
+            vec![0.5, 2.0],
+            vec![1.0, 1.0],
+            vec![1.0, 0.5],
+            vec![-1.0, 1.0],
+            vec![1.0, f64::NAN],
+        ];
+        for factors in unusable {
+            let torques = GridSettings {
+                torque_factors: factors.clone(),
+                ..GridSettings::default()
+            };
+            let speeds = GridSettings {
+                speed_factors: factors,
+                ..GridSettings::default()
+            };
+            assert!(torques.validate().unwrap_err().to_string().starts_with("library torques is ["));
+            assert!(speeds.validate().unwrap_err().to_string().starts_with("library speeds is ["));
+        }
+        let many = GridSettings {
+            speed_factors: (1..=33).map(f64::from).collect(),
+            ..GridSettings::default()
+        };
+        assert!(many.validate().is_err());
+        assert!(GridSettings::default().validate().is_ok());
+    }
+}

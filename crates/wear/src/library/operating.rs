@@ -1,0 +1,95 @@
+//! Feature curves between the grid's operating points.
+
+use std::collections::BTreeMap;
+
+use super::grid::place;
+use super::{GridSettings, LibraryState};
+use flankwatch_gear::PairSpec;
+use flankwatch_signal::{Features, OperatingPoint};
+
+/// Part of the range's ends within which a point still counts as inside: rounding of a measured speed's arithmetic.
+const ROUNDING: f64 = 1e-9;
+
+/// Values over the wear states by feature, for features that every state has.
+pub(super) type FeatureCurves = BTreeMap<String, Vec<f64>>;
+
+/// Curves of a list of states' features.
+pub(super) fn curves<'a>(states: impl Iterator<Item = &'a Features> + Clone) -> FeatureCurves {
+    let Some(first) = states.clone().next() else {
+        return FeatureCurves::new();
+    };
+    first
+        .values
+        .keys()
+        .filter_map(|name| {
+            let curve: Option<Vec<f64>> = states.clone().map(|features| features.values.get(name).copied()).collect();
+            Some((name.clone(), curve?))
+        })
+        .collect()
+}
+
+/// Curves of whole states.
+pub(super) fn state_curves(states: &[LibraryState]) -> FeatureCurves {
+    curves(states.iter().map(|state| &state.features))
+}
+
+/// Torque and speed of a point as parts of the pair's; nominal where the point does not say.
+fn factors(pair: &PairSpec, point: &OperatingPoint) -> [f64; 2] {
+    let part = |value: Option<f64>, nominal: f64| value.map_or(1.0, |value| value / nominal);
+    let factors = [
+        part(point.torque_nm, pair.operation.torque_nm),
+        part(point.shaft_speed_hz, pair.operation.shaft_speed_hz),
+    ];
+    factors.map(|factor| if factor.is_finite() { factor } else { 1.0 })
+}
+
+/// Whether a point lies within the grid's torques and speeds.
+pub(super) fn covers(grid: &GridSettings, pair: &PairSpec, point: &OperatingPoint) -> bool {
+    let [torque, speed] = factors(pair, point);
+    let within = |axis: &[f64], factor: f64| match (axis.first(), axis.last()) {
+        (Some(least), Some(most)) => factor >= least * (1.0 - ROUNDING) && factor <= most * (1.0 + ROUNDING),
+        _ => false,
+    };
+    within(&grid.torque_factors, torque) && within(&grid.speed_factors, speed)
+}
+
+/// Curves at a point, linear over torque and over speed between the grid's and held at its ends, of the features that all grid points around it
+/// have. `tables` has one entry for each torque and, within it, each speed.
+pub(super) fn at<'a>(
+    grid: &GridSettings,
+    pair: &PairSpec,
+    tables: &'a [FeatureCurves],
+    point: &OperatingPoint,
+) -> BTreeMap<&'a str, Vec<f64>> {
+    let [torque, speed] = factors(pair, point);
+    let (torque_cell, torque_part) = place(&grid.torque_factors, torque);
+    let (speed_cell, speed_part) = place(&grid.speed_factors, speed);
+    let speeds = grid.speed_factors.len();
+    let corner = |torque: usize, speed: usize, weight: f64| {
+        let table = tables.get((torque_cell + torque) * speeds + speed_cell + speed);
+        table.filter(|_| weight > 0.0).map(|table| (table, weight))
+    };
+    let corners: Vec<(&FeatureCurves, f64)> = [
+        corner(0, 0, (1.0 - torque_part) * (1.0 - speed_part)),
+        corner(0, 1, (1.0 - torque_part) * speed_part),
+        corner(1, 0, torque_part * (1.0 - speed_part)),
+        corner(1, 1, torque_part * speed_part),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    let Some((first, _)) = corners.first() else {
+        return BTreeMap::new();
+    };
+    first
+        .keys()
+        .filter_map(|name| {
+            let mut sum = vec![0.0; first[name].len()];
+            for (table, weight) in &corners {
+                let curve = table.get(name)?;
+                sum.iter_mut().zip(curve).for_each(|(sum, value)| *sum += weight * value);
+            }
+            Some((name.as_str(), sum))
+        })
+        .collect()
+}

@@ -1,0 +1,163 @@
+//! The folder where libraries are kept, each under the hash of its inputs.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::checkpoint::Checkpoint;
+use super::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, Manifest, build, decode, encode, library_id};
+use flankwatch_gear::PairSpec;
+
+/// Ending of library files.
+const EXTENSION: &str = "fwlib";
+
+/// A folder of libraries.
+#[derive(Debug, Clone)]
+pub struct LibraryShelf {
+    folder: PathBuf,
+}
+
+impl LibraryShelf {
+    /// A shelf in a folder, which is made when the first library is kept.
+    pub fn new(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into() }
+    }
+
+    /// The library of these inputs: loaded where it is kept and whole, else built and kept.
+    ///
+    /// A damaged file, or one of other inputs under this name, is reported, never used, and replaced. Parts that a stopped build has left
+    /// beside it are taken up.
+    pub fn get_or_build(&self, pair: &PairSpec, grid: &GridSettings, control: &BuildControl<'_>) -> Result<Arc<Library>, LibraryError> {
+        let id = library_id(pair, grid);
+        match self.get(&id) {
+            Ok(Some(library)) if library.pair() == pair && library.manifest().grid == *grid => return Ok(library),
+            Ok(Some(_)) => tracing::warn!(library = %id, "the kept library was made from other inputs; building it again"),
+            Ok(None) => {}
+            Err(error @ (LibraryError::Damaged(_) | LibraryError::Version { .. })) => {
+                tracing::warn!(library = %id, %error, "the kept library cannot be used; building it again");
+            }
+            Err(error) => return Err(error),
+        }
+        build_into(&self.path(&id), pair, grid, control).map(Arc::new)
+    }
+
+    /// A library with its neighbours, which are kept in a folder of their own: they are nobody's own and not listed. `progress` is called with the
+    /// libraries done and their number.
+    ///
+    /// # Errors
+    /// Those of [`LibraryShelf::get_or_build`] for the described pair.
+    pub fn ensemble(
+        &self,
+        library: Arc<Library>,
+        settings: &EnsembleSettings,
+        progress: &dyn Fn(usize, usize),
+    ) -> Result<Ensemble, LibraryError> {
+        let neighbours = self.neighbours();
+        let get = |pair: &PairSpec, grid: &GridSettings| neighbours.get_or_build(pair, grid, &BuildControl::silent());
+        Ensemble::around(library, settings, &get, progress)
+    }
+
+    /// The shelf of the neighbours.
+    #[must_use]
+    pub fn neighbours(&self) -> Self {
+        Self::new(self.folder.join("neighbours"))
+    }
+
+    /// Keeps a library.
+    pub fn put(&self, library: &Library) -> Result<(), LibraryError> {
+        keep(&self.path(library.id()), library)
+    }
+
+    /// The library with this name, where it is kept.
+    pub fn get(&self, id: &str) -> Result<Option<Arc<Library>>, LibraryError> {
+        if !id.bytes().all(|b| b.is_ascii_alphanumeric()) {
+            return Ok(None);
+        }
+        let path = self.path(id);
+        match fs::read(&path) {
+            Ok(bytes) => {
+                let library = decode(&bytes)?;
+                if library.id() != id {
+                    return Err(LibraryError::Damaged(format!(
+                        "it says that it is {:?}, expected {id:?}",
+                        library.id()
+                    )));
+                }
+                Ok(Some(Arc::new(library)))
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(LibraryError::Io { path, source }),
+        }
+    }
+
+    /// What is on the shelf, by name; files that cannot be used are left out and reported.
+    pub fn list(&self) -> Result<Vec<Manifest>, LibraryError> {
+        let entries = match fs::read_dir(&self.folder) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(source) => {
+                return Err(LibraryError::Io {
+                    path: self.folder.clone(),
+                    source,
+                });
+            }
+        };
+        let mut manifests = Vec::new();
+        for entry in entries {
+            let path = entry
+                .map_err(|source| LibraryError::Io {
+                    path: self.folder.clone(),
+                    source,
+                })?
+                .path();
+            let Some(id) = path
+                .file_stem()
+                .and_then(|stem| stem.to_str())
+                .filter(|_| path.extension().is_some_and(|e| e == EXTENSION))
+            else {
+                continue;
+            };
+            match self.get(id) {
+                Ok(library) => manifests.extend(library.map(|library| library.manifest().clone())),
+                Err(error) => tracing::warn!(file = %path.display(), %error, "left out"),
+            }
+        }
+        manifests.sort_by(|a, b| a.id.cmp(&b.id));
+        Ok(manifests)
+    }
+
+    fn path(&self, id: &str) -> PathBuf {
+        self.folder.join(id).with_extension(EXTENSION)
+    }
+}
+
+/// Builds a library into a file; a build that is stopped goes on from the parts that are kept beside the file until then.
+///
+/// # Errors
+/// Those of [`build`] and [`keep`].
+pub fn build_into(path: &Path, pair: &PairSpec, grid: &GridSettings, control: &BuildControl<'_>) -> Result<Library, LibraryError> {
+    let checkpoint = Checkpoint::beside(path);
+    let library = build(pair, grid, &control.resumed_from(&checkpoint))?;
+    keep(path, &library)?;
+    checkpoint.remove()?;
+    Ok(library)
+}
+
+/// Writes a library to a file so that a reader sees all of it or none.
+pub fn keep(path: &Path, library: &Library) -> Result<(), LibraryError> {
+    let failed = |source| LibraryError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(failed)?;
+    let temporary = path.with_extension(format!("{}.part", std::process::id()));
+    let mut file = File::create(&temporary).map_err(failed)?;
+    file.write_all(&encode(library)).and_then(|()| file.sync_all()).map_err(failed)?;
+    fs::rename(&temporary, path).map_err(failed)?;
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
+}

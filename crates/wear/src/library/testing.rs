@@ -1,0 +1,83 @@
+//! A made-up library for unit tests: curves with known shape, some of them not monotone, and no gear model behind them.
+
+use std::collections::BTreeMap;
+
+use super::operating::state_curves;
+use super::{CycleTable, GridSettings, Library, LibraryState, Manifest};
+use flankwatch_gear::{GeometrySpec, OperationSpec, PairSpec};
+use flankwatch_signal::{Features, Indicators};
+
+type Curve = fn(f64) -> f64;
+
+/// Natural logarithms of four mesh lines over wear in parts of the greatest; the second one falls and rises again.
+const CURVES: [(&str, Curve); 4] = [
+    ("ln_mesh_1", |w| 1.2 * w),
+    ("ln_mesh_2", |w| 2.0 * (w - 0.4) * (w - 0.4)),
+    ("ln_mesh_3", |w| 1.5 * (1.0 + 3.0 * w).ln()),
+    ("ln_mesh_4", |w| (4.0 * w).sin()),
+];
+
+/// 50 states from 0 to 245 µm.
+pub(crate) fn made_up_library() -> Library {
+    let grid = GridSettings::default();
+    let states: Vec<LibraryState> = (0..grid.states)
+        .map(|index| {
+            let wear_um = grid.wear_um(index);
+            let values: BTreeMap<String, f64> = CURVES
+                .iter()
+                .map(|(name, curve)| ((*name).to_owned(), curve(wear_um / grid.max_wear_um)))
+                .collect();
+            let indicators = Indicators {
+                values: BTreeMap::from([("rms".to_owned(), 1.0 + wear_um)]),
+                absent: BTreeMap::new(),
+            };
+            LibraryState {
+                index,
+                wear_um,
+                driving_turns: None,
+                indicators,
+                features: Features {
+                    values,
+                    ..Features::default()
+                },
+                cycle: CycleTable::default(),
+            }
+        })
+        .collect();
+    let manifest = Manifest {
+        id: "0123456789abcdef".to_owned(),
+        model_version: "made-up".to_owned(),
+        preprocessing: "made-up".to_owned(),
+        pair: made_up_pair(),
+        grid,
+    };
+    let tables = vec![state_curves(&states)];
+    Library::from_parts(manifest, states, tables)
+}
+
+fn made_up_pair() -> PairSpec {
+    PairSpec {
+        name: "made up".to_owned(),
+        geometry: GeometrySpec {
+            teeth: [24, 26],
+            module_mm: 6.0,
+            face_width_mm: 50.0,
+            pressure_angle_deg: 20.0,
+            addendum: [1.0; 2],
+            dedendum: [1.25; 2],
+            bore_radius_mm: [20.0; 2],
+            profile_shift: [0.0; 2],
+            centre_distance_mm: Some(150.0),
+        },
+        material: Default::default(),
+        operation: OperationSpec {
+            torque_nm: 1300.0,
+            output_torque_nm: None,
+            shaft_speed_hz: 16.64,
+        },
+        supports: Default::default(),
+        dynamics: Default::default(),
+        errors: Default::default(),
+        wear: Default::default(),
+    }
+}

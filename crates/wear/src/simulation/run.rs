@@ -1,0 +1,201 @@
+//! The records of a run to failure.
+
+use jiff::{SignedDuration, Timestamp};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use thiserror::Error;
+
+use super::TransmissionPath;
+use super::path::SETTLING_S;
+use flankwatch_gear::{FlankWear, GearError, GearPair, MeshCycle, PairSpec, RunSettings};
+use flankwatch_signal::{OperatingPoint, Record, RecordError};
+
+/// Positions of the mesh cycle that the dynamics use.
+const CYCLE_POINTS: usize = 1000;
+
+/// A run to failure as the user orders it.
+#[derive(Debug, Clone)]
+pub struct RunPlan {
+    /// The gear pair.
+    pub pair: PairSpec,
+    /// Number of records.
+    pub records: u32,
+    /// Length of each in seconds.
+    pub seconds: f64,
+    /// Sampling rate in hertz.
+    pub sample_rate_hz: f64,
+    /// Greatest wear depth of the last record in µm.
+    pub max_wear_um: f64,
+    /// Wear grows with time to this power.
+    pub wear_exponent: f64,
+    /// Time of the first record.
+    pub start_time: Timestamp,
+    /// Seconds from one record's start to the next one's.
+    pub interval_s: f64,
+    /// Ratio of the healthy vibration's RMS to the sensor noise in dB.
+    pub snr_db: f64,
+    /// The speed of each record lies within this fraction of nominal.
+    pub speed_variation: f64,
+    /// The torque of each record lies within this fraction of nominal.
+    pub torque_variation: f64,
+    /// Seed of the path, the noise and the operating points.
+    pub seed: u64,
+    /// The measuring channel's name.
+    pub channel: String,
+}
+
+/// Why a run cannot be simulated.
+#[derive(Debug, Error)]
+pub enum SimulationError {
+    /// A number of the plan cannot be used.
+    #[error("{field} is {value}, expected {expected}")]
+    Plan {
+        /// Which number.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// What would have been right.
+        expected: &'static str,
+    },
+    /// The gear model refused.
+    #[error(transparent)]
+    Gear(#[from] GearError),
+    /// The simulated samples are not a usable record.
+    #[error("the simulated record is not usable: {0}")]
+    Record(#[from] RecordError),
+}
+
+/// One record of a run, with the truth.
+#[derive(Debug, Clone)]
+pub struct SimulatedRecord {
+    /// What the sensor recorded.
+    pub record: Record,
+    /// Greatest wear depth of the flanks in µm.
+    pub wear_um: f64,
+}
+
+/// A run ready to be simulated, record by record in any order.
+pub struct Run {
+    plan: RunPlan,
+    pair: GearPair,
+    path: TransmissionPath,
+    noise_deviation: f64,
+}
+
+impl Run {
+    /// Checks the plan, draws the path, and sets the noise from the healthy vibration.
+    pub fn new(plan: RunPlan) -> Result<Self, SimulationError> {
+        plan.validate()?;
+        let pair = plan.pair.resolve()?;
+        let path = TransmissionPath::random(&mut ChaCha8Rng::seed_from_u64(plan.seed), plan.sample_rate_hz);
+        let mut run = Self {
+            plan,
+            pair,
+            path,
+            noise_deviation: 0.0,
+        };
+        let seconds = run.plan.seconds.min(2.0);
+        let healthy = run.vibration(
+            0.0,
+            seconds,
+            run.plan.pair.operation.shaft_speed_hz,
+            run.plan.pair.operation.torque_nm,
+            run.plan.seed,
+            0.0,
+        )?;
+        let power = healthy.iter().map(|x| x * x).sum::<f64>() / healthy.len() as f64;
+        run.noise_deviation = power.sqrt() / 10f64.powf(run.plan.snr_db / 20.0);
+        Ok(run)
+    }
+
+    /// The plan.
+    pub fn plan(&self) -> &RunPlan {
+        &self.plan
+    }
+
+    /// Greatest wear depth of one record in µm.
+    pub fn wear_um(&self, index: u32) -> f64 {
+        let last = (self.plan.records.max(2) - 1) as f64;
+        self.plan.max_wear_um * (index as f64 / last).powf(self.plan.wear_exponent)
+    }
+
+    /// The time of one record's first sample.
+    pub fn start_time(&self, index: u32) -> Timestamp {
+        self.plan.start_time + SignedDuration::from_secs_f64(self.plan.interval_s * f64::from(index))
+    }
+
+    /// Simulates one record; the same plan and index give the same samples.
+    pub fn record(&self, index: u32) -> Result<SimulatedRecord, SimulationError> {
+        let plan = &self.plan;
+        let mut rng = ChaCha8Rng::seed_from_u64(plan.seed);
+        rng.set_stream(u64::from(index) + 1);
+        let mut vary = |nominal: f64, part: f64| nominal * (1.0 + part * (2.0 * rng.random::<f64>() - 1.0));
+        let shaft_speed_hz = vary(plan.pair.operation.shaft_speed_hz, plan.speed_variation);
+        let torque_nm = vary(plan.pair.operation.torque_nm, plan.torque_variation);
+        let (seed, phase) = (rng.random::<u64>(), rng.random::<f64>());
+        let wear_um = self.wear_um(index);
+        let seen = self.vibration(wear_um, plan.seconds, shaft_speed_hz, torque_nm, seed, phase)?;
+        let samples = seen
+            .iter()
+            .map(|x| {
+                let noise: f64 = StandardNormal.sample(&mut rng);
+                (x + self.noise_deviation * noise) as f32
+            })
+            .collect();
+        let record = Record::new(plan.channel.clone(), self.start_time(index), plan.sample_rate_hz, "m/s2", samples)?;
+        // The speed is left for the receiver to find, as on a machine without a tachometer.
+        let record = record.with_operating_point(OperatingPoint {
+            shaft_speed_hz: None,
+            torque_nm: Some(torque_nm),
+            ..OperatingPoint::default()
+        })?;
+        Ok(SimulatedRecord { record, wear_um })
+    }
+
+    fn vibration(
+        &self,
+        wear_um: f64,
+        seconds: f64,
+        shaft_speed_hz: f64,
+        torque_nm: f64,
+        seed: u64,
+        phase: f64,
+    ) -> Result<Vec<f64>, SimulationError> {
+        let wear = FlankWear::from_shape(&self.pair, wear_um * 1e-3)?;
+        let cycle = MeshCycle::compute(&self.pair, &wear, CYCLE_POINTS)?;
+        let settings = RunSettings {
+            sample_rate_hz: self.plan.sample_rate_hz,
+            seconds: seconds + SETTLING_S,
+            shaft_speed_hz,
+            torque_nm,
+            seed,
+            start_phase_turns: phase,
+        };
+        let seen = self.path.apply(&flankwatch_gear::simulate(&self.pair, &cycle, &settings)?);
+        let wanted = (seconds * self.plan.sample_rate_hz).round() as usize;
+        Ok(seen[seen.len() - wanted.min(seen.len())..].to_vec())
+    }
+}
+
+impl RunPlan {
+    fn validate(&self) -> Result<(), SimulationError> {
+        let checks = [
+            ("records", f64::from(self.records), 1.0..=1e6, "a number from 1 to 1000000"),
+            ("seconds", self.seconds, 0.1..=600.0, "a length from 0.1 to 600 s"),
+            ("rate", self.sample_rate_hz, 1000.0..=1e6, "a rate from 1000 to 1000000 Hz"),
+            ("max wear", self.max_wear_um, 0.0..=1e4, "a depth from 0 to 10000 µm"),
+            ("wear exponent", self.wear_exponent, 0.1..=10.0, "a number from 0.1 to 10"),
+            ("interval", self.interval_s, 0.0..=1e7, "a time from 0 to 10000000 s"),
+            ("snr", self.snr_db, -60.0..=200.0, "a ratio from -60 to 200 dB"),
+            ("speed variation", self.speed_variation, 0.0..=0.5, "a fraction from 0 to 0.5"),
+            ("torque variation", self.torque_variation, 0.0..=0.9, "a fraction from 0 to 0.9"),
+        ];
+        for (field, value, range, expected) in checks {
+            if !range.contains(&value) {
+                return Err(SimulationError::Plan { field, value, expected });
+            }
+        }
+        Ok(())
+    }
+}
