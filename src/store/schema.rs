@@ -78,7 +78,7 @@ const MIGRATIONS: [(i64, &str, &str); 1] = [(1, "schema", include_str!("migratio
 
 impl MigrationSource<'static> for Dialect {
     fn resolve(self) -> BoxFuture<'static, Result<Vec<Migration>, BoxDynError>> {
-        let migration = |(version, description, text): (i64, &'static str, &'static str)| {
+        let migration = move |(version, description, text): (i64, &'static str, &'static str)| {
             Migration::new(version, description.into(), MigrationType::Simple, self.schema(text), false)
         };
         Box::pin(async move { Ok(MIGRATIONS.into_iter().map(migration).collect()) })
