@@ -137,6 +137,11 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
         }
     }
     assert!(!files.is_empty(), "{} has no Rust files", folder.display());
+    let texts: String = files.iter().map(|path| fs::read_to_string(path).unwrap()).collect();
+    files.retain(|path| {
+        let stem = path.file_stem().unwrap().to_string_lossy();
+        !texts.contains(&format!("#[cfg(test)]\nmod {stem};"))
+    });
     files
 }
 
@@ -166,7 +171,12 @@ fn named_at_the_top(text: &str, depth: usize) -> Vec<String> {
 
 /// The name that a path begins with, or those of a group in braces.
 fn first_names(path: &str) -> Vec<String> {
-    let name = |text: &str| -> String { text.trim_start().chars().take_while(|c| c.is_ascii_lowercase() || *c == '_').collect() };
+    let name = |text: &str| -> String {
+        text.trim_start()
+            .chars()
+            .take_while(|c| c.is_ascii_lowercase() || *c == '_')
+            .collect()
+    };
     let Some(group) = path.strip_prefix('{') else {
         return vec![name(path)];
     };
