@@ -2,7 +2,7 @@
 
     cargo build --release
     cargo bench --bench library            # prints the library's processor time
-    python3 benches/scipy_library.py target/release/flankwatch <processor seconds of 50 states × 2 s>
+    python3 crates/wear/benches/scipy_library.py target/release/flankwatch <processor seconds of 50 states × 2 s>
 
 The excitation is the mesh period that `flankwatch model` prints, so only the integration is compared; the library's time includes geometry, filter and
 features. Masses, supports and errors are those of fixtures/pairs/shen2022.toml.

@@ -9,10 +9,10 @@ use std::fs;
 use std::hint::black_box;
 use std::time::Instant;
 
-use flankwatch::gear::{ContactRule, FlankWear, GearPair, MeshCycle, PairSpec};
-use flankwatch::library::{self, BuildControl, GridSettings};
+use flankwatch_gear::{ContactRule, FlankWear, GearPair, MeshCycle, PairSpec};
+use flankwatch_wear::library::{self, BuildControl, GridSettings};
 
-const PAIR: &str = include_str!("../fixtures/pairs/shen2022.toml");
+const PAIR: &str = include_str!("../../../fixtures/pairs/shen2022.toml");
 const REPEATS: usize = 5;
 /// Steps a second of the baseline: eight for each sample at 20 kHz.
 const BASELINE_RATE_HZ: f64 = 160_000.0;

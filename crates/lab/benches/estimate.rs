@@ -6,18 +6,18 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use flankwatch::estimate::{EstimatorSettings, Tracker, UNKNOWN_SHAPE};
-use flankwatch::evaluation::{Bank, BankPlan, RunShape, observe};
-use flankwatch::gear::PairSpec;
-use flankwatch::library::{Ensemble, EnsembleSettings, GridSettings};
-use flankwatch::signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
+use flankwatch_gear::PairSpec;
+use flankwatch_lab::evaluation::{Bank, BankPlan, RunShape, observe};
+use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
+use flankwatch_wear::estimate::{EstimatorSettings, Tracker, UNKNOWN_SHAPE};
+use flankwatch_wear::library::{Ensemble, EnsembleSettings, GridSettings};
 use jiff::{SignedDuration, Timestamp};
 
 const RECORDS: usize = 120;
 const REPEATS: usize = 7;
 
 fn main() {
-    let pair: PairSpec = toml::from_str(include_str!("../fixtures/pairs/shen2022.toml")).expect("the pair file is valid");
+    let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).expect("the pair file is valid");
     let ensemble =
         Ensemble::build(&pair, &GridSettings::default(), &EnsembleSettings::default(), &|_, _| {}).expect("the pair can be simulated");
     let bank = Bank::build(BankPlan {

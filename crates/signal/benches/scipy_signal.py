@@ -1,6 +1,6 @@
 """What NumPy and SciPy take for the same record: RMS, kurtosis, amplitude spectrum with mesh lines, envelope spectrum.
 
-    python3 benches/scipy_signal.py
+    python3 crates/signal/benches/scipy_signal.py
 """
 
 import time
