@@ -17,8 +17,9 @@ use super::schema::{self, Dialect};
 pub(super) struct Database {
     /// Which database it is.
     pub(super) dialect: Dialect,
-    /// Of SQLite one connection: writers queue here in order instead of meeting a locked database, and two never write or checkpoint at the same
-    /// moment, which SQLite before 3.51.3 may not survive (its "WAL-reset" fault).
+    /// Of SQLite one connection: writers queue here in order instead of meeting a locked database, and two
+    /// never write or checkpoint at the same moment, which SQLite before 3.51.3 may not survive (its
+    /// "WAL-reset" fault).
     pub(super) write: AnyPool,
     /// Readers see the last committed state and never wait for a writer.
     pub(super) read: AnyPool,
@@ -27,15 +28,15 @@ pub(super) struct Database {
 }
 
 impl Database {
-    /// Closes both pools and gives the folder free. The lock is given back by name: a child process that is just being started may
-    /// hold a copy of its descriptor.
+    /// Closes both pools and gives the folder free. The lock is given back by name: a child process that is
+    /// just being started may hold a copy of its descriptor.
     pub(super) async fn close(&self) {
         self.read.close().await;
         self.write.close().await;
         if let Some(lock) = &self.lock
             && let Err(error) = lock.unlock()
         {
-            tracing::warn!(%error, "the data folder's lock was not given back");
+            tracing::warn!(%error, "failed to release the lock of the data folder");
         }
     }
 
@@ -88,7 +89,8 @@ impl Database {
     }
 }
 
-/// What every session of PostgreSQL is set to: commits are durable, and a process that is gone, or cut off, holds no lock for long.
+/// What every session of PostgreSQL is set to: commits are durable, and a process that is gone, or cut off,
+/// holds no lock for long.
 #[cfg(feature = "cluster")]
 const SESSION: &str = "
     SET application_name = 'flankwatch';
@@ -129,6 +131,17 @@ async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
                     sqlx::query(pragma).execute(&mut *connection).await?;
                 }
                 Ok(())
+            })
+        })
+        .after_release(|connection, _| {
+            Box::pin(async move {
+                // Where a full disk ends a transaction, sqlx goes on counting it. One that stays open takes the
+                // next records with it: they are answered, and never committed.
+                let was_open = sqlx::query("ROLLBACK").execute(connection).await.is_ok();
+                if was_open {
+                    tracing::warn!("a transaction was left open: closing its connection to the database");
+                }
+                Ok(!was_open)
             })
         })
         .connect(url)
