@@ -69,7 +69,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
         && let Err(error) = fs::remove_dir_all(&temporary)
         && error.kind() != ErrorKind::NotFound
     {
-        tracing::warn!(folder = %temporary.display(), %error, "the demonstration's data was left behind");
+        tracing::warn!(folder = %temporary.display(), %error, "failed to remove the demonstration's data");
     }
     ended
 }

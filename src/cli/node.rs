@@ -30,7 +30,7 @@ async fn open(settings: SharedSettings) -> Result<Store, StoreError> {
     loop {
         match Store::open(&settings).await {
             Err(error) if error.is_unavailable() => {
-                tracing::warn!(%error, "the store is away, trying again");
+                tracing::warn!(%error, "failed to open the store: trying again");
                 tokio::time::sleep(Duration::from_secs(2)).await;
             }
             opened => return opened,
@@ -118,7 +118,7 @@ impl Working {
             store.close().await;
         };
         if tokio::time::timeout(grace, end).await.is_err() {
-            tracing::warn!("records were still under way at the end of the time of grace: others will take them");
+            tracing::warn!("failed to end all records within the time of grace: other workers take them");
         }
     }
 }

@@ -149,7 +149,6 @@ struct LimitsTable {
     body_timeout_s: Option<u64>,
     body_idle_s: Option<u64>,
     body_bytes_per_s: Option<u64>,
-    form_files: Option<usize>,
     request_timeout_s: Option<u64>,
     grace_s: Option<u64>,
     connections: Option<usize>,
@@ -234,7 +233,6 @@ impl LimitsTable {
         set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
         set(&mut config.http.body_idle, self.body_idle_s.map(Duration::from_secs));
         set(&mut config.http.body_bytes_per_s, self.body_bytes_per_s);
-        set(&mut config.http.form_files, self.form_files);
         set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
         set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
         set(&mut config.http.connections, self.connections.map(|n| n.max(1)));

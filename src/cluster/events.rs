@@ -1,6 +1,8 @@
-//! Live events, published by every process and shown by every API node: a stream of JetStream gives them one order.
+//! Live events, published by every process and shown by every API node: a stream of JetStream gives them one
+//! order.
 //!
-//! A process that cannot reach NATS keeps its events, up to a bound; beyond it the oldest are lost, and an event says so.
+//! A process that cannot reach NATS keeps its events, up to a bound; beyond it the oldest are lost, and an
+//! event says so.
 
 use std::collections::VecDeque;
 use std::time::Duration;

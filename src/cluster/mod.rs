@@ -6,7 +6,8 @@
 //!          ◀─ events ──── JetStream ◀─ announce ──┘
 //! ```
 //!
-//! What is done with a record is the code of [`service`](crate::service); here is only what joins the processes.
+//! What is done with a record is the code of [`service`](crate::service); here is only what joins the
+//! processes.
 
 mod connection;
 mod dead_letters;
@@ -52,7 +53,7 @@ impl Cluster {
         let connection = Connection::open(settings).await?;
         if let Err(error) = connection.prepare().await {
             // Workers and uploads make it when NATS is back.
-            tracing::warn!(%error, "the cluster's streams are not there yet");
+            tracing::warn!(%error, "failed to make the cluster's streams: trying again when NATS is back");
         }
         Ok(Self { connection })
     }
@@ -93,7 +94,7 @@ impl RunningWorker {
     pub async fn stop(self) {
         self.stop.send_replace(true);
         if let Err(error) = self.task.await {
-            tracing::error!(%error, "the worker did not end by itself");
+            tracing::error!(%error, "the worker task failed");
         }
     }
 }

@@ -48,8 +48,8 @@ impl Queue {
     }
 }
 
-/// The name under which JetStream knows a record; that of an asset made again under an old name is another, and so is that of a record that was
-/// put among the dead letters since.
+/// The name under which JetStream knows a record; that of an asset made again under an old name is another,
+/// and so is that of a record that was put among the dead letters since.
 fn message_id(record: &QueuedRecord) -> String {
     let mut hash = Sha256::new();
     hash.update(record.id.0.as_bytes());
@@ -72,7 +72,8 @@ fn busy(error: &PublishError) -> ServiceError {
 impl WorkQueue for Queue {
     fn enqueue<'a>(&'a self, records: &'a [QueuedRecord]) -> BoxFuture<'a, Result<(), ServiceError>> {
         Box::pin(async move {
-            // What is sent while there is no connection would be kept back and sent later, long after the answer.
+            // What is sent while there is no connection would be kept back and sent later, long after the
+            // answer.
             if self.connection.fault().is_some() {
                 return Err(AWAY);
             }
@@ -127,7 +128,7 @@ impl Queue {
         match self.connection.work_state().await {
             Err(error) => Some(error.to_string()),
             Ok(state) => {
-                let most = self.connection.settings().most_records;
+                let most = self.connection.settings().max_records;
                 let is_full = self.fills && state.messages >= most.unsigned_abs();
                 is_full.then(|| format!("full: {} of {most} records wait", state.messages))
             }

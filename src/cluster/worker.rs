@@ -33,14 +33,14 @@ pub struct WorkerLimits {
     /// Records worked on at once.
     pub at_once: usize,
     /// A record that was given out so often without being finished goes to the dead letters.
-    pub most_deliveries: u32,
+    pub max_deliveries: u32,
 }
 
 impl Default for WorkerLimits {
     fn default() -> Self {
         Self {
             at_once: 8 * std::thread::available_parallelism().map_or(2, usize::from),
-            most_deliveries: 10,
+            max_deliveries: 10,
         }
     }
 }
@@ -171,7 +171,8 @@ impl Worker {
         }
     }
 
-    /// Puts a message among the dead letters, so that its record, sent again, is not taken for the one that lies there.
+    /// Puts a message among the dead letters, so that its record, sent again, is not taken for the one that
+    /// lies there.
     async fn give_up(&self, message: &Message, reason: &str) -> Result<(), ClusterError> {
         // Before it lies there: who sees it there may send its record again at once.
         if let (Ok(record), Ok(info)) = (message::decode(&message.payload), message.info()) {
@@ -185,7 +186,7 @@ impl Worker {
     async fn store(&self, message: &Message) -> Result<(), (Fault, String)> {
         let record = message::decode(&message.payload).map_err(|error| (Fault::Own, error.to_string()))?;
         let delivered = message.info().map_or(1, |info| info.delivered);
-        if delivered > i64::from(self.limits.most_deliveries) {
+        if delivered > i64::from(self.limits.max_deliveries) {
             let reason = format!(
                 "given out {} times and never finished: it may be what ends its workers",
                 delivered - 1
@@ -224,7 +225,8 @@ impl Worker {
         self.service.pipeline.process(record, ticket).await
     }
 
-    /// Looks at assets that somebody changed. What is not heard here is found by looking at what is left to be done from time to time.
+    /// Looks at assets that somebody changed. What is not heard here is found by looking at what is left to
+    /// be done from time to time.
     async fn follow_changes(self) {
         loop {
             match self.connection.client.subscribe(self.connection.changes_subject()).await {

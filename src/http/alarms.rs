@@ -17,10 +17,10 @@ use crate::service::OperatorAction;
 use crate::store::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 
 /// Entries of a history that are shown.
-const MOST_ENTRIES: u32 = 1000;
+const MAX_ENTRIES: u32 = 1000;
 
 /// Longest comment in bytes.
-const MOST_COMMENT: usize = 2000;
+const MAX_COMMENT: usize = 2000;
 
 /// An alarm as it stands.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -307,7 +307,7 @@ pub(super) fn check_signature(by: &str, comment: &str) -> Result<(), Problem> {
             "a name of 1 to 200 bytes without control characters",
         ));
     }
-    if comment.len() > MOST_COMMENT {
+    if comment.len() > MAX_COMMENT {
         return Err(Problem::content(
             "comment",
             format!("{} bytes", comment.len()),
@@ -318,7 +318,7 @@ pub(super) fn check_signature(by: &str, comment: &str) -> Result<(), Problem> {
 }
 
 async fn whole(app: &App, alarm: StoredAlarm) -> Result<Json<WholeAlarm>, Problem> {
-    let (history, history_count) = app.service.store.alarm_history(&alarm.id, MOST_ENTRIES).await?;
+    let (history, history_count) = app.service.store.alarm_history(&alarm.id, MAX_ENTRIES).await?;
     let entry = |StoredAlarmChange { change, withdrawn_at }| EntryView { change, withdrawn_at };
     Ok(Json(WholeAlarm {
         alarm: AlarmView::new(alarm, app.service.now()),

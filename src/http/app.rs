@@ -8,7 +8,7 @@ use super::event_ring::EventRing;
 use super::limits::HttpLimits;
 use super::line_cache::LineCache;
 use super::measurements::Measurements;
-use super::resumable::ResumableUploads;
+use super::reading_waits::ReadingWaits;
 use crate::service::Service;
 
 /// The service and what the API keeps beside it; a clone is another handle.
@@ -19,7 +19,7 @@ pub(super) struct App {
     pub(super) measurements: Arc<Measurements>,
     pub(super) events: Arc<EventRing>,
     pub(super) access: Arc<Access>,
-    pub(super) resumable: Arc<ResumableUploads>,
+    pub(super) reading_waits: Arc<ReadingWaits>,
     pub(super) uploads: Arc<Path>,
     pub(super) lines: Arc<LineCache>,
 }

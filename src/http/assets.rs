@@ -51,7 +51,8 @@ struct Summary {
     wear: Option<WearEstimate>,
     /// That channel.
     wear_channel: Option<String>,
-    /// What it needs, after NAMUR NE 107: what its alarms say, else its latest wear and the state of its library.
+    /// What it needs, after NAMUR NE 107: what its alarms say, else its latest wear and the state of its
+    /// library.
     category: Category,
     /// Its alarms in numbers.
     alarms: AlarmCounts,
@@ -139,7 +140,8 @@ pub(super) async fn replace(
 
 /// Delete an asset
 ///
-/// Its records, estimates and raw recordings go with it. One through whose measuring points others hear cannot go before those.
+/// Its records, estimates and raw recordings go with it. One whose sensor others share cannot go before
+/// those.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}",
@@ -223,7 +225,8 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     })
 }
 
-/// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for the asset.
+/// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for
+/// the asset.
 ///
 /// None of a channel where the asset has no records; a problem where the channel asked for has none.
 pub(super) async fn asset_and_channel(

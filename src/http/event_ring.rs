@@ -125,7 +125,8 @@ impl EventRing {
         self.latest.send_replace(entries.last_number);
     }
 
-    /// The next event after `position` of that asset, and whether some before it are gone; none where there is none yet.
+    /// The next event after `position` of that asset, and whether some before it are gone; none where there
+    /// is none yet.
     pub(super) fn next(&self, position: &mut u64, asset: Option<&AssetId>) -> Next {
         let entries = self.lock();
         let oldest = entries.events.front().map_or(entries.last_number + 1, |event| event.number);

@@ -1,6 +1,7 @@
 //! `GET /v1/events`: what happens, as server-sent events.
 //!
-//! A client that lost its connection gets what it missed; one that missed more than is kept gets an event `lost`.
+//! A client that lost its connection gets what it missed; one that missed more than is kept gets an event
+//! `lost`.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -84,8 +85,9 @@ pub(super) struct EventParameters {
 
 /// What happens, live
 ///
-/// Events `indicators`, `wear`, `history`, `asset`, `recomputation`, `replay`, `alarm` and `maintenance` with JSON data; after `Last-Event-ID` first what was missed. An
-/// event `lost` says that some are not kept any more: then the lists have to be read again.
+/// Events `indicators`, `wear`, `history`, `asset`, `recomputation`, `replay`, `alarm` and `maintenance` with
+/// JSON data; after `Last-Event-ID` first what was missed. An event `lost` says that some are not kept any
+/// more: then the lists have to be read again.
 #[utoipa::path(
     get,
     path = "/v1/events",
@@ -108,7 +110,8 @@ pub(super) async fn stream(
     let (latest, over) = events.subscribe();
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
     let known = last.map(|last| events.position(last));
-    // Without a position of this run it begins with what happens now; a client that had one is told that it missed something.
+    // Without a position of this run it begins with what happens now; a client that had one is told that it
+    // missed something.
     let position = known.flatten().unwrap_or_else(|| events.end_position());
     let restarted = matches!(known, Some(None));
     let from = (events, latest, over, position, restarted);

@@ -33,7 +33,7 @@ const PAGE: u32 = 200;
 const SPECTRUM_POINTS: usize = 2000;
 
 /// Most spectra of one export: each is computed from its record's raw bytes.
-const MOST_SPECTRA: u64 = 10_000;
+const MAX_SPECTRA: u64 = 10_000;
 
 /// Bytes read from the file at once.
 const PIECE: usize = 64 << 10;
@@ -57,10 +57,11 @@ pub(super) struct ExportParameters {
 
 /// Export an asset's history
 ///
-/// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on `/{asset}/{channel}/indicators`, `…/wear`,
-/// `…/spectrum` and `…/alarm`; metadata records `asset`, `sensor`, `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment
-/// `library.json`. Records whose raw recordings are not kept any more have no spectrum.
-/// Plot `wear.median_um`, `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
+/// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on
+/// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`; metadata records `asset`, `sensor`,
+/// `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment `library.json`.
+/// Records whose raw recordings are not kept any more have no spectrum. Plot `wear.median_um`,
+/// `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/export",
@@ -78,7 +79,7 @@ pub(super) async fn export(
 ) -> Result<Response, Problem> {
     static COUNTER: AtomicU64 = AtomicU64::new(0);
     let spectra = asked.spectra.unwrap_or(100);
-    if spectra > MOST_SPECTRA {
+    if spectra > MAX_SPECTRA {
         return Err(Problem::query("spectra", spectra, "a number from 0 to 10000"));
     }
     let store = &app.service.store;
@@ -177,7 +178,8 @@ async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, P
     }))
 }
 
-/// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What was withdrawn is left out.
+/// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What
+/// was withdrawn is left out.
 async fn alarm_changes(app: &App, asset: &AssetId, asked: &ExportParameters) -> Result<Vec<(String, AlarmState)>, Problem> {
     let store = &app.service.store;
     let filter = AlarmFilter {

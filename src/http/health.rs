@@ -41,7 +41,8 @@ pub(super) struct Ready {
     /// Of a node of a cluster: `ok`, or why another part that it needs cannot be used.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     parts: BTreeMap<&'static str, String>,
-    /// Connections over which records come besides requests; absent where there are none. Requests are taken also while one is lost.
+    /// Connections over which records come besides requests; absent where there are none. Requests are taken
+    /// also while one is lost.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     feeds: Vec<FeedHealth>,
 }

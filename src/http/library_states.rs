@@ -90,8 +90,8 @@ pub(super) struct FlankView {
     gears: Vec<FlankRow>,
 }
 
-/// One gear's flank from the start of its active profile to the tip, in the tooth's own coordinates: x along its centre line from the
-/// gear's centre, y half of its thickness before wear. The depth is taken along y.
+/// One gear's flank from the start of its active profile to the tip, in the tooth's own coordinates: x along
+/// its centre line from the gear's centre, y half of its thickness before wear. The depth is taken along y.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct FlankRow {
     /// Tooth numbers, driving and driven.
@@ -166,7 +166,8 @@ mod tests {
 
     const PAIR: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 
-    /// Table 1's tip circle is at module × (teeth/2 + addendum), and the wear asked for is the greatest on the flank.
+    /// Table 1's tip circle is at module × (teeth/2 + addendum), and the wear asked for is the greatest on
+    /// the flank.
     #[test]
     fn flanks_end_at_the_tip_and_are_worn_as_deep_as_asked() {
         let rows = flanks(&PairSpec::from_toml(PAIR).unwrap(), 120.0).unwrap();

@@ -60,8 +60,8 @@ impl EventView {
 
 /// Tell of maintenance
 ///
-/// It counts from the first record at its time or later. Where there are such records, the history is estimated again in the background. The
-/// same event again is answered as the first time.
+/// It counts from the first record at its time or later. Where there are such records, the history is
+/// estimated again in the background. The same event again is answered as the first time.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/maintenance",

@@ -16,8 +16,8 @@ use crate::service::FeedCount;
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct MetricsParameters {
-    /// Names of the indicators that are shown, with commas between them, for a fleet of which all would be too many; all where not given, none where
-    /// empty.
+    /// Names of the indicators that are shown, with commas between them, for a fleet of which all would be
+    /// too many; all where not given, none where empty.
     #[param(example = "rms,kurtosis,novelty")]
     indicators: Option<String>,
 }

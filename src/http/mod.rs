@@ -1,7 +1,7 @@
 //! The HTTP API and the dashboard.
 //!
-//! Routes stand on one page (`router`), one file a resource; a handler extracts, calls and renders. Everything that goes wrong is
-//! answered as a problem (RFC 9457).
+//! Routes stand on one page (`router`), one file a resource; a handler extracts, calls and renders.
+//! Everything that goes wrong is answered as a problem (RFC 9457).
 
 mod access;
 mod alarms;
@@ -9,18 +9,18 @@ mod angle;
 mod app;
 mod asset_metrics;
 mod assets;
-mod bare_refusals;
 mod body;
 mod category;
 mod cepstra;
 mod chosen;
-mod coding;
 mod connections;
+mod content_encoding;
 mod dashboard;
+mod drain;
+mod etag;
 mod event_ring;
 mod events;
 mod export;
-mod freshness;
 mod health;
 mod indicators;
 mod libraries;
@@ -33,16 +33,19 @@ mod measurements;
 mod metrics;
 mod metrics_text;
 mod openapi;
+mod piece_reader;
 mod plotly;
 mod problem;
 mod provenance;
 mod query;
+mod reading_waits;
 mod recomputations;
 mod reduction;
 mod replays;
 mod reports;
 mod request_examples;
 mod resumable;
+mod resumable_upload;
 mod router;
 mod segments;
 mod server;
@@ -52,7 +55,6 @@ mod table;
 mod tokens;
 mod traffic;
 mod tus;
-mod unread;
 mod uploads;
 mod waterfall;
 mod waveforms;

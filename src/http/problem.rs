@@ -160,11 +160,11 @@ impl From<StoreError> for Problem {
             StoreError::AssetUnknown(_) => StatusCode::NOT_FOUND,
             StoreError::Time(_) => StatusCode::UNPROCESSABLE_ENTITY,
             error if error.is_full() => {
-                tracing::error!(%error, "no room");
+                tracing::error!(%error, "disk full");
                 StatusCode::INSUFFICIENT_STORAGE
             }
             error if error.is_unavailable() => {
-                tracing::warn!(%error, "store away");
+                tracing::warn!(%error, "store unavailable");
                 return Self::busy(error.to_string(), 5);
             }
             error if error.is_conflict() => return Self::busy(error.to_string(), 1),
@@ -182,7 +182,7 @@ impl From<ServiceError> for Problem {
             // The description of the asset can be mended, or the cause may pass.
             ServiceError::Library { .. } => Self::busy(error.to_string(), 60),
             ServiceError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
-            ServiceError::HeardThrough { .. } | ServiceError::HeardByOthers { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
+            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
             ServiceError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
             ServiceError::Recording(ref source) if source.is_full() => Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string()),
             ServiceError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),

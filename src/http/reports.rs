@@ -16,13 +16,13 @@ use crate::report::{Report, ReportedAlarm, ReportedRecord};
 use crate::store::AlarmFilter;
 
 /// Records that a report draws; of more, some evenly over the life.
-const MOST_RECORDS: usize = 600;
+const MAX_RECORDS: usize = 600;
 
 /// Records at the end that are given in any case.
 const LATEST_RECORDS: usize = 100;
 
 /// Alarms of a channel in a report, and entries of each one's history.
-const MOST_ALARMS: u32 = 64;
+const MAX_ALARMS: u32 = 64;
 const LATEST_ENTRIES: u32 = 200;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -59,7 +59,7 @@ pub(super) async fn show(
         let trend = app.service.store.trend(&channel).await?;
         let all = trend.segment_id.len();
         let early = all.saturating_sub(LATEST_RECORDS);
-        let mut chosen = evenly(early, MOST_RECORDS - LATEST_RECORDS);
+        let mut chosen = evenly(early, MAX_RECORDS - LATEST_RECORDS);
         chosen.extend(early..all);
         let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[*n].clone()).collect();
         let segments = app.service.store.segments_by_id(&ids).await?;
@@ -88,7 +88,7 @@ async fn alarms(app: &App, asset: &AssetId, channel: &str) -> Result<Vec<Reporte
         ..AlarmFilter::default()
     };
     let mut reported = Vec::new();
-    for stored in store.alarms(&filter, now, MOST_ALARMS).await? {
+    for stored in store.alarms(&filter, now, MAX_ALARMS).await? {
         let (history, _) = store.alarm_history(&stored.id, LATEST_ENTRIES).await?;
         reported.push(ReportedAlarm {
             channel: stored.channel,

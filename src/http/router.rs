@@ -15,9 +15,8 @@ use utoipa_axum::routes;
 use super::app::App;
 use super::problem::Problem;
 use super::{
-    access, alarms, angle, assets, cepstra, dashboard, events, export, freshness, health, indicators, libraries, library_states,
-    maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, traffic, tus, unread, uploads, waterfall,
-    waveforms, wear,
+    access, alarms, angle, assets, cepstra, dashboard, drain, etag, events, export, health, indicators, libraries, library_states,
+    maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -79,7 +78,7 @@ pub(super) fn router(app: App) -> Router {
         .merge(openapi::routes(&description))
         .fallback(no_such_path)
         .method_not_allowed_fallback(no_such_method)
-        .layer(from_fn(freshness::layer))
+        .layer(from_fn(etag::layer))
         .layer(from_fn_with_state(Arc::clone(&app.access), access::guard))
         .layer(from_fn_with_state(app.clone(), traffic::time_out))
         .layer(CatchPanicLayer::custom(traffic::panicked))
@@ -96,7 +95,7 @@ pub(super) fn router(app: App) -> Router {
         ))
         .layer(from_fn_with_state(app.clone(), traffic::measure))
         .layer(from_fn(traffic::trace))
-        .layer(from_fn(unread::layer))
+        .layer(from_fn(drain::layer))
         .with_state(app)
 }
 

@@ -8,19 +8,19 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
-use super::access::{Access, Asked, TokenPlace};
+use super::access::{Access, AuthPolicy, TokenPlace};
 use super::app::App;
 use super::connections::{self, TlsFiles};
 use super::event_ring::{EventRing, SharedEvents};
 use super::limits::HttpLimits;
 use super::measurements::Measurements;
-use super::resumable::ResumableUploads;
+use super::resumable;
 use super::router::router;
 use super::shared_tokens::SharedTokens;
 use super::start_error::StartError;
 use super::tokens::Tokens;
 use crate::library::GridSettings;
-use crate::service::{Clock, Role, Service, ServiceError, ServiceFolders, WorkLimits, WorkQueue};
+use crate::service::{Clock, Role, Service, ServiceFolders, WorkLimits, WorkQueue};
 use crate::store::{Store, StoreSettings};
 
 /// How long the database may take to close after everything else has ended.
@@ -35,8 +35,8 @@ pub struct ServiceConfig {
     pub tls: Option<TlsFiles>,
     /// Nobody is asked for a token, on whatever address.
     pub insecure_no_tokens: bool,
-    /// Names by which others know the service, where it listens on this machine alone, asks nobody for a token and another server passes on
-    /// what is for it.
+    /// Names by which others know the service, where it listens on this machine alone, asks nobody for a
+    /// token and another server passes on what is for it.
     pub host_names: Vec<String>,
     /// Where everything is kept.
     pub data_dir: PathBuf,
@@ -98,7 +98,8 @@ pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<Runni
     start_as(config, None, clock).await
 }
 
-/// Starts one of several services on the same store. Its data folder holds nothing that is not somewhere else too.
+/// Starts one of several services on the same store. Its data folder holds nothing that is not somewhere else
+/// too.
 ///
 /// Errors: as those of [`start`].
 pub async fn start_node(config: ServiceConfig, node: Node, clock: Arc<dyn Clock>) -> Result<RunningService, StartError> {
@@ -162,39 +163,28 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
     };
     service.resume().await?;
     let grace = config.http.grace;
-    let resumable = if service.store.is_shared() {
-        ResumableUploads::shared(config.http.recording_bytes)
-    } else {
-        let folder = config.data_dir.join("resumable");
-        let opened = ResumableUploads::open(folder.clone(), config.http.recording_bytes, clock.now());
-        opened.map_err(|source| ServiceError::File {
-            action: "read",
-            path: folder,
-            source,
-        })?
-    };
-    let who = if config.insecure_no_tokens {
-        Asked::Nobody
+    let policy = if config.insecure_no_tokens {
+        AuthPolicy::Disabled
     } else if is_loopback {
-        Asked::OnceThereAreTokens {
+        AuthPolicy::WhenConfigured {
             host_names: config.host_names,
         }
     } else {
-        Asked::Everybody
+        AuthPolicy::Required
     };
-    let access = Access::new(tokens, who, config.http.requests_per_s);
+    let access = Access::new(tokens, policy, config.http.requests_per_s);
     let limits = Arc::new(config.http);
     let app = App {
         service: service.clone(),
         limits: Arc::clone(&limits),
         events: Arc::clone(&events),
         access: Arc::new(access),
-        resumable: Arc::new(resumable),
+        reading_waits: Arc::default(),
         measurements: Arc::new(Measurements::default()),
         uploads: uploads.into(),
         lines: Arc::default(),
     };
-    ResumableUploads::watch(&app);
+    resumable::start(&app).await?;
     let (stop, stopped) = oneshot::channel();
     let is_tls = tls.is_some();
     let server = connections::serve(listener, router(app), tls, limits, stopped);
@@ -226,7 +216,8 @@ impl RunningService {
         &self.service
     }
 
-    /// Stops taking requests, ends within the time of grace what was begun, and closes the store within 2 s more.
+    /// Stops taking requests, ends within the time of grace what was begun, and closes the store within 2 s
+    /// more.
     pub async fn stop(self) -> Result<(), StartError> {
         let _ = self.stop.send(());
         self.events.end();
@@ -245,14 +236,15 @@ impl RunningService {
             Ok(Ok(())) => Ok(()),
             Ok(Err(error)) => Err(StartError::Stopped(error.to_string())),
             Err(_) => {
-                tracing::warn!("requests were still under way at the end of the time of grace");
+                tracing::warn!("failed to end all requests within the time of grace");
                 server.abort();
                 Ok(())
             }
         };
-        // A connection that works on something long is not waited for: the database repairs itself at the next start.
+        // A connection that works on something long is not waited for: the database repairs itself at the
+        // next start.
         if tokio::time::timeout(CLOSING, self.service.store.close()).await.is_err() {
-            tracing::warn!("the database was still at work when the service ended");
+            tracing::warn!("failed to close the database in time");
         }
         ended
     }

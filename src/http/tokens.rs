@@ -1,5 +1,6 @@
-//! Bearer tokens: who may do what. Of one machine they are kept hashed in a file of the data folder, so that they are made and revoked while the
-//! service runs; where processes share a store they are rows of it (`shared_tokens`).
+//! Bearer tokens: who may do what. Of one machine they are kept hashed in a file of the data folder, so that
+//! they are made and revoked while the service runs; where processes share a store they are rows of it
+//! (`shared_tokens`).
 
 use std::fs;
 use std::io::{self, Write};
@@ -64,7 +65,8 @@ pub struct Token {
     pub scope: Scope,
     /// When it was made.
     pub created_at: Timestamp,
-    /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so that a slow hash would add nothing.
+    /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so that a slow hash would add
+    /// nothing.
     pub(super) sha256: String,
 }
 
@@ -233,7 +235,7 @@ pub(super) fn mint(name: &str, scope: Scope, now: Timestamp) -> Result<(String, 
         name: name.to_owned(),
         scope,
         created_at: now,
-        sha256: hex::encode(&Sha256::digest(&secret)),
+        sha256: hex::encode(Sha256::digest(&secret)),
     };
     Ok((format!("{PREFIX}_{id}_{secret}"), kept))
 }
@@ -245,7 +247,7 @@ pub(super) fn find<'a>(tokens: &'a [Token], presented: &str) -> Option<&'a Token
     if prefix != PREFIX {
         return None;
     }
-    let hash = hex::encode(&Sha256::digest(secret));
+    let hash = hex::encode(Sha256::digest(secret));
     tokens
         .iter()
         .find(|token| token.id == id)

@@ -186,8 +186,8 @@ pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
     (0..most).map(|n| n * (length - 1) / (most - 1)).collect()
 }
 
-/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or the raw bytes are not to be had
-/// any more.
+/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or
+/// the raw bytes are not to be had any more.
 async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
     let mut lines: Vec<Option<Line>> = segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
     let mut missing = lines.iter().enumerate().filter(|(_, line)| line.is_none()).map(|(n, _)| n);
@@ -225,7 +225,8 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
     Ok(lines)
 }
 
-/// The greatest of the amplitudes, `resolution` of the grid's axis apart, in each cell in dB; a cell narrower than that has the nearest one.
+/// The greatest of the amplitudes, `resolution` of the grid's axis apart, in each cell in dB; a cell narrower
+/// than that has the nearest one.
 fn levels(amplitude: &[f64], resolution: f64, grid: Grid) -> Vec<f32> {
     let bins_per_cell = grid.end() / grid.cells as f64 / resolution;
     let last = amplitude.len().saturating_sub(1);

@@ -43,7 +43,8 @@ pub struct Alarms {
 impl Alarms {
     /// Does something to an alarm, and answers once it is on the disk.
     ///
-    /// Errors: [`ServiceError::AlarmUnknown`]; [`ServiceError::Alarm`] where it cannot be done in the alarm's state.
+    /// Errors: [`ServiceError::AlarmUnknown`]; [`ServiceError::Alarm`] where it cannot be done in the alarm's
+    /// state.
     pub async fn act(&self, id: &str, done: OperatorAction) -> Result<StoredAlarm, ServiceError> {
         let store = &self.store;
         let unknown = || ServiceError::AlarmUnknown(id.to_owned());

@@ -26,7 +26,8 @@ const WAIT: Duration = Duration::from_millis(5);
 struct Tries(u32);
 
 impl Tries {
-    /// How long to wait before it is checked again, where another process was in the way: the assets of one sensor depend on each other.
+    /// How long to wait before it is checked again, where another process was in the way: the assets of one
+    /// sensor depend on each other.
     fn wait_after<T>(&mut self, changed: &Result<T, ServiceError>) -> Option<Duration> {
         match changed {
             Err(ServiceError::Store(error)) if error.is_conflict() && self.0 < MAX_TRIES => {
@@ -54,7 +55,8 @@ pub struct Assets {
 }
 
 impl Assets {
-    /// Makes an asset and starts its library; earlier records of a shared sensor are analysed for it in the background.
+    /// Makes an asset and starts its library; earlier records of a shared sensor are analysed for it in the
+    /// background.
     ///
     /// Error: the asset whose sensor it names is not there or names another one itself.
     pub async fn create(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
@@ -90,7 +92,8 @@ impl Assets {
         Ok(store.insert_asset(spec, checked, self.clock.now()).await?)
     }
 
-    /// Replaces an asset's description; its history is computed again in the background where it depends on what changed.
+    /// Replaces an asset's description; its history is computed again in the background where it depends on
+    /// what changed.
     pub async fn update(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
         let _turn = self.describing.lock().await;
         let beside = ids_of_sensor(&self.store, &spec.id).await?;
@@ -124,7 +127,7 @@ impl Assets {
 
     /// Removes an asset, its rows, and the raw recordings that no other asset has.
     ///
-    /// Error: [`ServiceError::HeardByOthers`].
+    /// Error: [`ServiceError::SensorShared`].
     pub async fn delete(&self, id: &AssetId) -> Result<(), ServiceError> {
         let _turn = self.describing.lock().await;
         let _exclusive = self.raw.exclusive().await;
@@ -152,8 +155,8 @@ impl Assets {
         Ok((beside, self.store.delete_asset(id, mark).await?))
     }
 
-    /// Brings an asset's history up to what is asked for now, and starts its library, in the background; for a worker that is notified of the
-    /// asset.
+    /// Brings an asset's history up to what is asked for now, and starts its library, in the background; for
+    /// a worker that is notified of the asset.
     pub async fn refresh(&self, asset: &AssetId) -> Result<(), ServiceError> {
         match self.store.asset(asset).await {
             Ok(asset) => {

@@ -2,7 +2,8 @@
 
 use jiff::Timestamp;
 
-/// A clock. The service never asks the system for the time by itself, so that a test or a demonstration can set it.
+/// A clock. The service never asks the system for the time by itself, so that a test or a demonstration can
+/// set it.
 pub trait Clock: Send + Sync + 'static {
     /// The time now.
     fn now(&self) -> Timestamp;

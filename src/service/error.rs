@@ -47,19 +47,19 @@ pub enum ServiceError {
     #[error("the description of asset {0} changed while the record was analysed: try again")]
     DescriptionChanged(AssetId),
     /// Records of an asset come with those of another one.
-    #[error("asset {asset} hears through the measuring points of {of}: send its records there")]
-    HeardThrough {
+    #[error("asset {asset} shares the sensor of {of}: send its records there")]
+    SensorOfOther {
         /// The asset.
         asset: AssetId,
         /// The one that its records come for.
         of: AssetId,
     },
-    /// Other assets hear through the measuring points of this one.
-    #[error("the measuring points of asset {asset} are those of {others} too: delete those first, or have them hear through another")]
-    HeardByOthers {
+    /// Other assets share the sensor of this one.
+    #[error("the sensor of asset {asset} is shared by {others}: delete those first, or have them share another")]
+    SensorShared {
         /// The asset.
         asset: AssetId,
-        /// Those that hear through it.
+        /// Those that share it.
         others: String,
     },
     /// The raw bytes of a record were given up for others.
@@ -112,7 +112,8 @@ pub enum ServiceError {
 }
 
 impl ServiceError {
-    /// Whether a record's raw bytes are not to be had any more. Its results are; an answer on many records goes without what needs the bytes.
+    /// Whether a record's raw bytes are not to be had any more. Its results are; an answer on many records
+    /// goes without what needs the bytes.
     pub fn is_without_raw(&self) -> bool {
         matches!(
             self,

@@ -1,4 +1,5 @@
-//! What happens in the service, for those who follow it live. In a cluster events go from node to node as JSON.
+//! What happens in the service, for those who follow it live. In a cluster events go from node to node as
+//! JSON.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};

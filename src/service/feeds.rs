@@ -3,7 +3,8 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A connection that the service keeps to somebody who sends records, and what came through it since the start.
+/// A connection that the service keeps to somebody who sends records, and what came through it since the
+/// start.
 #[derive(Debug)]
 pub struct Feed {
     name: &'static str,

@@ -41,7 +41,8 @@ pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     }
 }
 
-/// Everything but the features that a channel's estimates and alarms depend on, and how the features were made.
+/// Everything but the features that a channel's estimates and alarms depend on, and how the features were
+/// made.
 pub(crate) fn fold_key(settings: &EstimatorSettings, feature_key: &str, ensemble: Option<&Ensemble>, rules: &[AlarmRule]) -> String {
     hash(&[
         env!("CARGO_PKG_VERSION"),

@@ -12,7 +12,8 @@ pub struct WorkLimits {
     pub workers: usize,
     /// Requests that hold a record, waiting or being processed.
     pub requests_at_once: usize,
-    /// Bytes of records that all requests together hold; and as many those of all whole recordings, each its share or one record.
+    /// Bytes of records that all requests together hold; and as many those of all whole recordings, each its
+    /// share or one record.
     pub bytes_at_once: usize,
     /// Whole recordings (uploads of many records, replays) read at once.
     pub recordings_at_once: usize,

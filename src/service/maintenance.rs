@@ -19,8 +19,8 @@ pub struct Maintenance {
 }
 
 impl Maintenance {
-    /// Stores an event, and has the histories that reach it estimated again in the background. The same event again is answered as the first
-    /// time.
+    /// Stores an event, and has the histories that reach it estimated again in the background. The same event
+    /// again is answered as the first time.
     pub async fn add(&self, asset: &AssetId, event: MaintenanceEvent) -> Result<StoredEvent, ServiceError> {
         if i64::try_from(event.time.as_nanosecond()).is_err() {
             return Err(StoreError::Time(event.time).into());

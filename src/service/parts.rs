@@ -65,7 +65,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Puts the parts together on a store. To be called inside the runtime. `grid` says how libraries are simulated.
+    /// Puts the parts together on a store. To be called inside the runtime. `grid` says how libraries are
+    /// simulated.
     ///
     /// Errors: a folder cannot be made, or no threads are to be had.
     pub fn new(
@@ -184,9 +185,9 @@ impl Service {
         self.clock.now()
     }
 
-    /// Goes on where the process before ended, in the background: starts the library of every asset, computes again what was computed
-    /// under other settings, and removes raw objects that no record refers to. Where other processes work on the same store, it also looks
-    /// after what they leave.
+    /// Goes on where the process before ended, in the background: starts the library of every asset, computes
+    /// again what was computed under other settings, and removes raw objects that no record refers to. Where
+    /// other processes work on the same store, it also looks after what they leave.
     ///
     /// An API node does nothing: workers do.
     pub async fn resume(&self) -> Result<(), ServiceError> {
@@ -194,7 +195,7 @@ impl Service {
             return Ok(());
         }
         let mut after: Option<String> = None;
-        let (mut all, mut listeners) = (Vec::new(), Vec::new());
+        let (mut all, mut members) = (Vec::new(), Vec::new());
         loop {
             let assets = self.store.assets(after.as_deref(), 500).await?;
             let Some(last) = assets.last() else { break };
@@ -202,13 +203,13 @@ impl Service {
             for asset in assets {
                 self.simulations.prepare(&asset.spec);
                 if asset.spec.sensor.of.is_some() {
-                    listeners.push(asset.spec.id.clone());
+                    members.push(asset.spec.id.clone());
                 }
                 all.push(asset.spec.id);
             }
         }
         self.history.recompute_in_background(all);
-        self.catch_up.in_background(listeners);
+        self.catch_up.in_background(members);
         self.alarms.end_shelvings_in_background();
         if self.store.is_shared() {
             let upkeep = Upkeep {

@@ -1,10 +1,11 @@
-//! Sensors shared by several meshes: each mesh is an asset, and the records that come for one of them are analysed for all.
+//! Sensors shared by several meshes: each mesh is an asset, and the records that come for one of them are
+//! analysed for all.
 //!
-//! An asset whose `sensor.of` names another one has records, analyses, estimates and alarms of its own; raw bytes are stored once, and counted
-//! for each.
+//! An asset whose `sensor.of` names another one has records, analyses, estimates and alarms of its own; raw
+//! bytes are stored once, and counted for each.
 
 use super::error::ServiceError;
-use crate::asset::{AssetId, AssetSpec, MOST_ON_ONE_SENSOR};
+use crate::asset::{AssetId, AssetSpec, MAX_ON_ONE_SENSOR};
 use crate::store::{Asset, Store, StoreError};
 
 /// The assets that get the records of one sensor.
@@ -12,33 +13,33 @@ pub(crate) struct SensorGroup {
     /// The asset that has the sensor, the other meshes known to its description.
     pub(crate) asset: Asset,
     /// The assets that share it.
-    pub(crate) listeners: Vec<AssetSpec>,
+    pub(crate) members: Vec<AssetSpec>,
 }
 
 impl SensorGroup {
     /// The assets that get the records of an asset.
     ///
-    /// Error: [`ServiceError::HeardThrough`] where it has no sensor of its own.
+    /// Error: [`ServiceError::SensorOfOther`] where it has no sensor of its own.
     pub(crate) async fn of(store: &Store, id: &AssetId) -> Result<Self, ServiceError> {
         let all = store.assets_of_sensor(id).await?;
         let asset = one_of(&all, id)?;
         if let Some(of) = &asset.spec.sensor.of {
-            return Err(ServiceError::HeardThrough {
+            return Err(ServiceError::SensorOfOther {
                 asset: id.clone(),
                 of: of.clone(),
             });
         }
         let specs: Vec<AssetSpec> = all.into_iter().map(|asset| asset.spec).collect();
-        let listeners = specs.iter().filter(|spec| spec.id != *id).map(|spec| spec.clone().among(&specs));
+        let members = specs.iter().filter(|spec| spec.id != *id).map(|spec| spec.clone().among(&specs));
         Ok(Self {
             asset,
-            listeners: listeners.collect(),
+            members: members.collect(),
         })
     }
 
     /// The descriptions of all of them, that of the asset with the sensor first.
     pub(crate) fn specs(&self) -> impl Iterator<Item = &AssetSpec> {
-        std::iter::once(&self.asset.spec).chain(&self.listeners)
+        std::iter::once(&self.asset.spec).chain(&self.members)
     }
 }
 
@@ -63,15 +64,15 @@ pub(crate) async fn ids_of_sensor(store: &Store, id: &AssetId) -> Result<Vec<Ass
 
 /// The assets of the same sensor, where none of them has the sensor of this one.
 ///
-/// Error: [`ServiceError::HeardByOthers`].
+/// Error: [`ServiceError::SensorShared`].
 pub(crate) async fn ids_beside(store: &Store, id: &AssetId) -> Result<Vec<AssetId>, ServiceError> {
     let all = store.assets_of_sensor(id).await?;
     let through = all.iter().filter(|asset| asset.spec.sensor.of.as_ref() == Some(id));
-    let listeners: Vec<&str> = through.map(|asset| asset.spec.id.as_str()).collect();
-    if !listeners.is_empty() {
-        return Err(ServiceError::HeardByOthers {
+    let members: Vec<&str> = through.map(|asset| asset.spec.id.as_str()).collect();
+    if !members.is_empty() {
+        return Err(ServiceError::SensorShared {
             asset: id.clone(),
-            others: listeners.join(", "),
+            others: members.join(", "),
         });
     }
     Ok(all.into_iter().map(|asset| asset.spec.id).filter(|other| other != id).collect())
@@ -99,13 +100,13 @@ pub(crate) async fn check_sensor(store: &Store, spec: &AssetSpec, before: Option
         all => all?,
     };
     if all.iter().any(|other| other.spec.id == *of && other.spec.sensor.of.is_some()) {
-        return refuse("an asset with measuring points of its own, not one that hears through another");
+        return refuse("an asset with a sensor of its own, not one that shares another's");
     }
-    if all.iter().filter(|other| other.spec.id != spec.id).count() >= MOST_ON_ONE_SENSOR {
-        return refuse("an asset through which fewer than 8 meshes are heard");
+    if all.iter().filter(|other| other.spec.id != spec.id).count() >= MAX_ON_ONE_SENSOR {
+        return refuse("an asset whose sensor fewer than 8 meshes share");
     }
     if before.is_some() && ids_beside(store, &spec.id).await.is_err() {
-        return refuse("nothing, since other assets hear through this one");
+        return refuse("nothing, since other assets share the sensor of this one");
     }
     Ok(())
 }

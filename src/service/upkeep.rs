@@ -25,8 +25,8 @@ pub(crate) struct Upkeep {
 }
 
 impl Upkeep {
-    /// Brings histories up to date that another process has left, gives assets what they lack of their sensor's records, and removes what nobody
-    /// needs any more, in the background.
+    /// Brings histories up to date that another process has left, gives assets what they lack of their
+    /// sensor's records, and removes what nobody needs any more, in the background.
     pub(crate) fn in_background(self) {
         tokio::spawn(async move {
             while !self.store.is_closed() {
@@ -43,7 +43,7 @@ impl Upkeep {
         self.history.recompute_in_background(outdated);
         // Where some are being caught up already, that may take longer than until the next look.
         if !self.catch_up.is_busy() {
-            self.catch_up.in_background(self.store.late_listeners(MAX_ASSETS).await?);
+            self.catch_up.in_background(self.store.late_members(MAX_ASSETS).await?);
         }
         self.uploads.expire().await?;
         if self.store.begin_sweep(self.clock.now()).await? {

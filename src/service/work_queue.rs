@@ -1,4 +1,5 @@
-//! Several processes on one store: API nodes take records and put them into a queue, workers analyse, fold and commit them.
+//! Several processes on one store: API nodes take records and put them into a queue, workers analyse, fold
+//! and commit them.
 
 use std::sync::Arc;
 
@@ -10,7 +11,8 @@ use super::error::ServiceError;
 use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::signal::OperatingPoint;
 
-/// A record that is decoded and identified, whose raw bytes are stored, and that is still to be analysed: all that it takes besides its raw bytes.
+/// A record that is decoded and identified, whose raw bytes are stored, and that is still to be analysed: all
+/// that it takes besides its raw bytes.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct QueuedRecord {
     /// Identifier of the segment that it becomes.
@@ -35,7 +37,8 @@ pub struct QueuedRecord {
     pub reference_wear_um: Option<f64>,
     /// Where the raw bytes are.
     pub raw: RawReference,
-    /// How often it was given up lately as one that cannot be stored: sent again it is another one to the queue.
+    /// How often it was given up lately as one that cannot be stored: sent again it is another one to the
+    /// queue.
     #[serde(skip)]
     pub given_up: u32,
 }
@@ -56,8 +59,8 @@ pub trait WorkQueue: Send + Sync + 'static {
     /// Error: [`ServiceError::Busy`] where they cannot be taken now.
     fn enqueue<'a>(&'a self, records: &'a [QueuedRecord]) -> BoxFuture<'a, Result<(), ServiceError>>;
 
-    /// Notifies the workers that an asset's description or what happened to it changed. A worker that misses the notice finds out by itself
-    /// later.
+    /// Notifies the workers that an asset's description or what happened to it changed. A worker that misses
+    /// the notice finds out by itself later.
     fn notify_changed(&self, asset: &AssetId);
 
     /// Whether the queue works.

@@ -9,7 +9,8 @@ use super::error::ServiceError;
 use super::limits::WorkLimits;
 use crate::signal::{AnalysisSettings, Analyzer, MAX_RECORD_SAMPLES};
 
-/// Samples beyond which a record is large. The analysis of one takes some 85 bytes a sample, 1.4 GB for the largest.
+/// Samples beyond which a record is large. The analysis of one takes some 85 bytes a sample, 1.4 GB for the
+/// largest.
 const LARGE_SAMPLES: usize = 1 << 22;
 
 thread_local! {
@@ -17,8 +18,8 @@ thread_local! {
     static ANALYZER: RefCell<Analyzer> = RefCell::new(Analyzer::new(AnalysisSettings::default()));
 }
 
-/// Gives the calling thread's analyzer to `f`, for a record of so many samples; where that is a large one a fresh analyzer, whose work space is not
-/// kept.
+/// Gives the calling thread's analyzer to `f`, for a record of so many samples; where that is a large one a
+/// fresh analyzer, whose work space is not kept.
 pub(crate) fn with_analyzer<T>(samples: usize, f: impl FnOnce(&mut Analyzer) -> T) -> T {
     if is_large(samples) {
         return f(&mut Analyzer::new(AnalysisSettings::default()));
@@ -74,8 +75,8 @@ impl Workers {
         self.admit_to(&self.requests, "the queue of records is full")
     }
 
-    /// The right to one more answer that is worked out of stored records, or [`ServiceError::Busy`] at once. It has a queue of its own: who sends
-    /// slowly does not keep others from looking.
+    /// The right to one more answer that is worked out of stored records, or [`ServiceError::Busy`] at once.
+    /// It has a queue of its own: who sends slowly does not keep others from looking.
     pub fn admit_answer(&self) -> Result<Ticket, ServiceError> {
         self.admit_to(&self.answers, "too many spectra and recordings are asked for")
     }
@@ -116,8 +117,9 @@ impl Workers {
         self.limits.bytes_at_once / self.limits.recordings_at_once.max(1)
     }
 
-    /// Runs `f`, which analyses a record of so many samples, on a worker thread. Large records wait for each other, so that those analysed at once
-    /// have no more samples together than the largest has; the others wait for none of them.
+    /// Runs `f`, which analyses a record of so many samples, on a worker thread. Large records wait for each
+    /// other, so that those analysed at once have no more samples together than the largest has; the others
+    /// wait for none of them.
     pub(crate) async fn run_analysis<T: Send + 'static>(
         &self,
         task: &'static str,
@@ -148,7 +150,8 @@ impl Workers {
     }
 }
 
-/// Runs `work` to its end also where the caller goes away meanwhile: what is begun must not be left half done.
+/// Runs `work` to its end also where the caller goes away meanwhile: what is begun must not be left half
+/// done.
 pub(crate) async fn detached<T: Send + 'static>(
     task: &'static str,
     work: impl Future<Output = T> + Send + 'static,
@@ -185,7 +188,8 @@ async fn run_in<T: Send + 'static>(
 }
 
 impl Ticket {
-    /// Takes `bytes` more into memory under this ticket, or [`ServiceError::Busy`] where all requests together hold too many.
+    /// Takes `bytes` more into memory under this ticket, or [`ServiceError::Busy`] where all requests
+    /// together hold too many.
     pub fn grow(&mut self, bytes: usize) -> Result<(), ServiceError> {
         self.bytes += bytes;
         let held = self.held.as_ref().map_or(0, OwnedSemaphorePermit::num_permits);

@@ -55,8 +55,8 @@ impl ChannelSummary {
 }
 
 impl Commit {
-    /// Sets what a fold says of a channel's alarms. Returns what is new: every change of records that were added, and of a history that was
-    /// folded again the alarms that stand otherwise than before.
+    /// Sets what a fold says of a channel's alarms. Returns what is new: every change of records that were
+    /// added, and of a history that was folded again the alarms that stand otherwise than before.
     pub async fn set_alarms(
         &mut self,
         channel: &ChannelSummary,
@@ -127,7 +127,8 @@ impl Commit {
         Ok(notices)
     }
 
-    /// Keeps what a person did to an alarm of a channel that nobody else changes now, and the change that it made; `place` is where it counts.
+    /// Keeps what a person did to an alarm of a channel that nobody else changes now, and the change that it
+    /// made; `place` is where it counts.
     pub async fn act(
         &mut self,
         channel: &mut ChannelSummary,

@@ -132,7 +132,8 @@ impl Store {
         Ok((entries?, count))
     }
 
-    /// What people did to a channel's alarms, in the order of their places; and whether the channel has any alarm.
+    /// What people did to a channel's alarms, in the order of their places; and whether the channel has any
+    /// alarm.
     pub async fn alarm_actions(&self, channel: &ChannelSummary) -> Result<(Vec<PanelAction>, bool), StoreError> {
         let rows = sqlx::query("SELECT quantity FROM alarms WHERE channel_no = $1 LIMIT 1")
             .bind(channel.channel_no)

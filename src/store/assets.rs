@@ -26,13 +26,14 @@ pub struct Asset {
 }
 
 impl Asset {
-    /// Changes whenever the description or a maintenance event of the asset does, and is never that of another asset.
+    /// Changes whenever the description or a maintenance event of the asset does, and is never that of
+    /// another asset.
     pub fn version(&self) -> i64 {
         self.revision
     }
 
-    /// The channel that a question is about: the one asked for, else the one that the description says speaks for the asset,
-    /// else the one seen first.
+    /// The channel that a question is about: the one asked for, else the one that the description says speaks
+    /// for the asset, else the one seen first.
     pub fn speaking_channel<'a>(&self, channels: &'a [ChannelSummary], asked: Option<&str>) -> Option<&'a ChannelSummary> {
         let named = |name: &str| channels.iter().find(|channel| channel.channel == name);
         match asked {
@@ -112,7 +113,8 @@ impl ChannelSummary {
         }
     }
 
-    /// Notes a record, or the place of something between records, that a recomputation under way may have passed already.
+    /// Notes a record, or the place of something between records, that a recomputation under way may have
+    /// passed already.
     pub fn note_change(&mut self, place: SegmentKey) {
         if self.next_wear.is_some() && self.changed_from.as_ref().is_none_or(|earliest| place < *earliest) {
             self.changed_from = Some(place);
@@ -125,8 +127,8 @@ impl ChannelSummary {
 pub struct DescriptionsMark(i64);
 
 impl DescriptionsMark {
-    /// Refuses to change descriptions by what was checked, where somebody else has changed one since. To be asked after a change of its own,
-    /// which keeps others waiting until the transaction's end.
+    /// Refuses to change descriptions by what was checked, where somebody else has changed one since. To be
+    /// asked after a change of its own, which keeps others waiting until the transaction's end.
     async fn check(self, transaction: &mut Transaction<'_, Any>) -> Result<(), StoreError> {
         let row = sqlx::query("SELECT value FROM counters WHERE name = 'asset_revision'")
             .fetch_one(&mut **transaction)
@@ -222,8 +224,8 @@ impl Store {
         rows.iter().map(asset_of).collect()
     }
 
-    /// Removes an asset with all its rows, where no description has changed since this was `checked`. Returns the names of the raw objects that
-    /// nothing refers to any more.
+    /// Removes an asset with all its rows, where no description has changed since this was `checked`. Returns
+    /// the names of the raw objects that nothing refers to any more.
     ///
     /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
     pub async fn delete_asset(&self, id: &AssetId, checked: DescriptionsMark) -> Result<Vec<String>, StoreError> {
@@ -265,7 +267,8 @@ impl Store {
         self.rows_of_assets(assets, text).await?.iter().map(channel_of).collect()
     }
 
-    /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some of them.
+    /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some
+    /// of them.
     pub(super) async fn rows_of_assets(&self, assets: &[&AssetId], text: impl Fn(&str) -> String) -> Result<Vec<AnyRow>, StoreError> {
         let mut found = Vec::new();
         for chunk in assets.chunks(ASSETS_AT_ONCE) {

@@ -1,6 +1,8 @@
-//! Writing what a transaction adds to channels: segments, analyses, estimates and states of the fold, each kind for all channels at once.
+//! Writing what a transaction adds to channels: segments, analyses, estimates and states of the fold, each
+//! kind for all channels at once.
 //!
-//! A statement costs a way to the database and back, and rows are locked meanwhile: their number does not grow with that of the records.
+//! A statement costs a way to the database and back, and rows are locked meanwhile: their number does not
+//! grow with that of the records.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -22,7 +24,8 @@ pub struct ChannelRows<'a> {
     pub new: Vec<&'a NewSegment>,
     /// Estimates of segments, the first ones or others than before.
     pub wears: &'a [(SegmentKey, RunResult)],
-    /// States of the fold, in rising order, that take the place of all after a position; none where they stay.
+    /// States of the fold, in rising order, that take the place of all after a position; none where they
+    /// stay.
     pub states: Option<(u64, Vec<FoldState>)>,
     /// Estimates of earlier segments changed.
     pub is_rewritten: bool,

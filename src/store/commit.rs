@@ -19,10 +19,11 @@ const SUMMARY: &str = "segments, first_start_ns, last_start_ns, last_segment_id,
     newest_generation, analysis_key, feature_key, fold_key, must_fold, leftovers, next_analysis_generation, next_analysis_key, \
     next_wear_generation, maker_until_ns, changed_from_ns, changed_from_id";
 
-/// A transaction on any number of channels. Nothing is stored before [`finish`](Self::finish) returns; then all is, on the disk.
+/// A transaction on any number of channels. Nothing is stored before [`finish`](Self::finish) returns; then
+/// all is, on the disk.
 ///
-/// Where other processes write as well, rows are locked in this order, so that transactions do not wait for each other in a ring: assets by
-/// name, then channels by asset and name, then what hangs on them.
+/// Where other processes write as well, rows are locked in this order, so that transactions do not wait for
+/// each other in a ring: assets by name, then channels by asset and name, then what hangs on them.
 pub struct Commit {
     pub(super) transaction: Transaction<'static, Any>,
     pub(super) dialect: Dialect,
@@ -69,11 +70,13 @@ impl Commit {
         }
     }
 
-    /// An asset that nobody else changes, and that no channel is added to, before the transaction's end; it counts as changed.
+    /// An asset that nobody else changes, and that no channel is added to, before the transaction's end; it
+    /// counts as changed.
     ///
     /// Error: [`StoreError::AssetUnknown`] where it is gone.
     pub(super) async fn asset_to_change(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
-        // Before the asset: so do all that change assets, and those that change several do not wait for each other in a ring.
+        // Before the asset: so do all that change assets, and those that change several do not wait for each
+        // other in a ring.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
             .execute(&mut *self.transaction)
             .await?;
@@ -87,8 +90,8 @@ impl Commit {
         Ok(asset)
     }
 
-    /// The channels of these names, in this order, of assets that are there; made where they are missing. Nobody else changes them before
-    /// the transaction's end.
+    /// The channels of these names, in this order, of assets that are there; made where they are missing.
+    /// Nobody else changes them before the transaction's end.
     pub async fn channels(&mut self, names: &[(&AssetId, &str)]) -> Result<Vec<ChannelSummary>, StoreError> {
         let mut found = self.channels_there(names).await?;
         let key = |&(asset, name): &(&AssetId, &str)| (asset.clone(), name.to_owned());
@@ -142,7 +145,8 @@ impl Commit {
         Ok(())
     }
 
-    /// A channel that was there a moment ago, as it is now. Nobody else changes it before the transaction's end.
+    /// A channel that was there a moment ago, as it is now. Nobody else changes it before the transaction's
+    /// end.
     ///
     /// Error: [`StoreError::AssetUnknown`] where it is gone with its asset.
     pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {

@@ -1,4 +1,5 @@
-//! How often a queued record was put among the dead letters: sent again, it is to be told from the one that was.
+//! How often a queued record was put among the dead letters: sent again, it is to be told from the one that
+//! was.
 
 use std::collections::HashMap;
 

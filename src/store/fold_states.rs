@@ -38,7 +38,8 @@ impl Store {
         row.as_ref().map(state_of).transpose()
     }
 
-    /// The latest kept state, of the generation that is served, in which neither `key` nor any later record is.
+    /// The latest kept state, of the generation that is served, in which neither `key` nor any later record
+    /// is.
     pub async fn state_before(&self, channel: &ChannelSummary, key: &SegmentKey) -> Result<Option<FoldState>, StoreError> {
         self.state_before_in(channel, channel.wear_generation, key).await
     }
@@ -63,7 +64,8 @@ impl Store {
     }
 }
 
-/// A channel's number, a generation, and the states that take the place of all after a position, in rising order.
+/// A channel's number, a generation, and the states that take the place of all after a position, in rising
+/// order.
 pub(super) type StatesAfter<'a> = (i64, i64, u64, &'a [FoldState]);
 
 impl Commit {

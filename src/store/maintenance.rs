@@ -74,7 +74,8 @@ impl Store {
 }
 
 impl Commit {
-    /// Adds an event; returns whether it was not there before. No channel is added to the asset before the transaction's end.
+    /// Adds an event; returns whether it was not there before. No channel is added to the asset before the
+    /// transaction's end.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn add_maintenance(&mut self, asset: &AssetId, stored: &StoredEvent) -> Result<bool, StoreError> {
@@ -91,7 +92,8 @@ impl Commit {
         Ok(added.rows_affected() > 0)
     }
 
-    /// Removes an event; returns whether it was there. No channel is added to the asset before the transaction's end.
+    /// Removes an event; returns whether it was there. No channel is added to the asset before the
+    /// transaction's end.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn remove_maintenance(&mut self, asset: &AssetId, id: &str) -> Result<bool, StoreError> {

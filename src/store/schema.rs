@@ -1,6 +1,7 @@
 //! The tables (`migrations`), and what the two databases say differently.
 //!
-//! A migration that has been released is never changed; the next one is a file of its own with the next number.
+//! A migration that has been released is never changed; the next one is a file of its own with the next
+//! number.
 
 use std::borrow::Cow;
 
@@ -26,13 +27,15 @@ impl Dialect {
     pub(super) fn schema(self, text: &'static str) -> Cow<'static, str> {
         match self {
             Self::Sqlite => Cow::Borrowed(text),
-            // Texts are in the order of their bytes, as everywhere in the program, whatever the database's language.
+            // Texts are in the order of their bytes, as everywhere in the program, whatever the database's
+            // language.
             #[cfg(feature = "cluster")]
             Self::Postgres => Cow::Owned(text.replace(" BLOB", " BYTEA").replace(" TEXT", " TEXT COLLATE \"C\"")),
         }
     }
 
-    /// Behind a SELECT of rows that are going to be changed, or whose dependents are: nobody else changes them before the transaction's end.
+    /// Behind a SELECT of rows that are going to be changed, or whose dependents are: nobody else changes
+    /// them before the transaction's end.
     pub(super) fn for_update(self) -> &'static str {
         match self {
             Self::Sqlite => "",
@@ -60,14 +63,14 @@ impl Dialect {
         }
     }
 
-    /// Whether a statement may stay prepared whose optional doubles are sometimes missing. sqlx tells PostgreSQL another type for a missing
-    /// one, and would bind the next value under that.
+    /// Whether a statement may stay prepared whose optional doubles are sometimes missing. sqlx tells
+    /// PostgreSQL another type for a missing one, and would bind the next value under that.
     pub(super) fn caches_optional_doubles(self) -> bool {
         self == Self::Sqlite
     }
 
-    /// Whether a statement on that many rows stays prepared. PostgreSQL's own preparing costs a way there and back, and there are as many
-    /// statements as there are numbers of rows.
+    /// Whether a statement on that many rows stays prepared. PostgreSQL's own preparing costs a way there and
+    /// back, and there are as many statements as there are numbers of rows.
     pub(super) fn caches_statement(self, rows: usize) -> bool {
         self == Self::Sqlite || rows == 1
     }
@@ -85,7 +88,8 @@ impl MigrationSource<'static> for Dialect {
     }
 }
 
-/// Brings the tables up to date; a database of a later program is refused. Of several processes the first one does it, and the others wait.
+/// Brings the tables up to date; a database of a later program is refused. Of several processes the first one
+/// does it, and the others wait.
 pub(super) async fn migrate(connection: &mut AnyConnection, dialect: Dialect) -> Result<(), StoreError> {
     let migrated = async { Migrator::new(dialect).await?.run_direct(connection).await };
     migrated.await.map_err(|error| match error {

@@ -1,4 +1,4 @@
-//! Which assets hear through the measuring points of another one.
+//! Which assets share the sensor of another one.
 
 use std::collections::BTreeSet;
 
@@ -50,8 +50,9 @@ pub(super) async fn set(transaction: &mut Transaction<'_, Any>, spec: &AssetSpec
 }
 
 impl Store {
-    /// Up to `limit` assets that hear through another one and have not had what came before they were described.
-    pub async fn late_listeners(&self, limit: u32) -> Result<Vec<AssetId>, StoreError> {
+    /// Up to `limit` assets that share another one's sensor and lack the records from before they were
+    /// described.
+    pub async fn late_members(&self, limit: u32) -> Result<Vec<AssetId>, StoreError> {
         let rows = sqlx::query("SELECT asset_id FROM shared_sensors WHERE is_caught_up = 0 ORDER BY asset_id LIMIT $1")
             .bind(i64::from(limit))
             .fetch_all(self.read())
@@ -60,9 +61,9 @@ impl Store {
     }
 
     /// Says that an asset has had everything that came through another one before it was described.
-    pub async fn caught_up(&self, listener: &AssetId, of: &AssetId) -> Result<(), StoreError> {
+    pub async fn caught_up(&self, member: &AssetId, of: &AssetId) -> Result<(), StoreError> {
         sqlx::query("UPDATE shared_sensors SET is_caught_up = 1 WHERE asset_id = $1 AND of_asset = $2 AND is_caught_up = 0")
-            .bind(listener.as_str())
+            .bind(member.as_str())
             .bind(of.as_str())
             .execute(self.write())
             .await?;
@@ -85,8 +86,8 @@ impl Store {
         Ok(sharing)
     }
 
-    /// An asset and all others of its sensor, in the order of their names: the one that the records come for, and those
-    /// that hear through it.
+    /// An asset and all others of its sensor, in the order of their names: the one that the records come for,
+    /// and those that share its sensor.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn assets_of_sensor(&self, id: &AssetId) -> Result<Vec<Asset>, StoreError> {

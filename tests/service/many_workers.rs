@@ -443,7 +443,7 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
         }
         let there = nodes[0].store.assets_of_sensor(&plain("first").id).await.unwrap().len();
         assert_eq!(made.iter().filter(|made| made.is_ok()).count() + 1, there);
-        assert_eq!(there, flankwatch::asset::MOST_ON_ONE_SENSOR, "{made:?}");
+        assert_eq!(there, flankwatch::asset::MAX_ON_ONE_SENSOR, "{made:?}");
         // One asset goes while another one is to hear through it: one of both is refused, and told why.
         for n in 100..110 {
             let of = format!("sensor{n}");

@@ -272,25 +272,6 @@ fn a_body_that_does_not_come_gives_its_place_back() {
 }
 
 #[test]
-fn a_form_has_so_many_files_and_fields() {
-    let service = Service::start_with(|config| config.http.form_files = 2);
-    service.plain_asset("pump");
-    let part =
-        |name: &str, file: &str, text: &str| format!("--b\r\ncontent-disposition: form-data; name=\"{name}\"{file}\r\n\r\n{text}\r\n");
-    let block = |n: u32| String::from_utf8(encode_block(&record("1", n), BlockEncoding::Json)).unwrap();
-    let file = |n: u32| part("file", &format!("; filename=\"{n}.json\""), &block(n));
-    let send = |form: String| {
-        let form = form + "--b--\r\n";
-        service.post("/v1/assets/pump/segments", "multipart/form-data; boundary=b", form.as_bytes())
-    };
-    let stored = send(file(1) + &file(2)).expect(201).json();
-    assert_eq!(stored["files"].as_array().map(Vec::len), Some(2));
-    send(file(1) + &file(2) + &file(3)).expect_problem(422, &["at most 2"]);
-    let fields: String = (0..33).map(|_| part("unit", "", "g")).collect();
-    send(fields + &file(4)).expect_problem(422, &["at most 32"]);
-}
-
-#[test]
 fn every_answer_is_counted_also_those_that_no_operation_gives() {
     let service = Service::start();
     service.get("/nowhere").expect(404);

@@ -97,13 +97,6 @@ impl Service {
         Self::start_in(tempfile::tempdir().unwrap(), None, change)
     }
 
-    /// Starts on a data folder that was filled before.
-    pub(crate) fn start_on(fill: impl FnOnce(&Path)) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        fill(folder.path());
-        Self::start_in(folder, None, |_| {})
-    }
-
     /// Starts with its data in a folder that is somebody else's.
     pub(crate) fn start_at(path: &Path) -> Self {
         Self::start_in(tempfile::tempdir().unwrap(), Some(path.join("data")), |_| {})

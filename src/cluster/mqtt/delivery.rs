@@ -44,7 +44,7 @@ pub(super) async fn deliver(service: &Arc<Service>, feed: &Arc<Feed>, message: &
             Err(Verdict::Later(reason)) => reason,
         };
         if holding.is_none() {
-            tracing::debug!(reason, asset = %message.address.asset, "a message waits");
+            tracing::debug!(reason, asset = %message.address.asset, "failed to store a message: trying again");
         }
         // The new one first: the trouble is not over in between.
         let renewed = feed.hold(reason);

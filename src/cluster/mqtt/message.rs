@@ -9,8 +9,8 @@ use super::settings::MqttSettings;
 use super::topic::{self, Address};
 use crate::service::{RecordFormat, UploadMetadata};
 
-/// Stands for the time of a message that says none: no record can have it, so that one without a time is refused. The time of receipt will
-/// not do, because the same message sent again would be another record.
+/// Stands for the time of a message that says none: no record can have it, so that one without a time is
+/// refused. The time of receipt will not do, because the same message sent again would be another record.
 pub(super) const NO_TIME: Timestamp = Timestamp::MIN;
 
 /// A message that can be decoded.
@@ -58,8 +58,8 @@ impl Message {
     }
 }
 
-/// How the payload is written. Without a content type its first character tells: no field of a `WaveformBlock` in protobuf begins with white
-/// space or a brace.
+/// How the payload is written. Without a content type its first character tells: no field of a
+/// `WaveformBlock` in protobuf begins with white space or a brace.
 fn format(content_type: Option<&str>, payload: &[u8]) -> Result<RecordFormat, Refusal> {
     let Some(content_type) = content_type.filter(|content_type| !content_type.is_empty()) else {
         let is_json = matches!(payload.first(), Some(b'{' | b' ' | b'\t' | b'\r' | b'\n'));

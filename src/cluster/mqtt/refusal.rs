@@ -1,4 +1,5 @@
-//! Why a message can never be used, as the JSON that its sender gets: problem details after RFC 9457, with what names the message.
+//! Why a message can never be used, as the JSON that its sender gets: problem details after RFC 9457, with
+//! what names the message.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -11,9 +12,10 @@ use crate::store::StoreError;
 pub(super) const MEDIA_TYPE: &str = "application/problem+json";
 
 /// Longest value of a field that is repeated, in characters.
-const MOST_VALUE: usize = 256;
+const MAX_VALUE: usize = 256;
 
-/// Why a message cannot be used. The statuses are those that an upload of the same record would be answered with.
+/// Why a message cannot be used. The statuses are those that an upload of the same record would be answered
+/// with.
 #[derive(Debug, Clone)]
 pub(super) struct Refusal(Box<Details>);
 
@@ -65,7 +67,7 @@ impl Refusal {
 
     /// A field whose value cannot be used.
     pub(super) fn field(status: u16, field: &str, value: &str, expected: &str) -> Self {
-        let value: String = value.chars().take(MOST_VALUE).collect();
+        let value: String = value.chars().take(MAX_VALUE).collect();
         let mut refusal = Self::new(status, format!("{field} is {value}, expected {expected}"));
         refusal.0.field = Some(field.to_owned());
         refusal.0.value = Some(value);

@@ -15,8 +15,8 @@ use crate::service::keys::analysis_keys;
 use crate::service::simulations::{KeyedEstimator, Simulations};
 use crate::store::{AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey};
 
-/// Stored records after a late one that are folded again at once. Where there are more, the late record gets its estimate, and those
-/// after it are folded in the background.
+/// Stored records after a late one that are folded again at once. Where there are more, the late record gets
+/// its estimate, and those after it are folded in the background.
 const FOLDED_AT_ONCE: u64 = 512;
 
 /// A channel's new segments with what they become.
@@ -44,7 +44,8 @@ enum Fold {
 }
 
 impl Folding {
-    /// Folds the new segments of a channel as far as that is done at once; `current` is the estimator that is asked for now.
+    /// Folds the new segments of a channel as far as that is done at once; `current` is the estimator that is
+    /// asked for now.
     pub(crate) async fn append<'a>(
         &self,
         simulations: &Simulations,
@@ -219,7 +220,8 @@ impl Appended<'_> {
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
             Fold::From { after, folded, estimator } => {
-                // Of a channel that has just begun nobody else saw that its library's neighbours came meanwhile.
+                // Of a channel that has just begun nobody else saw that its library's neighbours came
+                // meanwhile.
                 let now = || simulations.estimator_now(&asset.spec);
                 let is_outdated = after == 0 && now().is_ok_and(|now| now.fold_key != estimator.fold_key);
                 slot.points.get_or_insert_default().replace(after, folded.points);

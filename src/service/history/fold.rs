@@ -1,7 +1,8 @@
 //! Folding a channel's records into its wear estimates and run means, in the order of time.
 //!
-//! The estimate of a record, and NA4 and NB4, are functions of what all records of its channel up to it in time say. States on the way are kept,
-//! so that a late record folds only what comes after it, and gets the same bits as if all had come in order.
+//! The estimate of a record, and NA4 and NB4, are functions of what all records of its channel up to it in
+//! time say. States on the way are kept, so that a late record folds only what comes after it, and gets the
+//! same bits as if all had come in order.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -22,7 +23,8 @@ const RECENT: usize = 16;
 #[derive(Debug, Clone)]
 pub(crate) struct FoldInput {
     pub(crate) key: SegmentKey,
-    /// Features for the wear estimate; empty where they were made in another way than those of the other records.
+    /// Features for the wear estimate; empty where they were made in another way than those of the other
+    /// records.
     pub(crate) features: Features,
     /// Indicators that the record gives by itself; empty likewise.
     pub(crate) indicators: Indicators,

@@ -18,8 +18,8 @@ pub(crate) struct Folding {
 }
 
 impl Folding {
-    /// Folds records, in the order of time, on from a state or from the start, before records that wait to be analysed: somebody holds the
-    /// channel's lock meanwhile.
+    /// Folds records, in the order of time, on from a state or from the start, before records that wait to be
+    /// analysed: somebody holds the channel's lock meanwhile.
     pub(crate) async fn fold_first(
         &self,
         keyed: &KeyedEstimator,
@@ -43,7 +43,8 @@ impl Folding {
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }
 
-    /// What happened between the records of a channel, none before its first one; kept in the slot, whose lock the caller holds.
+    /// What happened between the records of a channel, none before its first one; kept in the slot, whose
+    /// lock the caller holds.
     pub(crate) async fn timeline(
         &self,
         asset: &Asset,

@@ -1,4 +1,5 @@
-//! The history of each channel: its records folded in the order of time, late ones too, and folded again where what they depend on changed.
+//! The history of each channel: its records folded in the order of time, late ones too, and folded again
+//! where what they depend on changed.
 
 mod append;
 mod channels;
@@ -116,7 +117,8 @@ impl History {
         self.progress.note(done_elsewhere);
     }
 
-    /// Brings the histories of assets up to what is asked for now, one after the other, in the background; an API node notifies the workers.
+    /// Brings the histories of assets up to what is asked for now, one after the other, in the background; an
+    /// API node notifies the workers.
     pub(crate) fn recompute_in_background(self: &Arc<Self>, assets: Vec<AssetId>) {
         if let Role::ApiNode(queue) = &self.role {
             assets.iter().for_each(|asset| queue.notify_changed(asset));
@@ -160,7 +162,8 @@ impl History {
         tokio::time::sleep(RETRY_AFTER).await;
     }
 
-    /// Computes the histories again, in the background, of assets whose library's neighbours have come, each time some have.
+    /// Computes the histories again, in the background, of assets whose library's neighbours have come, each
+    /// time some have.
     pub(crate) fn recompute_when_complete(self: &Arc<Self>, mut completed: mpsc::UnboundedReceiver<String>) {
         // Not held: what waits here must not keep the service alive.
         let history = Arc::downgrade(self);

@@ -1,5 +1,6 @@
-//! Histories computed again in the background: after a change of the description, the library or the method, or where records came
-//! late. The old answers are served until the new ones are complete, and then all at once.
+//! Histories computed again in the background: after a change of the description, the library or the method,
+//! or where records came late. The old answers are served until the new ones are complete, and then all at
+//! once.
 
 use std::sync::Arc;
 
@@ -173,7 +174,8 @@ impl Recomputer {
         let mut history = Refolded::start(estimator);
         let timeline = self.timeline_now(description, channel).await?;
         while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await? >= FOLDED_AT_ONCE as usize {}
-        // From here on this process brings nothing new: what came meanwhile is little. What another one brings is folded in another turn.
+        // From here on this process brings nothing new: what came meanwhile is little. What another one
+        // brings is folded in another turn.
         let mut slot = slot.lock().await;
         let mut turns = 0;
         let (notices, now) = loop {
@@ -269,7 +271,8 @@ impl Recomputer {
         }
     }
 
-    /// Folds the records after what is folded so far, at most so many at once, and returns how many they were.
+    /// Folds the records after what is folded so far, at most so many at once, and returns how many they
+    /// were.
     async fn fold_piece(
         &self,
         estimator: &KeyedEstimator,

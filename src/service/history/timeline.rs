@@ -1,4 +1,5 @@
-//! What happens between the records of a channel: maintenance of its asset, and what operators do to its alarms.
+//! What happens between the records of a channel: maintenance of its asset, and what operators do to its
+//! alarms.
 
 use jiff::Timestamp;
 
@@ -50,7 +51,8 @@ impl Timeline {
         Self { all, has_alarms }
     }
 
-    /// What lies between a record of the time `before`, none before the first one, and one of the time `next`.
+    /// What lies between a record of the time `before`, none before the first one, and one of the time
+    /// `next`.
     pub(crate) fn between(&self, before: Option<Timestamp>, next: Timestamp) -> impl Iterator<Item = &TimelineEvent> {
         let first = before.map_or(0, |before| self.all.partition_point(|one| one.time() < before));
         let not_beyond = self.all[first..].iter().take_while(move |one| one.time() <= next);

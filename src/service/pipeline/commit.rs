@@ -1,4 +1,5 @@
-//! Storing segments: what many connections bring at once is folded and committed together, so that all share one wait for the disk.
+//! Storing segments: what many connections bring at once is folded and committed together, so that all share
+//! one wait for the disk.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -23,7 +24,8 @@ const MAX_TOGETHER: usize = 256;
 /// How often a transaction that another process stood in the way of is prepared again.
 const PREPARED_AGAIN: u32 = 10;
 
-/// How long storing may take on a store that other processes use, before it counts as away: a connection that was cut says nothing.
+/// How long storing may take on a store that other processes use, before it counts as away: a connection that
+/// was cut says nothing.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A segment as it is after storing.
@@ -33,7 +35,7 @@ pub(crate) struct CommittedSegment {
     /// It was there before.
     pub(crate) repeated: bool,
     /// Other assets shared the asset's sensor when it was stored; those described later find it stored.
-    pub(crate) has_listeners: bool,
+    pub(crate) shares_sensor: bool,
 }
 
 /// Segments of one asset that are to be stored, and who waits for it.
@@ -86,8 +88,8 @@ impl Committer {
         self.waiting.turn.lock().await
     }
 
-    /// Folds and stores segments of one asset, and announces them. The answer, in the order given, comes once everything is on the
-    /// disk.
+    /// Folds and stores segments of one asset, and announces them. The answer, in the order given, comes once
+    /// everything is on the disk.
     pub(crate) async fn commit(&self, asset: &AssetId, segments: Vec<NewSegment>) -> Result<Vec<CommittedSegment>, ServiceError> {
         let (answer, mut answered) = oneshot::channel();
         let queue = &self.waiting;
@@ -217,7 +219,7 @@ impl Committer {
                     answered.push(CommittedSegment {
                         segment: segment.clone(),
                         repeated: std::mem::replace(repeated, true),
-                        has_listeners: sharing.contains(asset),
+                        shares_sensor: sharing.contains(asset),
                     });
                 }
             }
@@ -255,7 +257,8 @@ impl Committer {
         Ok(stored)
     }
 
-    /// The assets of channels as they stay until the transaction's end, the other meshes of their sensors known to them; and which have any.
+    /// The assets of channels as they stay until the transaction's end, the other meshes of their sensors
+    /// known to them; and which have any.
     async fn assets_of(
         &self,
         commit: &mut Commit,

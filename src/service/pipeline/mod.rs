@@ -15,7 +15,8 @@
 //! | commit | `commit.rs` |
 //! | announce | `events.rs`, called by the commit once all is on the disk |
 //!
-//! On an API node the way ends with the work queue after the raw bytes are stored; a worker goes on from the analysis.
+//! On an API node the way ends with the work queue after the raw bytes are stored; a worker goes on from the
+//! analysis.
 
 mod commit;
 mod read_ahead;
@@ -82,7 +83,8 @@ pub struct Pipeline {
     pub(crate) tally: Arc<Tally>,
 }
 
-/// Records whose raw bytes are on the disk, those stored before apart: what is left is their commit, or the queue.
+/// Records whose raw bytes are on the disk, those stored before apart: what is left is their commit, or the
+/// queue.
 pub(crate) struct Batch {
     known: Vec<Segment>,
     rest: Rest,
@@ -111,10 +113,11 @@ enum RawBytes {
 }
 
 impl Pipeline {
-    /// Takes the bytes of one record (or of one recording of several channels), and answers once everything is on the disk; on an API node,
-    /// once the raw bytes are stored and the record is in the queue.
+    /// Takes the bytes of one record (or of one recording of several channels), and answers once everything
+    /// is on the disk; on an API node, once the raw bytes are stored and the record is in the queue.
     ///
-    /// Returns what became of each channel, in the order of the channels. A repeat is answered with what is stored.
+    /// Returns what became of each channel, in the order of the channels. A repeat is answered with what is
+    /// stored.
     pub async fn accept(
         self: &Arc<Self>,
         asset: &AssetId,
@@ -159,10 +162,12 @@ impl Pipeline {
         Ok(accepted)
     }
 
-    /// Takes a record of the queue, from the analysis on; none where its asset was removed. A repeat changes nothing.
+    /// Takes a record of the queue, from the analysis on; none where its asset was removed. A repeat changes
+    /// nothing.
     ///
-    /// Errors: those of the store, which may pass; [`ServiceError::Busy`] while the asset's library is simulated; a record whose raw bytes are
-    /// damaged, or are not the record that was enqueued, will never do.
+    /// Errors: those of the store, which may pass; [`ServiceError::Busy`] while the asset's library is
+    /// simulated; a record whose raw bytes are damaged, or are not the record that was enqueued, will never
+    /// do.
     pub async fn process(self: &Arc<Self>, record: &QueuedRecord, ticket: Ticket) -> Result<Option<Accepted>, ServiceError> {
         let (pipeline, record) = (Arc::clone(self), record.clone());
         let work = async move {
@@ -180,7 +185,7 @@ impl Pipeline {
         if group.asset.created_at != queued.asset_created_at {
             return Ok(None);
         }
-        let known = known_to_all(&self.store, std::slice::from_ref(queued), &group.listeners).await?;
+        let known = known_to_all(&self.store, std::slice::from_ref(queued), &group.members).await?;
         let rest = if known.is_empty() {
             self.simulations.wait_for_all(group.specs()).await?;
             let record = self.identify_queued(queued).await?;
@@ -200,7 +205,7 @@ impl Pipeline {
         mut raws: Vec<(String, Bytes)>,
         received_at: Timestamp,
     ) -> Result<Batch, ServiceError> {
-        let stored = known_to_all(&self.store, &records, &group.listeners).await?;
+        let stored = known_to_all(&self.store, &records, &group.members).await?;
         let stored: HashMap<&SegmentId, &Segment> = stored.iter().map(|segment| (&segment.id, segment)).collect();
         let known = records
             .iter()
@@ -250,8 +255,8 @@ impl Pipeline {
         })))
     }
 
-    /// The last steps: the commit with its fold and announcements, or the queue. What is answered is in the order of the records, those stored
-    /// before first.
+    /// The last steps: the commit with its fold and announcements, or the queue. What is answered is in the
+    /// order of the records, those stored before first.
     async fn finish(&self, batch: Batch) -> Result<Vec<Accepted>, ServiceError> {
         let mut accepted: Vec<Accepted> = batch
             .known
@@ -288,7 +293,7 @@ impl Pipeline {
         let asset = spec.id.clone();
         let committed = self.commit_segments(spec, &records, segments, received_at).await?;
         raw.are_committed();
-        if committed.iter().any(|committed| committed.has_listeners) {
+        if committed.iter().any(|committed| committed.shares_sensor) {
             self.analyse_for_group(&asset, &records, received_at).await?;
         }
         let accepted = |CommittedSegment { segment, repeated, .. }| match repeated {
@@ -318,21 +323,22 @@ impl Pipeline {
         }
     }
 
-    /// Analyses records of an asset for the others of its sensor. Those are asked for after the records are stored, so that an asset that is
-    /// described just now either is among them or finds the records there. The caller holds the records' [`UncommittedObjects`].
+    /// Analyses records of an asset for the others of its sensor. Those are asked for after the records are
+    /// stored, so that an asset that is described just now either is among them or finds the records there.
+    /// The caller holds the records' [`UncommittedObjects`].
     async fn analyse_for_group(&self, asset: &AssetId, records: &[IdentifiedRecord], received_at: Timestamp) -> Result<(), ServiceError> {
-        for listener in SensorGroup::of(&self.store, asset).await?.listeners {
-            let theirs = records.iter().map(|record| record.for_listener(&listener)).collect();
-            self.analyse_for_listener(listener, theirs, received_at).await?;
+        for member in SensorGroup::of(&self.store, asset).await?.members {
+            let theirs = records.iter().map(|record| record.for_member(&member)).collect();
+            self.analyse_for_member(member, theirs, received_at).await?;
         }
         Ok(())
     }
 
-    /// Stores what an asset that shares another one's sensor does not have yet; returns how many records that were. The caller holds their
-    /// [`UncommittedObjects`].
-    pub(crate) async fn analyse_for_listener(
+    /// Stores what an asset that shares another one's sensor does not have yet; returns how many records that
+    /// were. The caller holds their [`UncommittedObjects`].
+    pub(crate) async fn analyse_for_member(
         &self,
-        listener: AssetSpec,
+        member: AssetSpec,
         mut records: Vec<IdentifiedRecord>,
         received_at: Timestamp,
     ) -> Result<usize, ServiceError> {
@@ -341,10 +347,10 @@ impl Pipeline {
         if records.is_empty() {
             return Ok(0);
         }
-        self.simulations.estimator(&listener).await?;
+        self.simulations.estimator(&member).await?;
         let records = Arc::new(records);
-        let segments = analyse_all(&self.workers, &listener, &records, received_at).await?;
-        Ok(self.commit_segments(listener, &records, segments, received_at).await?.len())
+        let segments = analyse_all(&self.workers, &member, &records, received_at).await?;
+        Ok(self.commit_segments(member, &records, segments, received_at).await?.len())
     }
 
     /// What the queue takes of records.

@@ -29,8 +29,9 @@ pub(crate) struct ReadBatch {
 
 /// Records of one recording as they come from the thread that reads it.
 ///
-/// What is read and not yet stored keeps within a bound: one more record is read only where there is room for one as large as the last, or
-/// where nothing is held at all, so that a record of any size gets through by itself.
+/// What is read and not yet stored keeps within a bound: one more record is read only where there is room for
+/// one as large as the last, or where nothing is held at all, so that a record of any size gets through by
+/// itself.
 pub(crate) struct RecordStream {
     receiver: mpsc::Receiver<(Result<Recorded, RecordingError>, OwnedSemaphorePermit)>,
     read: u64,
@@ -47,7 +48,8 @@ struct Room {
 }
 
 impl RecordStream {
-    /// Reads with the iterator that `open` makes on a thread of its own, at most `bytes` ahead of what is stored.
+    /// Reads with the iterator that `open` makes on a thread of its own, at most `bytes` ahead of what is
+    /// stored.
     pub(crate) fn spawn<I, F>(bytes: usize, open: F) -> Self
     where
         F: FnOnce() -> Result<I, RecordingError> + Send + 'static,
@@ -105,7 +107,8 @@ impl RecordStream {
         while !batch.records.is_empty() && batch.records.len() < BATCH_RECORDS && batch.bytes() < BATCH_BYTES {
             let next = match self.receiver.try_recv() {
                 Ok(ready) => Some(ready),
-                // The reader is faster than the fold; a short wait makes batches, and so transactions, larger.
+                // The reader is faster than the fold; a short wait makes batches, and so transactions,
+                // larger.
                 Err(_) if batch.records.len() < READ_AHEAD => tokio::select! {
                     biased;
                     next = self.receiver.recv() => next,
@@ -203,7 +206,8 @@ mod tests {
         (RecordStream::spawn(room, move || Ok(records)), read)
     }
 
-    /// Reads to the end, keeping the batch before as one that waits for the disk; the largest number of bytes that were held.
+    /// Reads to the end, keeping the batch before as one that waits for the disk; the largest number of bytes
+    /// that were held.
     async fn read_through(room: usize, sizes: Vec<usize>) -> (usize, Vec<usize>) {
         let (mut records, read) = stream(room, sizes);
         let (mut before, mut stored, mut most) = (ReadBatch::default(), 0, 0);

@@ -1,8 +1,6 @@
 //! Recordings of many records: read on a thread, and taken through the pipeline in batches.
 
-use std::fs::File;
-use std::io::BufReader;
-use std::path::Path;
+use std::io::{self, BufReader, Read};
 
 use bytes::Bytes;
 use rayon::prelude::*;
@@ -12,7 +10,7 @@ use super::read_ahead::{ReadBatch, RecordStream};
 use super::summary::BatchSummary;
 use super::{Accepted, Batch, Pipeline};
 use crate::asset::AssetId;
-use crate::recording::{McapReader, RecordingError};
+use crate::recording::McapReader;
 use crate::service::error::ServiceError;
 use crate::service::record::{defaults_of, identify_recorded};
 use crate::service::sensor_group::SensorGroup;
@@ -27,18 +25,21 @@ pub(crate) struct RecordedBatch {
 }
 
 impl Pipeline {
-    /// Takes every record of an MCAP file, and answers once everything is on the disk.
+    /// Takes every record of an MCAP recording, read from where `open` says, and answers once everything is
+    /// on the disk.
     ///
-    /// A record that cannot be used is listed in the answer and the others are taken; an error is returned only where not one
-    /// could be read, or where the service itself failed.
-    pub async fn accept_recording(&self, asset: &AssetId, path: &Path) -> Result<BatchSummary, ServiceError> {
+    /// A record that cannot be used is listed in the answer and the others are taken; an error is returned
+    /// only where not one could be read, or where the service itself failed.
+    pub async fn accept_recording<R: Read + Send + 'static>(
+        &self,
+        asset: &AssetId,
+        open: impl FnOnce() -> io::Result<R> + Send + 'static,
+    ) -> Result<BatchSummary, ServiceError> {
         let _turn = self.workers.admit_recording()?;
         let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
         let defaults = defaults_of(&spec, self.clock.now());
-        let path = path.to_path_buf();
         let mut records = RecordStream::spawn(self.workers.recording_bytes(), move || {
-            let file = File::open(&path).map_err(RecordingError::from)?;
-            Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, file), defaults))
+            Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults))
         });
         let mut summary = BatchSummary::default();
         let mut before: Option<RecordedBatch> = None;
@@ -76,7 +77,8 @@ impl Pipeline {
         }
     }
 
-    /// All steps up to the commit for a batch of records of one recording; those that cannot be used are listed in its summary.
+    /// All steps up to the commit for a batch of records of one recording; those that cannot be used are
+    /// listed in its summary.
     pub(crate) async fn begin_batch(&self, asset: &AssetId, read: ReadBatch) -> Result<RecordedBatch, ServiceError> {
         let ReadBatch { records, room } = read;
         let group = SensorGroup::of(&self.store, asset).await?;
@@ -109,7 +111,8 @@ impl Pipeline {
         })
     }
 
-    /// Commits a batch, where there is one, in one transaction and adds what became of its records to `summary`.
+    /// Commits a batch, where there is one, in one transaction and adds what became of its records to
+    /// `summary`.
     pub(crate) async fn finish_batch(&self, begun: Option<RecordedBatch>, summary: &mut BatchSummary) -> Result<(), ServiceError> {
         let Some(RecordedBatch {
             batch,

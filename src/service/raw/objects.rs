@@ -1,8 +1,10 @@
 //! Raw objects, and those that nothing refers to.
 //!
-//! Between the storing of raw bytes and the commit of the rows that refer to them an object looks like one that nothing needs. In this process
-//! a lock tells them apart. Another process of the store may be in between as well, or a record may wait in the queue: every storing writes the
-//! object anew, so its age says since when nobody has brought it, and one that nothing refers to goes once it is older than anything waits.
+//! Between the storing of raw bytes and the commit of the rows that refer to them an object looks like one
+//! that nothing needs. In this process a lock tells them apart. Another process of the store may be in
+//! between as well, or a record may wait in the queue: every storing writes the object anew, so its age says
+//! since when nobody has brought it, and one that nothing refers to goes once it is older than anything
+//! waits.
 
 use std::sync::Arc;
 
@@ -21,13 +23,13 @@ pub(crate) struct RawObjects {
     store: Store,
     workers: Arc<Workers>,
     clock: Arc<dyn Clock>,
-    /// Held for reading from before raw bytes are stored until their rows are committed; for writing while objects that nothing refers to are
-    /// removed.
+    /// Held for reading from before raw bytes are stored until their rows are committed; for writing while
+    /// objects that nothing refers to are removed.
     uncommitted: Arc<RwLock<()>>,
 }
 
-/// Raw objects whose rows are still to be committed. Where that does not happen, those that nothing refers to are removed when this is dropped:
-/// they count to no quota.
+/// Raw objects whose rows are still to be committed. Where that does not happen, those that nothing refers to
+/// are removed when this is dropped: they count to no quota.
 pub(crate) struct UncommittedObjects {
     objects: Arc<RawObjects>,
     names: Vec<String>,
@@ -50,7 +52,8 @@ impl RawObjects {
         Ok(blocking("store raw bytes", move || store.objects().put_all(&raws)).await??)
     }
 
-    /// Keeps objects of these names, to be stored now or there already, from being removed until this is dropped.
+    /// Keeps objects of these names, to be stored now or there already, from being removed until this is
+    /// dropped.
     pub(crate) async fn uncommitted(self: &Arc<Self>, mut names: Vec<String>) -> UncommittedObjects {
         // Where other processes store as well, the upkeep removes what one of them has lost.
         if self.store.is_shared() {
@@ -63,13 +66,14 @@ impl RawObjects {
         }
     }
 
-    /// Waits until nobody is between storing raw bytes and committing their rows, and keeps everybody from beginning.
+    /// Waits until nobody is between storing raw bytes and committing their rows, and keeps everybody from
+    /// beginning.
     pub(crate) async fn exclusive(&self) -> OwnedRwLockWriteGuard<()> {
         Arc::clone(&self.uncommitted).write_owned().await
     }
 
-    /// Removes all objects that nothing refers to: what a process that was killed had stored without its results. Returns how many there were,
-    /// and their bytes.
+    /// Removes all objects that nothing refers to: what a process that was killed had stored without its
+    /// results. Returns how many there were, and their bytes.
     pub(crate) async fn remove_orphans(&self) -> Result<(u64, u64), ServiceError> {
         let (mut count, mut bytes) = (0, 0);
         for shard in 0..=u8::MAX {
@@ -96,8 +100,8 @@ impl RawObjects {
         Ok((count, bytes))
     }
 
-    /// Removes objects that nothing refers to; where other processes store as well, only those that none of them can have brought lately. The
-    /// caller has the [`exclusive`](Self::exclusive) lock.
+    /// Removes objects that nothing refers to; where other processes store as well, only those that none of
+    /// them can have brought lately. The caller has the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn remove(&self, names: Vec<String>) -> Result<(), ServiceError> {
         let (store, clock) = (self.store.clone(), Arc::clone(&self.clock));
         let remove = move || {
@@ -123,7 +127,8 @@ impl RawObjects {
     }
 }
 
-/// Whether an object of this time may go where nothing refers to it. What was answered and waits for its results is younger.
+/// Whether an object of this time may go where nothing refers to it. What was answered and waits for its
+/// results is younger.
 fn is_old_enough(store: &Store, clock: &dyn Clock, written_at: Timestamp) -> bool {
     let age = store.orphan_age();
     age.is_none_or(|age| age.is_zero() || clock.now().duration_since(written_at) >= age)

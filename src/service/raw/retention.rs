@@ -1,7 +1,7 @@
 //! Raw recordings within their quotas.
 //!
-//! What is derived from a record stays when its raw bytes are given up; they are given up only after it is stored, since an object is counted in
-//! the transaction that stores the results of its record.
+//! What is derived from a record stays when its raw bytes are given up; they are given up only after it is
+//! stored, since an object is counted in the transaction that stores the results of its record.
 
 use std::sync::Arc;
 

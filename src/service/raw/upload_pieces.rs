@@ -29,7 +29,7 @@ impl UploadPieces {
     }
 
     /// Removes pieces of uploads that are gone: what a process brought that did not see that.
-    pub(crate) async fn remove_forgotten(&self) -> Result<(), ServiceError> {
+    pub async fn remove_forgotten(&self) -> Result<(), ServiceError> {
         let store = self.store.clone();
         let list = move || store.objects().uploads();
         let uploads = self.workers.run("list uploads", list).await??;

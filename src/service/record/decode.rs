@@ -27,7 +27,8 @@ pub struct UploadMetadata {
     pub start_time: Option<Timestamp>,
     /// The channel's name, for a recording of one channel.
     pub channel: Option<String>,
-    /// The channels' names in their order, for a recording of several; empty where it says itself or does not matter.
+    /// The channels' names in their order, for a recording of several; empty where it says itself or does not
+    /// matter.
     pub channel_names: Vec<String>,
     /// Unit of the samples.
     pub unit: Option<String>,
@@ -48,7 +49,8 @@ impl RecordFormat {
         }
     }
 
-    /// The format of a media type: without parameters, or one of bare samples as [`media_type`](Self::media_type) wrote it.
+    /// The format of a media type: without parameters, or one of bare samples as
+    /// [`media_type`](Self::media_type) wrote it.
     pub fn from_media_type(media_type: &str) -> Option<Self> {
         match media_type {
             "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => Some(Self::Wav),

@@ -1,4 +1,5 @@
-//! The identity of a record: the hash of its asset, channel, time and raw bytes. The same record again is found by it.
+//! The identity of a record: the hash of its asset, channel, time and raw bytes. The same record again is
+//! found by it.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -49,9 +50,9 @@ impl IdentifiedRecord {
     }
 
     /// The same record for another asset of its sensor; a depth that is known is not that of its mesh.
-    pub(crate) fn for_listener(&self, listener: &AssetSpec) -> Self {
+    pub(crate) fn for_member(&self, member: &AssetSpec) -> Self {
         Self {
-            id: self.id_for(&listener.id),
+            id: self.id_for(&member.id),
             record: Arc::clone(&self.record),
             raw: self.raw.clone(),
             reference_wear_um: None,
@@ -161,16 +162,13 @@ pub(crate) fn identify_recorded(asset: &AssetId, record: Result<Recorded, Record
     }
 }
 
-/// The segments of records that are stored for their asset already, and for all other assets of its sensor too.
-pub(crate) async fn known_to_all(
-    store: &Store,
-    records: &[impl Identified],
-    listeners: &[AssetSpec],
-) -> Result<Vec<Segment>, ServiceError> {
+/// The segments of records that are stored for their asset already, and for all other assets of its sensor
+/// too.
+pub(crate) async fn known_to_all(store: &Store, records: &[impl Identified], members: &[AssetSpec]) -> Result<Vec<Segment>, ServiceError> {
     let ids: Vec<SegmentId> = records.iter().map(|record| record.id().clone()).collect();
     let mut known = store.segments_by_id(&ids).await?;
-    for listener in listeners {
-        let theirs: Vec<SegmentId> = records.iter().map(|record| record.id_for(&listener.id)).collect();
+    for member in members {
+        let theirs: Vec<SegmentId> = records.iter().map(|record| record.id_for(&member.id)).collect();
         let found = store.segments_by_id(&theirs).await?;
         let found: HashSet<&SegmentId> = found.iter().map(|segment| &segment.id).collect();
         let missing: HashSet<&SegmentId> = theirs

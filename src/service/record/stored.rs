@@ -101,7 +101,8 @@ impl StoredRecords {
         self.workers.run("read a record", move || stored.decode(&bytes)).await?
     }
 
-    /// What `analyse` makes of a segment's record and of what is known of its mesh; `task` names it if it is lost.
+    /// What `analyse` makes of a segment's record and of what is known of its mesh; `task` names it if it is
+    /// lost.
     pub async fn analyse_stored<T: Send + 'static>(
         &self,
         segment: &Segment,
@@ -133,7 +134,8 @@ impl StoredRecords {
         self.workers.run_analysis("compute a spectrum", samples, analyse).await
     }
 
-    /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found in the record.
+    /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found
+    /// in the record.
     pub async fn envelope(&self, segment: &Segment, choice: BandChoice) -> Result<SegmentEnvelope, ServiceError> {
         let spec = described(&self.store, &segment.asset_id).await?.spec;
         let record = self.recall(segment).await?;

@@ -63,7 +63,8 @@ impl Replays {
 
     /// Starts a replay.
     ///
-    /// Errors: no such asset, a file outside the replay folder, too many recordings being read; an API node has no replay folder.
+    /// Errors: no such asset, a file outside the replay folder, too many recordings being read; an API node
+    /// has no replay folder.
     pub async fn start(&self, request: ReplayRequest) -> Result<Arc<Replay>, ServiceError> {
         if self.role.is_api_node() {
             return Err(ServiceError::ReplayFile {
@@ -77,7 +78,8 @@ impl Replays {
         Ok(self.run_in_background(number, replay, found))
     }
 
-    /// Goes on with the replays that were running when the process before ended, and remembers those that were over.
+    /// Goes on with the replays that were running when the process before ended, and remembers those that
+    /// were over.
     pub(crate) async fn resume(&self) -> Result<(), ServiceError> {
         for (number, mut replay) in self.list.load().await? {
             tracing::info!(replay = number, file = replay.file, done = replay.records_done, "resuming a replay");

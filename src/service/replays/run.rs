@@ -128,7 +128,8 @@ async fn paced(records: &mut RecordStream, times: f64, began: tokio::time::Insta
     batch
 }
 
-/// Notes what became of a replay's records so far: `elapsed` is how long those beyond the first `seconds_before` took.
+/// Notes what became of a replay's records so far: `elapsed` is how long those beyond the first
+/// `seconds_before` took.
 fn note(replay: &mut Replay, summary: &BatchSummary, seconds_before: f64, elapsed: Duration) {
     replay.records_done = summary.records;
     replay.stored = summary.stored;

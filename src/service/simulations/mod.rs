@@ -82,7 +82,8 @@ pub struct Simulations {
 }
 
 impl Simulations {
-    /// Each id that `complete` is told is of a library whose neighbours have come: what was folded without them is to be folded again.
+    /// Each id that `complete` is told is of a library whose neighbours have come: what was folded without
+    /// them is to be folded again.
     pub(crate) fn new(
         source: LibrarySource,
         grid: GridSettings,
@@ -135,10 +136,11 @@ impl Simulations {
         let (source, grid, building) = (self.source.clone(), self.grid.clone(), Arc::clone(&self.building));
         let (neighbours, ensembles, complete) = (self.neighbours, Arc::clone(&self.ensembles), self.complete.clone());
         let built_id = id.clone();
-        // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the end of the process.
+        // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the
+        // end of the process.
         let build = move || {
             let _turn = building.lock().unwrap_or_else(PoisonError::into_inner);
-            tracing::info!(library = %built_id, "library asked for");
+            tracing::info!(library = %built_id, "building or loading the library");
             let progress = |done, total| {
                 sender.send_replace(Readiness::Building { done, total });
             };
@@ -146,7 +148,7 @@ impl Simulations {
             let library = match built {
                 Ok(library) => library,
                 Err(error) => {
-                    tracing::error!(library = %built_id, %error, "library failed");
+                    tracing::error!(library = %built_id, %error, "failed to build the library");
                     sender.send_replace(Readiness::Failed(error.to_string()));
                     return;
                 }
@@ -156,14 +158,15 @@ impl Simulations {
             if neighbours.libraries() == 1 {
                 return;
             }
-            // Records need not wait for the neighbours: when they are there, histories are folded again with them.
+            // Records need not wait for the neighbours: when they are there, histories are folded again with
+            // them.
             let ensemble = match source.ensemble(Arc::clone(&library), &neighbours) {
                 Ok(ensemble) => {
-                    tracing::info!(library = %built_id, members = ensemble.members().len(), "neighbours ready");
+                    tracing::info!(library = %built_id, members = ensemble.members().len(), "simulated the library's neighbours");
                     ensemble
                 }
                 Err(error) => {
-                    tracing::error!(library = %built_id, %error, "neighbours failed");
+                    tracing::error!(library = %built_id, %error, "failed to simulate the library's neighbours");
                     Ensemble::of(library)
                 }
             };
@@ -174,7 +177,7 @@ impl Simulations {
             let _ = complete.send(built_id);
         };
         if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(build) {
-            tracing::error!(%error, "no thread for a library");
+            tracing::error!(%error, "failed to start a thread for a library");
         }
         Some((id, receiver))
     }
@@ -228,7 +231,8 @@ impl Simulations {
         spec.gear.pair.as_ref().map(|pair| library_id(pair, &self.grid))
     }
 
-    /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded again with them.
+    /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded
+    /// again with them.
     pub(crate) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
         let Some(id) = self.id_for(spec) else { return false };
         let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);

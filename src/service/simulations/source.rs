@@ -1,4 +1,5 @@
-//! Where libraries come from: the folder of this process, else, where processes share a store, the one of them that built it, else a build.
+//! Where libraries come from: the folder of this process, else, where processes share a store, the one of
+//! them that built it, else a build.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -18,7 +19,8 @@ const ASKED_AGAIN: Duration = Duration::from_secs(2);
 /// How often a process that builds says so.
 const SAID_EVERY: Duration = Duration::from_secs(15);
 
-/// Libraries by the hash of their inputs. Every method blocks: to be called on a thread of its own, not on one of the runtime.
+/// Libraries by the hash of their inputs. Every method blocks: to be called on a thread of its own, not on
+/// one of the runtime.
 #[derive(Clone)]
 pub(crate) struct LibrarySource {
     shelf: Arc<LibraryShelf>,
@@ -36,8 +38,8 @@ struct Shared {
 }
 
 impl LibrarySource {
-    /// Of a folder, and of the store where processes share it; there a process that does not build leaves that to others. To be called
-    /// inside the runtime.
+    /// Of a folder, and of the store where processes share it; there a process that does not build leaves
+    /// that to others. To be called inside the runtime.
     pub(crate) fn new(shelf: Arc<LibraryShelf>, store: &Store, clock: &Arc<dyn Clock>, builds: bool) -> Self {
         let shared = store.is_shared().then(|| Shared {
             store: store.clone(),
@@ -122,7 +124,7 @@ impl Shared {
                 *said = Instant::now();
                 // Where this is not heard, another process builds the same: the same bits.
                 if let Err(error) = self.runtime.block_on(self.store.go_on_building(&id, self.clock.now())) {
-                    tracing::warn!(%error, "not said that a library is being built");
+                    tracing::warn!(%error, "failed to say that a library is being built");
                 }
             }
         };
@@ -143,7 +145,7 @@ impl Shared {
             Ok(library) if library.id() == id => Ok(Some(library)),
             Ok(_) => Ok(None),
             Err(error) => {
-                tracing::warn!(library = id, %error, "the shared library cannot be used; building it again");
+                tracing::warn!(library = id, %error, "failed to decode the shared library: building it again");
                 Ok(None)
             }
         }
@@ -157,7 +159,7 @@ impl Shared {
     }
 
     fn wait_for_store(&self, error: &StoreError) {
-        tracing::warn!(%error, "a library waits for the store");
+        tracing::warn!(%error, "failed to reach the store for a library: trying again");
         std::thread::sleep(ASKED_AGAIN);
     }
 }

@@ -1,4 +1,5 @@
-//! Dead letters: the refusals that are under way to the broker. A message is acknowledged only when the broker has its refusal.
+//! The refusals that are under way to the broker. A message is acknowledged only when the broker has its
+//! refusal.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -9,10 +10,10 @@ use rumqttc::v5::{AsyncClient, ClientError};
 
 use super::refusal::MEDIA_TYPE;
 
-/// Refusals that the broker does not have yet. The client library names a packet only when it is sent, in the order in which packets were
-/// given to it.
+/// Refusals that the broker does not have yet. The client library names a packet only when it is sent, in the
+/// order in which packets were given to it.
 #[derive(Default)]
-pub(super) struct Letters(Mutex<UnderWay>);
+pub(super) struct PendingRefusals(Mutex<UnderWay>);
 
 #[derive(Default)]
 struct UnderWay {
@@ -21,7 +22,7 @@ struct UnderWay {
     sent: HashMap<u16, Publish>,
 }
 
-impl Letters {
+impl PendingRefusals {
     /// Gives a refusal to the client; its order is that of the calls.
     ///
     /// Error: the connection is gone, and the broker will send the message again.
@@ -51,7 +52,8 @@ impl Letters {
         }
     }
 
-    /// The broker answered: the message that can be acknowledged now, and why the broker did not take its refusal, if so.
+    /// The broker answered: the message that can be acknowledged now, and why the broker did not take its
+    /// refusal, if so.
     pub(super) fn answered(&self, answer: &PubAck) -> Option<(Publish, Option<PubAckReason>)> {
         let refused = self.under_way().sent.remove(&answer.pkid)?;
         let is_taken = matches!(answer.reason, PubAckReason::Success | PubAckReason::NoMatchingSubscribers);

@@ -1,6 +1,6 @@
-//! What a handler leaves of a request's body: a refusal may come before the body was read, and hyper closes a connection whose request was
-//! not read to its end. A client that keeps connections would send its next request into the closed one, and one that is still sending
-//! would not read why it was refused.
+//! The rest of a rejected body is drained in the background, so the connection can be reused: hyper closes a
+//! connection whose request was not read to its end. A client that keeps connections would send its next
+//! request into the closed one, and one that is still sending would not read why it was refused.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -16,11 +16,11 @@ use axum::response::Response;
 use bytes::{Buf, Bytes};
 use hyper::body::{Frame, SizeHint};
 
-/// Most bytes of what is left that are taken in, and for how long; beyond, the connection is closed.
-const MOST_TAKEN_IN: usize = 64 << 20;
-const LONGEST: Duration = Duration::from_secs(5);
+/// Bytes that are drained at most, and for how long; beyond, the connection is closed.
+const MAX_DRAINED: usize = 64 << 20;
+const MAX_TIME: Duration = Duration::from_secs(5);
 
-/// A request's body, whose rest is taken in beside the answer when it is dropped before its end.
+/// A request's body, whose rest is drained when it is dropped before its end.
 struct WholeBody {
     body: Body,
     is_begun: Arc<AtomicBool>,
@@ -54,13 +54,13 @@ impl Drop for WholeBody {
         }
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             let rest = std::mem::take(&mut self.body);
-            runtime.spawn(tokio::time::timeout(LONGEST, take_in(rest)));
+            runtime.spawn(tokio::time::timeout(MAX_TIME, drain(rest)));
         }
     }
 }
 
-async fn take_in(mut rest: Body) {
-    let mut most = MOST_TAKEN_IN;
+async fn drain(mut rest: Body) {
+    let mut most = MAX_DRAINED;
     while most > 0
         && let Some(Ok(frame)) = std::future::poll_fn(|context| Pin::new(&mut rest).poll_frame(context)).await
     {
@@ -68,7 +68,8 @@ async fn take_in(mut rest: Body) {
     }
 }
 
-/// Takes in what handlers and refusals leave of a body. Where the client was not told to send it, the answer says that the connection ends.
+/// Drains what handlers leave of a body. Where the client was not told to send it, the answer says that the
+/// connection ends.
 pub(super) async fn layer(request: Request, next: Next) -> Response {
     if request.body().is_end_stream() {
         return next.run(request).await;

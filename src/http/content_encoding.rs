@@ -1,4 +1,5 @@
-//! Content codings of bodies: gzip and zstd, taken apart in small steps so that what comes out can be counted.
+//! Content encodings of bodies: gzip and zstd, taken apart in small steps so that what comes out can be
+//! counted.
 
 use std::io::{self, Write};
 
@@ -9,13 +10,14 @@ use zstd::stream::raw::{Decoder as ZstdDecoder, Operation};
 use super::problem::Problem;
 
 /// Bytes taken at once: at the greatest ratio that the codings have (zstd: 32000) tens of megabytes come out.
-const STEP: usize = 1024;
+pub(super) const STEP: usize = 1024;
 
-/// Logarithm of the largest window that a zstd body may ask memory for: 8 MiB, what every decoder has to take.
-const MOST_WINDOW_LOG: u32 = 23;
+/// Logarithm of the largest window that a zstd body may ask memory for: 8 MiB, what every decoder has to
+/// take.
+const MAX_WINDOW_LOG: u32 = 23;
 
 /// How a body is coded.
-pub(super) enum Coding {
+pub(super) enum ContentEncoding {
     /// Not at all.
     Identity,
     /// gzip.
@@ -24,7 +26,7 @@ pub(super) enum Coding {
     Zstd(Box<ZstdDecoder<'static>>, bool),
 }
 
-impl Coding {
+impl ContentEncoding {
     /// What the header fields say.
     pub(super) fn of(headers: &HeaderMap) -> Result<Self, Problem> {
         let Some(coding) = headers.get(header::CONTENT_ENCODING) else {
@@ -36,7 +38,7 @@ impl Coding {
             Ok("zstd") => {
                 let mut decoder = ZstdDecoder::new().map_err(broken)?;
                 decoder
-                    .set_parameter(zstd::stream::raw::DParameter::WindowLogMax(MOST_WINDOW_LOG))
+                    .set_parameter(zstd::stream::raw::DParameter::WindowLogMax(MAX_WINDOW_LOG))
                     .map_err(broken)?;
                 Ok(Self::Zstd(Box::new(decoder), true))
             }
@@ -47,17 +49,12 @@ impl Coding {
         }
     }
 
-    /// Whether the announced length is that of the content.
+    /// Whether there is none.
     pub(super) fn is_identity(&self) -> bool {
         matches!(self, Self::Identity)
     }
 
-    /// The steps in which a piece is to be given to [`decode`](Self::decode).
-    pub(super) fn steps<'a>(&self, piece: &'a [u8]) -> std::slice::Chunks<'a, u8> {
-        piece.chunks(if self.is_identity() { piece.len().max(1) } else { STEP })
-    }
-
-    /// What comes out of one step.
+    /// What comes out of one step, at most [`STEP`] bytes unless there is no encoding.
     pub(super) fn decode(&mut self, step: &[u8], out: &mut Vec<u8>) -> Result<(), Problem> {
         match self {
             Self::Identity => out.extend_from_slice(step),
@@ -115,9 +112,9 @@ mod tests {
     fn decode(coding: &'static str, bytes: &[u8]) -> Result<Vec<u8>, Problem> {
         let mut headers = HeaderMap::new();
         headers.insert(header::CONTENT_ENCODING, HeaderValue::from_static(coding));
-        let mut coding = Coding::of(&headers)?;
+        let mut coding = ContentEncoding::of(&headers)?;
         let mut out = Vec::new();
-        for step in coding.steps(bytes) {
+        for step in bytes.chunks(STEP) {
             coding.decode(step, &mut out)?;
         }
         coding.finish(&mut out)?;
@@ -133,7 +130,7 @@ mod tests {
     #[test]
     fn what_was_coded_comes_out_and_what_is_cut_off_is_refused() {
         let mut bytes: Vec<u8> = (0..300_000_u32).flat_map(|n| n.wrapping_mul(n).to_le_bytes()).collect();
-        bytes.extend([0; 500_000]);
+        bytes.resize(bytes.len() + 500_000, 0);
         for (coding, coded) in [("gzip", gzip(&bytes)), ("zstd", zstd::bulk::compress(&bytes, 3).unwrap())] {
             assert!(decode(coding, &coded).unwrap() == bytes, "{coding}");
             assert!(decode(coding, &coded[..coded.len() - 5]).is_err(), "{coding} cut off");

@@ -10,8 +10,8 @@ use sha2::{Digest, Sha256};
 use super::problem::Problem;
 use crate::store::{Asset, ChannelSummary};
 
-/// The mark of these bytes.
-pub(super) fn mark(parts: &[&[u8]]) -> HeaderValue {
+/// The entity tag of these bytes.
+pub(super) fn of_bytes(parts: &[&[u8]]) -> HeaderValue {
     let mut hash = Sha256::new();
     for part in parts {
         hash.update((part.len() as u64).to_le_bytes());
@@ -21,15 +21,16 @@ pub(super) fn mark(parts: &[&[u8]]) -> HeaderValue {
     HeaderValue::from_str(&format!("\"{text}\"")).unwrap_or_else(|_| HeaderValue::from_static("\"0\""))
 }
 
-/// The mark of an answer that follows from a channel's records, its asset's description and the address.
-pub(super) fn mark_of_channel(asset: &Asset, channel: Option<&ChannelSummary>, uri: &Uri, headers: &HeaderMap) -> HeaderValue {
+/// The entity tag of an answer that follows from a channel's records, its asset's description and the
+/// address.
+pub(super) fn of_channel(asset: &Asset, channel: Option<&ChannelSummary>, uri: &Uri, headers: &HeaderMap) -> HeaderValue {
     let number = |number: i64| number.to_le_bytes();
     let (channel_no, revision) = channel.map_or((0, 0), ChannelSummary::version);
     let updated_at = asset.updated_at.as_nanosecond().to_le_bytes();
     let address = uri.path_and_query().map_or("", |address| address.as_str());
     let accept = headers.get(header::ACCEPT).map_or(&b""[..], HeaderValue::as_bytes);
     let version = env!("CARGO_PKG_VERSION").as_bytes();
-    mark(&[
+    of_bytes(&[
         version,
         &number(channel_no),
         &number(revision),
@@ -39,23 +40,24 @@ pub(super) fn mark_of_channel(asset: &Asset, channel: Option<&ChannelSummary>, u
     ])
 }
 
-/// Whether the client has what has this mark.
-pub(super) fn is_known(headers: &HeaderMap, mark: &HeaderValue) -> bool {
-    let (Some(known), Ok(mark)) = (headers.get(header::IF_NONE_MATCH), mark.to_str()) else {
+/// Whether the client has what has this tag.
+pub(super) fn is_known(headers: &HeaderMap, etag: &HeaderValue) -> bool {
+    let (Some(known), Ok(etag)) = (headers.get(header::IF_NONE_MATCH), etag.to_str()) else {
         return false;
     };
     let known = known.to_str().unwrap_or_default();
     known
         .split(',')
-        .any(|one| one.trim() == "*" || one.trim().trim_start_matches("W/") == mark.trim_start_matches("W/"))
+        .any(|one| one.trim() == "*" || one.trim().trim_start_matches("W/") == etag.trim_start_matches("W/"))
 }
 
 /// The answer to one who has it already.
-pub(super) fn not_modified(mark: HeaderValue) -> Response {
-    (StatusCode::NOT_MODIFIED, [(header::ETAG, mark)]).into_response()
+pub(super) fn not_modified(etag: HeaderValue) -> Response {
+    (StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response()
 }
 
-/// Marks JSON answers that their handler has not marked by the hash of their bytes, and leaves out those that the client has.
+/// Tags JSON answers that their handler has not tagged with the hash of their bytes, and omits those that the
+/// client has.
 pub(super) async fn layer(request: Request, next: Next) -> Response {
     let is_get = request.method() == Method::GET;
     let asked = request.headers().get(header::IF_NONE_MATCH).cloned();
@@ -77,13 +79,13 @@ pub(super) async fn layer(request: Request, next: Next) -> Response {
     let Ok(bytes) = to_bytes(body, usize::MAX).await else {
         return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the answer broke off").into_response();
     };
-    let mark = mark(&[&bytes]);
+    let etag = of_bytes(&[&bytes]);
     let mut headers = HeaderMap::new();
     headers.extend(asked.map(|asked| (header::IF_NONE_MATCH, asked)));
-    if is_known(&headers, &mark) {
-        return not_modified(mark);
+    if is_known(&headers, &etag) {
+        return not_modified(etag);
     }
-    parts.headers.insert(header::ETAG, mark);
+    parts.headers.insert(header::ETAG, etag);
     Response::from_parts(parts, Body::from(bytes))
 }
 
@@ -92,17 +94,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_known_mark_is_recognised_weak_or_in_a_list() {
-        let mark = mark(&[b"abc"]);
+    fn a_known_tag_is_recognised_weak_or_in_a_list() {
+        let etag = of_bytes(&[b"abc"]);
         let mut headers = HeaderMap::new();
-        assert!(!is_known(&headers, &mark));
+        assert!(!is_known(&headers, &etag));
         for (known, expected) in [
-            (format!("\"x\", W/{}", mark.to_str().unwrap()), true),
+            (format!("\"x\", W/{}", etag.to_str().unwrap()), true),
             ("*".to_string(), true),
             ("\"x\"".to_string(), false),
         ] {
             headers.insert(header::IF_NONE_MATCH, HeaderValue::from_str(&known).unwrap());
-            assert_eq!(is_known(&headers, &mark), expected, "{known}");
+            assert_eq!(is_known(&headers, &etag), expected, "{known}");
         }
     }
 }

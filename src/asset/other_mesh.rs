@@ -7,13 +7,13 @@ use super::{AssetError, AssetSpec};
 use crate::signal::{OtherMesh, OtherMeshes};
 
 /// The most other meshes in a description.
-const MOST_OTHERS: usize = 7;
+const MAX_OTHERS: usize = 7;
 
 /// The most meshes that are monitored through one sensor.
-pub const MOST_ON_ONE_SENSOR: usize = 8;
+pub const MAX_ON_ONE_SENSOR: usize = 8;
 
 /// The greatest number of teeth, multiplied along the way from one shaft to the other.
-const MOST_TEETH: u32 = 1_000_000;
+const MAX_TEETH: u32 = 1_000_000;
 
 /// Another mesh that the sensor hears and no asset watches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -82,7 +82,7 @@ fn turns(ratio: Option<[u32; 2]>) -> f64 {
 }
 
 fn is_ratio(ratio: Option<[u32; 2]>) -> bool {
-    ratio.is_none_or(|numbers| numbers.iter().all(|number| (1..=MOST_TEETH).contains(number)))
+    ratio.is_none_or(|numbers| numbers.iter().all(|number| (1..=MAX_TEETH).contains(number)))
 }
 
 pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
@@ -94,7 +94,7 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
             "two numbers from 1 to 1000000: the teeth that drive, multiplied along the way, and those that are driven",
         ));
     }
-    if gear.other_meshes.len() > MOST_OTHERS {
+    if gear.other_meshes.len() > MAX_OTHERS {
         return Err(field(
             "gear.other_meshes",
             format!("a list of {}", gear.other_meshes.len()),
