@@ -1,10 +1,52 @@
 //! The physics of one spur gear pair with worn flanks, after Shen et al. 2022: worn geometry, the new mesh relationship,
 //! mesh stiffness, unloaded static transmission error, and the 4-DOF dynamics that turn them into vibration.
 //!
-//! Gear 1 drives; X₁ is the tooth's centre line; φ₁ is the angle of X₁ above the line of centres. Knows nothing of signals.
+//! Four types carry it, each made from the one before:
 //!
-//! The way through: a [`PairSpec`] (pair file) resolves to a [`GearPair`] (checked geometry); a [`FlankWear`] says what its flanks have
-//! lost; [`MeshCycle::compute`] works out one mesh period; [`simulate`] turns it into vibration.
+//! - [`PairSpec`]: a gear pair as its file describes it (TOML);
+//! - [`GearPair`]: the same with every number checked and the geometry worked out;
+//! - [`FlankWear`]: what the flanks of both gears have lost, in mm along them;
+//! - [`MeshCycle`]: stiffness in N/m and transmission error in rad over one mesh period.
+//!
+//! [`simulate`] turns a mesh cycle into vibration, in m/s².
+//!
+//! ```
+//! use flankwatch_gear::{FlankWear, MeshCycle, PairSpec, RunSettings, simulate};
+//!
+//! let spec = PairSpec::from_toml(
+//!     "
+//!     [geometry]
+//!     teeth = [24, 26]              # driving, driven
+//!     module_mm = 6.0
+//!     face_width_mm = 50.0
+//!     bore_radius_mm = [20.0, 20.0]
+//!     centre_distance_mm = 150.0
+//!
+//!     [operation]
+//!     torque_nm = 1300.0
+//!     shaft_speed_hz = 16.64
+//! ",
+//! )?;
+//! let pair = spec.resolve()?;
+//!
+//! // Worn by 0.1 mm at the deepest place, in the shape that the pair file describes.
+//! let worn = FlankWear::from_shape(&pair, 0.1)?;
+//! let unworn = MeshCycle::compute(&pair, &FlankWear::none(), 200)?;
+//! let cycle = MeshCycle::compute(&pair, &worn, 200)?;
+//! assert!(cycle.mean_stiffness_n_per_m() < unworn.mean_stiffness_n_per_m());
+//!
+//! // A tenth of a second at 20 kHz.
+//! let acceleration = simulate(&pair, &cycle, &RunSettings::nominal(&pair, 20_000.0, 0.1))?;
+//! assert_eq!(acceleration.len(), 2000);
+//! # Ok::<(), flankwatch_gear::GearError>(())
+//! ```
+//!
+//! Gear 1 drives; X₁ is the tooth's centre line; φ₁ is the angle of X₁ above the line of centres. The model follows Z. Shen, L. Yang, B. Qiao,
+//! W. Luo, X. Chen and R. Yan, *Mesh relationship modeling and dynamic characteristic analysis of external spur gears with gear wear*,
+//! Frontiers of Mechanical Engineering 17, 2022.
+//!
+//! # Features
+//! - `openapi`: `utoipa::ToSchema` for the pair file.
 
 #[cfg(test)]
 mod accuracy;

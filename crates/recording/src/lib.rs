@@ -1,7 +1,43 @@
-//! Bytes to records and back: WAV, MCAP, CSV, protobuf and JSON. The codecs do no I/O of their own; only [`RecordingFile`] opens a file.
+//! Bytes to records and back: WAV, MCAP, CSV, protobuf and JSON.
+//!
+//! - [`decode_wav`] and [`WavBlocks`], [`WavWriter`]: WAV whole, in stretches, and written;
+//! - [`McapReader`], [`McapWriter`]: MCAP with the messages of [`message`];
+//! - [`decode_block`], [`encode_block`]: one message in protobuf or JSON ([`BlockEncoding`]);
+//! - [`CsvFrames`] and [`WavFrames`], which a [`Cutter`] makes records of.
+//!
+//! [`RecordDefaults`] says what a recording leaves out.
+//!
+//! ```
+//! use std::io::Cursor;
+//!
+//! use flankwatch_recording::{McapOptions, McapReader, McapWriter, RecordDefaults, WavWriter, decode_wav};
+//!
+//! let mut wav = Cursor::new(Vec::new());
+//! let mut writer = WavWriter::new(&mut wav, 1, 8000.0)?;
+//! for sample in [0.5_f32, -0.5, 0.25] {
+//!     writer.write_frame(&[sample])?;
+//! }
+//! writer.finish()?;
+//!
+//! let defaults = RecordDefaults { unit: Some("g".to_owned()), ..RecordDefaults::default() };
+//! let record = decode_wav(wav.get_ref(), &defaults)?.remove(0);
+//! assert_eq!(record.samples(), [0.5, -0.5, 0.25]);
+//!
+//! let mut mcap = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default())?;
+//! mcap.write("/pump/1/waveform", &record)?;
+//! let bytes = mcap.finish()?;
+//! let read = McapReader::new(Cursor::new(bytes.into_inner())).next().expect("one record")?;
+//! assert_eq!(read.record.samples(), record.samples());
+//! assert_eq!(read.record.unit(), "g");
+//! # Ok::<(), flankwatch_recording::RecordingError>(())
+//! ```
 //!
 //! Nothing read here is trusted: a length is checked against the bytes that are there before memory is taken for it, and what cannot be used is refused
 //! with its place, its value and what was expected ([`RecordingError`]).
+//!
+//! # Features
+//! - `files`: `RecordingFile`, a recording of any format by its path; without it nothing here opens a file.
+//! - `openapi`: `utoipa::ToSchema` for the JSON form.
 
 mod block;
 mod csv;

@@ -60,8 +60,6 @@ pub struct Analyzer {
     pub(super) work: RecordSpectrum,
     pub(super) resampler: Resampler,
     pub(super) kurtogram: KurtogramWork,
-    /// Mesh lines of the last [`read`](Self::read).
-    pub(super) lines: Vec<MeshLine>,
 }
 
 impl Analyzer {
@@ -72,7 +70,6 @@ impl Analyzer {
             work: RecordSpectrum::default(),
             resampler: Resampler::default(),
             kurtogram: KurtogramWork::default(),
-            lines: Vec::new(),
         }
     }
 

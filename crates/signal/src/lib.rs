@@ -1,9 +1,43 @@
 //! Signal processing: a validated [`Record`] becomes spectra, [`Indicators`] and [`Features`].
 //!
-//! Knows nothing of gears beyond tooth numbers and shaft speed; simulated and measured records go through the same code.
-//! An [`Analyzer`] transforms a record once, without a window; the Hann spectrum, the mesh comb, all lines and the envelopes of bands
-//! come from those bins. Signals over the shaft's angle
-//! ([`AngleRecord`], [`GearSignals`]) cost a resampling more and are worked out on request.
+//! - [`Record`]: samples of one channel with their time, rate and unit, checked;
+//! - [`Analyzer`]: what a thread works with; it keeps plans and work space from record to record;
+//! - [`Indicators`]: numbers of the machine's condition by name, or the reason why one is absent;
+//! - [`Features`]: what an estimate of wear compares.
+//!
+//! ```
+//! use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
+//! use jiff::Timestamp;
+//!
+//! // A mesh of 24 teeth at 25 Hz, modulated once a turn.
+//! let samples = (0..40_000).map(|i| {
+//!     let turn = std::f64::consts::TAU * 25.0 * f64::from(i) / 20_000.0;
+//!     ((1.0 + 0.1 * turn.cos()) * (24.0 * turn).sin()) as f32
+//! });
+//! let record = Record::new("a1", Timestamp::UNIX_EPOCH, 20_000.0, "m/s2", samples.collect())?;
+//!
+//! let mesh = MeshContext {
+//!     teeth: 24,
+//!     nominal_shaft_speed_hz: 24.5,
+//!     tolerance: 0.05,
+//!     nominal_is_exact: false,
+//!     others: OtherMeshes::NONE,
+//! };
+//! let analysis = Analyzer::new(AnalysisSettings::default()).analyze(&record, &mesh);
+//! let speed = analysis.shaft_speed.expect("the mesh is in the record");
+//! assert!((speed.shaft_speed_hz - 25.0).abs() < 0.01);
+//! let rms = analysis.indicators.get("rms").expect("every record has one");
+//! assert!((rms - (0.5_f64 * 1.005).sqrt()).abs() < 1e-3);
+//! # Ok::<(), flankwatch_signal::RecordError>(())
+//! ```
+//!
+//! It knows nothing of gears beyond tooth numbers and shaft speed; simulated and measured records go through the same code.
+//! An analyzer transforms a record once, without a window; the Hann spectrum, the mesh comb, all lines and the envelopes of bands
+//! come from those bins. Signals over the shaft's angle ([`AngleRecord`], [`GearSignals`]) cost a resampling more and are worked out
+//! on request; [`Analyzer::condition`] gives the indicators over time and angle together.
+//!
+//! # Features
+//! - `openapi`: `utoipa::ToSchema` for what is computed.
 
 mod analyzer;
 mod angle_record;
@@ -33,7 +67,6 @@ mod order_tracking;
 mod other_meshes;
 mod pchip;
 mod phases;
-mod reading;
 mod record;
 mod record_spectrum;
 #[cfg(test)]
@@ -60,7 +93,6 @@ pub use indicators::{Absence, INDICATORS, Indicators};
 pub use kurtogram::{Kurtogram, KurtogramBand, KurtogramLevel};
 pub use mesh_lines::MeshLine;
 pub use other_meshes::{OtherMesh, OtherMeshes};
-pub use reading::Reading;
 pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError, Tachometer};
 pub use shaft_angle::{AngleSource, PulseError, ShaftAngle};
 pub use spectrum::Spectrum;

@@ -18,7 +18,7 @@ use crate::library::DEPTHS;
 /// Weight of a record's likelihood in what is carried on, a unit of growth since the record before: records that come more often say no more.
 /// The most is for the first record after a long interval.
 const CARRIED: f32 = 0.035;
-const MAX_CARRIED: f32 = 0.4;
+const MAX_CARRIED: f32 = 0.035;
 
 /// Weight of the newest record's likelihood in the answer.
 const ADDED: f32 = 0.08;

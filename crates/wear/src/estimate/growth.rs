@@ -18,7 +18,7 @@ pub(super) const PRIOR: [f32; RATES] = [0.5, 0.2, 0.15, 0.1, 0.05];
 const CHANGES: f64 = 0.03;
 
 /// Probability within a unit that wear is anywhere above where it was: records are missing, or a tooth was damaged.
-const JUMPS: f64 = 0.003;
+const JUMPS: f64 = 0.01;
 
 /// Longest interval in units at a rate that does not change.
 const MAX_PART: f64 = 5.0;

@@ -26,8 +26,8 @@ const ANCHOR_REACH_UM: f32 = 80.0;
 pub(super) struct Anchor {
     /// By member: the index of the depth that the inspection means.
     pub(super) depths: Vec<u8>,
-    /// Mean change of each line at that time; NaN where it is not known.
-    pub(super) changes: Vec<f32>,
+    /// Mean change of each line at that time.
+    pub(super) changes: Vec<Option<f32>>,
 }
 
 /// What the lines of a record are held against besides the baseline.
@@ -159,9 +159,11 @@ impl Discrepancy {
                 row.variance[depth] += (LOAD_DISCREPANCY * shift).powi(2);
             }
         }
-        if let Some(anchor) = reference.anchor {
+        if let Some(anchor) = reference.anchor
+            && let Some(seen) = anchor.changes[index]
+        {
             let at = usize::from(anchor.depths[member]);
-            let wrong = anchor.changes[index] - (changes[at] - from).max(floor);
+            let wrong = seen - (changes[at] - from).max(floor);
             if wrong.is_finite() {
                 for depth in 0..DEPTHS {
                     let alike = (-(row.depths_um[depth] - row.depths_um[at]).abs() / ANCHOR_REACH_UM).exp();

@@ -75,7 +75,7 @@ struct Tracking {
     reference: Option<Vec<u8>>,
     anchor: Option<Anchor>,
     /// Mean change of each line over the last records.
-    recent: Vec<f32>,
+    recent: Vec<Option<f32>>,
     disagreeing: u8,
     #[serde(default)]
     charts: Charts,
@@ -197,7 +197,7 @@ impl Tracker {
             reference: filter.as_ref().map(Filter::mean_depths),
             filter,
             anchor: None,
-            recent: vec![f32::NAN; MESH_LINES],
+            recent: vec![None; MESH_LINES],
             disagreeing: 0,
             charts: Charts::default(),
             prepared: Prepared::default(),
@@ -408,11 +408,7 @@ impl Tracker {
         for line in &measured.lines {
             let recent = &mut tracking.recent[line.index];
             let change = line.change as f32;
-            *recent = if recent.is_finite() {
-                *recent + NEWEST_PART * (change - *recent)
-            } else {
-                change
-            };
+            *recent = Some(recent.map_or(change, |mean| mean + NEWEST_PART * (change - mean)));
         }
         let filter = match tracking.filter.take() {
             Some(filter) if filter.fits(members) => filter,

@@ -1,0 +1,97 @@
+//! What one record costs beyond its indicators: the update of one asset's estimate, all members of the ensemble compared.
+//!
+//! `cargo bench --bench estimate`. The time is stated as such and as a part of reading the record's features, in the same run.
+
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use flankwatch_gear::PairSpec;
+use flankwatch_lab::evaluation::{Bank, BankPlan, RunShape, observe};
+use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
+use flankwatch_wear::estimate::{EstimatorSettings, Tracker};
+use flankwatch_wear::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, build};
+use jiff::{SignedDuration, Timestamp};
+
+const RECORDS: usize = 120;
+const REPEATS: usize = 7;
+
+fn main() {
+    let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).expect("the pair file is valid");
+    let library = build(&pair, &GridSettings::default(), &BuildControl::silent()).expect("the pair can be simulated");
+    let ensemble =
+        Ensemble::build(Arc::new(library), &EnsembleSettings::default(), &BuildControl::silent()).expect("the pair can be simulated");
+    let bank = Bank::build(BankPlan {
+        pair,
+        worn: 60,
+        healthy: 20,
+        seconds: 1.4,
+        sample_rate_hz: 20_000.0,
+        max_wear_um: 245.0,
+        speed_variation: 0.03,
+        torque_variation: 0.1,
+        weak_tooth: None,
+        seed: 1,
+    })
+    .expect("the pair can be simulated");
+    let shape = RunShape {
+        records: RECORDS,
+        drawn: RECORDS,
+        seconds: 1.0,
+        snr_db: 10.0,
+        wander: 0.005,
+        last_wear_um: 245.0,
+        fault: None,
+    };
+    let run = observe(&bank, None, &shape, 1);
+    let settings = EstimatorSettings {
+        baseline_records: 20,
+        limit_um: Some(200.0),
+    };
+    let tracker = Tracker::new(settings, Some(Arc::new(ensemble)));
+    let at = |index: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(index as i64);
+    let mut best = Duration::MAX;
+    for _ in 0..REPEATS {
+        let mut state = tracker.start();
+        let mut took = Duration::ZERO;
+        for (index, observation) in run.iter().enumerate() {
+            let began = Instant::now();
+            black_box(tracker.update(&mut state, at(index), &observation.features));
+            // The first record after the baseline works out what follows from it.
+            if index > settings.baseline_records as usize {
+                took += began.elapsed();
+            }
+        }
+        best = best.min(took / (RECORDS as u32 - settings.baseline_records - 1));
+    }
+    let reading = reading();
+    println!(
+        "update of one asset: {:.0} µs a record; features of a record of 10 s: {:.0} µs, {:.0} times as much",
+        best.as_secs_f64() * 1e6,
+        reading.as_secs_f64() * 1e6,
+        reading.as_secs_f64() / best.as_secs_f64()
+    );
+}
+
+/// Indicators and features of one record of 10 s at 20 kHz.
+fn reading() -> Duration {
+    let samples = (0..200_000).map(|i| {
+        let t = f64::from(i) / 20_000.0;
+        (399.4 * std::f64::consts::TAU * t).sin() as f32 + 0.1 * f64::from(i * i % 977) as f32 / 977.0
+    });
+    let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "m/s2", samples.collect()).expect("the samples are finite");
+    let mesh = MeshContext {
+        teeth: 24,
+        nominal_shaft_speed_hz: 16.64,
+        tolerance: 0.05,
+        nominal_is_exact: false,
+        others: OtherMeshes::NONE,
+    };
+    let mut analyzer = Analyzer::new(AnalysisSettings::default());
+    let once = |analyzer: &mut Analyzer| {
+        let began = Instant::now();
+        black_box(analyzer.analyze(&record, &mesh));
+        began.elapsed()
+    };
+    (0..REPEATS).map(|_| once(&mut analyzer)).min().unwrap_or_default()
+}
