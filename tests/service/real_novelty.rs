@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use flankwatch::estimate::{
-    Alarm, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings, EstimatorSettings, Tracker, UNKNOWN_SHAPE, WearEstimate, WearStatus,
+    Alarm, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings, EstimatorSettings, Tracker, WearEstimate, WearStatus,
 };
 use flankwatch::gear::PairSpec;
 use flankwatch::library::{BuildControl, Ensemble, GridSettings, build};
@@ -61,7 +61,6 @@ fn told(baseline: usize, ensemble: Option<Arc<Ensemble>>, records: impl Iterator
     let settings = EstimatorSettings {
         baseline_records: baseline as u32,
         limit_um: None,
-        shape_deviation: UNKNOWN_SHAPE,
     };
     let tracker = Tracker::new(settings, ensemble);
     let mut state = tracker.start();

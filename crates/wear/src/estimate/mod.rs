@@ -29,5 +29,5 @@ pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
-pub use tracker::{EstimatorSettings, METHOD, Tracker, TrackerState};
-pub use wear::{BaselineProgress, BestState, Interval, Posterior, WearEstimate, WearStatus};
+pub use tracker::{EstimatorSettings, Tracker, TrackerState};
+pub use wear::{BaselineProgress, BestState, Interval, METHOD, Posterior, WearEstimate, WearStatus};

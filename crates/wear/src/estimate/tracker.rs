@@ -18,10 +18,7 @@ use super::novelty::{Novelty, judge};
 use super::prognosis::prognosis;
 use super::wear::{BaselineProgress, BestState, Interval, WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, Library, MESH_LINES};
-use flankwatch_signal::{Features, PREPROCESSING};
-
-/// Identifier of the estimator.
-pub const METHOD: &str = "ensemble-filter-1";
+use flankwatch_signal::Features;
 
 /// Fewest lines that a comparison is made on.
 const LEAST_LINES: usize = 3;
@@ -493,7 +490,7 @@ impl Tracker {
         WearEstimate {
             library_id: ensemble.map(|ensemble| ensemble.described().id().to_owned()),
             ensemble_id: ensemble.map(|ensemble| ensemble.id().to_owned()),
-            ..WearEstimate::without_number(status, reason.to_owned(), baseline, format!("{METHOD}/{PREPROCESSING}"))
+            ..WearEstimate::without_number(status, reason.to_owned(), baseline)
         }
     }
 }
