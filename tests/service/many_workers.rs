@@ -301,10 +301,8 @@ fn an_alarm_is_told_of_once_whoever_takes_the_record() {
 fn a_history_is_folded_again_when_the_neighbours_have_come() {
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
-    let neighbours = EnsembleSettings {
-        operating_points: false,
-        ..EnsembleSettings::default()
-    };
+    // More than the first ones.
+    let neighbours = EnsembleSettings { members: 30 };
     runtime().block_on(async {
         let alone = worker_with(&folder.path().join("alone").as_path().into(), folder.path(), neighbours).await;
         alone.assets.create(&spec).await.unwrap();
@@ -327,14 +325,10 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
     let all = records(&spec.id, "1", 13);
-    let neighbours = |seconds| EnsembleSettings {
-        operating_points: false,
-        seconds,
-        ..EnsembleSettings::default()
-    };
+    let neighbours = |members| EnsembleSettings { members };
     runtime().block_on(async {
         let settings = StoreSettings::Shared(database.settings(folder.path()));
-        let with = worker_with(&settings, &folder.path().join("with"), neighbours(0.25)).await;
+        let with = worker_with(&settings, &folder.path().join("with"), neighbours(30)).await;
         with.assets.create(&spec).await.unwrap();
         for sent in &all[..12] {
             send(&with, sent).await;
@@ -351,8 +345,8 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
             assert!(tries < 3000, "no neighbours");
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
-        // Longer ones take this worker longer than the test does.
-        let awaiting = worker_with(&settings, &folder.path().join("awaiting"), neighbours(20.0)).await;
+        // So many take this worker longer than the test does.
+        let awaiting = worker_with(&settings, &folder.path().join("awaiting"), neighbours(5000)).await;
         send(&awaiting, &all[12]).await;
         awaiting.assets.refresh(&spec.id).await.unwrap();
         with.assets.refresh(&spec.id).await.unwrap();
