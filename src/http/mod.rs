@@ -32,6 +32,7 @@ mod plotly;
 mod problem;
 mod provenance;
 mod query;
+mod rate;
 mod recomputations;
 mod reduction;
 mod replays;
