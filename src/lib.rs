@@ -20,7 +20,7 @@
 //! | [`asset`] | what is monitored, and one analysed segment of its vibration |
 //! | [`report`] | an asset's records on one page, for a browser or a printer |
 //! | [`store`] | the only SQL and the only raw-object paths |
-//! | [`ingest`] | accept, keep, process, announce |
+//! | [`service`] | the way of records, histories, replays, and what else works on records |
 //! | [`http`] | the API and the dashboard |
 //! | `cluster` | what joins the processes of a service on several machines (feature `cluster`) |
 //! | [`cli`] | the commands |
@@ -30,8 +30,8 @@ pub mod cli;
 #[cfg(feature = "cluster")]
 pub mod cluster;
 pub mod http;
-pub mod ingest;
 pub mod report;
+pub mod service;
 pub mod store;
 
 pub use flankwatch_gear as gear;

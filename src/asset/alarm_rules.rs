@@ -5,7 +5,7 @@ use super::{AssetError, AssetSpec, WearLimits};
 use crate::estimate::{AlarmError, AlarmQuantity, AlarmRule, AlarmSettings};
 
 /// The most rules of an asset: each has a state with every kept state of the fold.
-const MOST_RULES: usize = 32;
+const MAX_RULES: usize = 32;
 
 /// Hysteresis of the rule that follows from limits, as a part of the lower one.
 const HYSTERESIS: f64 = 0.05;
@@ -45,7 +45,7 @@ fn following_from(limits: &WearLimits) -> Vec<AlarmRule> {
 }
 
 pub(super) fn validate(rules: &[AlarmRule]) -> Result<(), AssetError> {
-    if rules.len() > MOST_RULES {
+    if rules.len() > MAX_RULES {
         return Err(field("alarms", format!("a list of {}", rules.len()), "at most 32 rules"));
     }
     for (index, rule) in rules.iter().enumerate() {

@@ -6,7 +6,7 @@ use super::AssetError;
 use super::spec::field;
 
 /// The most bins of an asset.
-const MOST_BINS: usize = 16;
+const MAX_BINS: usize = 16;
 
 /// A box of operating points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -41,7 +41,7 @@ impl OperatingBin {
 }
 
 pub(super) fn validate(bins: &[OperatingBin]) -> Result<(), AssetError> {
-    if bins.len() > MOST_BINS {
+    if bins.len() > MAX_BINS {
         return Err(field("operating_bins", format!("a list of {}", bins.len()), "at most 16 bins"));
     }
     for (index, bin) in bins.iter().enumerate() {

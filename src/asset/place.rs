@@ -7,10 +7,10 @@ use super::AssetError;
 use super::spec::field;
 
 /// The most measuring points of an asset.
-const MOST_POINTS: usize = 64;
+const MAX_POINTS: usize = 64;
 
 /// Longest text of a description, in bytes.
-const MOST_TEXT: usize = 200;
+const MAX_TEXT: usize = 200;
 
 /// Where a mesh is; meshes of one gearbox have the first three in common.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -79,7 +79,7 @@ impl Location {
 }
 
 pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
-    if points.len() > MOST_POINTS {
+    if points.len() > MAX_POINTS {
         return Err(field(
             "points",
             format!("a list of {}", points.len()),
@@ -107,7 +107,7 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
 
 fn check_text(name: &'static str, text: Option<&str>) -> Result<(), AssetError> {
     match text {
-        Some(text) if text.trim().is_empty() || text.len() > MOST_TEXT || text.chars().any(char::is_control) => {
+        Some(text) if text.trim().is_empty() || text.len() > MAX_TEXT || text.chars().any(char::is_control) => {
             Err(field(name, format!("{text:?}"), "1 to 200 bytes without control characters"))
         }
         _ => Ok(()),

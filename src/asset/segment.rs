@@ -32,7 +32,7 @@ impl SegmentId {
             hash.update((part.len() as u64).to_le_bytes());
             hash.update(part.as_bytes());
         }
-        let digest: String = hash.finalize().iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+        let digest = hex::encode(&hash.finalize()[..8]);
         // Every time that can be stored lies within ± 2⁶³ ns, which is less than ± 2³⁴ s; negative ones come first.
         let second = (start_time.as_nanosecond().div_euclid(1_000_000_000) + (1 << 34)).clamp(0, (1 << 36) - 1);
         Self(format!("{second:09x}{}", &digest[..15]))

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::alarm_rules;
-use super::heard_mesh::{self, OtherMeshSpec};
 use super::operating_bin::{self, OperatingBin};
+use super::other_mesh::{self, OtherMeshSpec};
 use super::place::{self, Location, MeasuringPoint};
 use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
@@ -161,7 +161,7 @@ pub struct WearLimits {
 }
 
 /// The most bands of an asset: each is stored with every record.
-const MOST_BANDS: usize = 16;
+const MAX_BANDS: usize = 16;
 
 fn default_speed_tolerance() -> f64 {
     0.05
@@ -248,7 +248,7 @@ impl AssetSpec {
         if !(0.0..=0.5).contains(&gear.speed_tolerance) {
             return Err(field("gear.speed_tolerance", gear.speed_tolerance, "a fraction from 0 to 0.5"));
         }
-        heard_mesh::validate(self)?;
+        other_mesh::validate(self)?;
         self.location.validate()?;
         place::validate(&self.points)?;
         alarm_rules::validate(self.alarms.as_deref().unwrap_or_default())?;
@@ -287,7 +287,7 @@ impl AssetSpec {
                 "nothing beside envelope_band_hz: the band is given or looked for",
             ));
         }
-        if self.bands.len() > MOST_BANDS {
+        if self.bands.len() > MAX_BANDS {
             return Err(field("bands", format!("a list of {}", self.bands.len()), "at most 16 bands"));
         }
         for (index, band) in self.bands.iter().enumerate() {

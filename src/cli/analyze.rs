@@ -13,12 +13,12 @@ use serde::Serialize;
 use super::library::kept_ensemble;
 use super::{CliError, output};
 use crate::asset::AssetSpec;
-use crate::estimate::{AlarmPanel, EstimatorSettings, PanelChange, Tracker, WearEstimate, shape_deviation};
+use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, PanelChange, WearEstimate, shape_deviation};
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
 use crate::report::{Report, ReportedAlarm, ReportedRecord, angle_words};
 use crate::signal::{
     AnalysisSettings, Analyzer, BandError, BandSource, Basis, Condition, ConditionSettings, EnvelopeBand, EnvelopeSearch, Features,
-    Indicators, MeshContext, OperatingPoint, Record, RunMeans, ShaftSpeed, Spectrum, SpeedSource,
+    Indicators, MeshContext, OperatingPoint, Record, ShaftSpeed, Spectrum, SpeedSource,
 };
 
 /// Arguments of `flankwatch analyze`.
@@ -367,27 +367,24 @@ impl Analysis<'_> {
         let ensemble = pair
             .map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.one_rule))
             .transpose()?;
-        let tracker = Tracker::new(settings, ensemble);
+        let estimator = ChannelEstimator::new(settings, ensemble, asset.alarm_rules());
         let mut order: Vec<usize> = (0..self.records.len()).collect();
         order.sort_by_key(|&i| self.records[i].start_time);
-        let rules = asset.alarm_rules();
-        let mut states = BTreeMap::new();
+        let mut channels: BTreeMap<String, (ChannelState, Vec<PanelChange>)> = BTreeMap::new();
         for index in order {
             let record = &mut self.records[index];
-            let (state, run_means, alarms) = states
-                .entry(record.channel.clone())
-                .or_insert_with(|| (tracker.start(), RunMeans::default(), (AlarmPanel::of(&rules), Vec::new())));
-            record.indicators.extend(run_means.update(&record.indicators));
-            let wear = tracker.update(state, record.start_time, &record.features);
-            record.indicators.extend(wear.indicators());
-            let (panel, changes): &mut (AlarmPanel, Vec<PanelChange>) = alarms;
-            changes.extend(panel.reading(&rules, record.start_time, &wear, [&record.indicators; 2]));
-            record.wear_reason = wear.reason.clone();
-            record.wear = wear.median_um.is_some().then_some(wear);
+            let channel = channels.entry(record.channel.clone());
+            let (state, changes) = channel.or_insert_with(|| (estimator.start(), Vec::new()));
+            let result = estimator.record(state, record.start_time, &record.features, &record.indicators);
+            record.indicators.extend(result.indicators);
+            changes.extend(result.changes);
+            record.wear_reason = result.wear.reason.clone();
+            record.wear = result.wear.median_um.is_some().then_some(result.wear);
         }
-        let reported = states
+        let rules = estimator.rules();
+        let reported = channels
             .iter()
-            .flat_map(|(channel, (_, _, (_, changes)))| ReportedAlarm::of_changes(channel, &rules, changes));
+            .flat_map(|(channel, (_, changes))| ReportedAlarm::of_changes(channel, rules, changes));
         self.alarms = reported.collect();
         Ok(())
     }

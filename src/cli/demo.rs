@@ -14,9 +14,9 @@ use super::serve::asked_to_stop;
 use super::{CliError, output, pair_file};
 use crate::asset::{AssetId, AssetSpec, BaselineSpec, GearSpec, Location, SensorSpec, WearLimits};
 use crate::gear::ContactRule;
-use crate::http::{RunningService, ServiceConfig, ServiceError, start};
-use crate::ingest::{Clock, Given, Ingest, IngestError, RecordFormat, SystemClock};
+use crate::http::{RunningService, ServiceConfig, StartError, start};
 use crate::recording::{BlockEncoding, encode_block};
+use crate::service::{Clock, RecordFormat, Service, ServiceError, SystemClock, UploadMetadata};
 use crate::signal::EnvelopeSearch;
 use crate::simulation::{Run, RunPlan};
 
@@ -69,7 +69,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
         && let Err(error) = fs::remove_dir_all(&temporary)
         && error.kind() != ErrorKind::NotFound
     {
-        tracing::warn!(folder = %temporary.display(), %error, "the demonstration's data was left behind");
+        tracing::warn!(folder = %temporary.display(), %error, "failed to remove the demonstration's data");
     }
     ended
 }
@@ -84,7 +84,7 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
     ))?;
     let replay = tokio::select! {
         stopped = asked_to_stop() => stopped.map(|()| true).map_err(|source| CliError::Io { path: "signals".into(), source }),
-        replayed = replay(service.ingest(), args, clock.now()) => replayed.map(|()| false),
+        replayed = replay(service.service(), args, clock.now()) => replayed.map(|()| false),
     };
     let outcome = match replay {
         Ok(false) => {
@@ -105,7 +105,7 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
 async fn start_anywhere(listen: Option<SocketAddr>, data_dir: PathBuf, clock: Arc<dyn Clock>) -> Result<RunningService, CliError> {
     let usual = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
     match start(ServiceConfig::new(listen.unwrap_or(usual), &data_dir), clock.clone()).await {
-        Err(ServiceError::Listen { source, .. }) if listen.is_none() && source.kind() == ErrorKind::AddrInUse => {
+        Err(StartError::Listen { source, .. }) if listen.is_none() && source.kind() == ErrorKind::AddrInUse => {
             Ok(start(ServiceConfig::new((Ipv4Addr::LOCALHOST, 0).into(), data_dir), clock).await?)
         }
         started => Ok(started?),
@@ -113,7 +113,7 @@ async fn start_anywhere(listen: Option<SocketAddr>, data_dir: PathBuf, clock: Ar
 }
 
 /// Makes the sample asset and feeds it with a simulated run that ends about now.
-async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), CliError> {
+async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Result<(), CliError> {
     let mut pair = pair_file::read(None)?;
     pair.dynamics.contact = ContactRule::Loaded;
     let id = AssetId::new(ASSET).map_err(|error| CliError::Argument(error.to_string()))?;
@@ -145,9 +145,9 @@ async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), 
         gear_indicators: true,
         bands: Vec::new(),
     };
-    match ingest.create_asset(&asset).await {
+    match service.assets.create(&asset).await {
         // With a kept data folder the asset may be there from the last time.
-        Ok(_) | Err(IngestError::Store(crate::store::StoreError::AssetExists(_))) => {}
+        Ok(_) | Err(ServiceError::Store(crate::store::StoreError::AssetExists(_))) => {}
         Err(error) => return Err(error.into()),
     }
     let run = Run::new(RunPlan {
@@ -170,14 +170,14 @@ async fn replay(ingest: &Ingest, args: &DemoArgs, now: Timestamp) -> Result<(), 
     for index in 0..args.records {
         due.tick().await;
         let run = run.clone();
-        let simulated = ingest.workers().run("simulate a record", move || run.record(index)).await??;
-        let given = Given {
+        let simulated = service.workers.run("simulate a record", move || run.record(index)).await??;
+        let given = UploadMetadata {
             reference_wear_um: Some(simulated.wear_um),
-            ..Given::default()
+            ..UploadMetadata::default()
         };
         let bytes = encode_block(&simulated.record, BlockEncoding::Protobuf).into();
-        let ticket = ingest.workers().admit()?;
-        ingest.accept(&id, RecordFormat::Protobuf, bytes, given, ticket).await?;
+        let ticket = service.workers.admit()?;
+        service.pipeline.accept(&id, RecordFormat::Protobuf, bytes, given, ticket).await?;
     }
     Ok(())
 }

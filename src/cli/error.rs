@@ -71,10 +71,10 @@ pub enum CliError {
     Serve(#[from] super::serve::ServeError),
     /// The demonstration's service could not start or go on.
     #[error(transparent)]
-    Service(#[from] crate::http::ServiceError),
+    Service(#[from] crate::http::StartError),
     /// The demonstration's records could not be taken.
     #[error(transparent)]
-    Ingest(#[from] crate::ingest::IngestError),
+    Ingest(#[from] crate::service::ServiceError),
     /// Tokens could not be read or kept.
     #[error(transparent)]
     Tokens(#[from] crate::http::TokenError),

@@ -11,7 +11,7 @@ const INTERRUPTED: i32 = 130;
 pub(super) fn interrupted() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     if let Err(error) = listen(Arc::clone(&flag)) {
-        tracing::warn!(%error, "Ctrl-C cannot be caught");
+        tracing::warn!(%error, "failed to catch Ctrl-C");
     }
     flag
 }

@@ -13,8 +13,8 @@ pub(super) struct MqttArgs {
 }
 
 impl MqttArgs {
-    /// The settings that follow with the settings file's table; none where neither names a broker. `most_bytes` is the largest record taken.
-    pub(super) fn resolve(&self, table: Option<MqttTable>, most_bytes: usize) -> Result<Option<MqttSettings>, MqttError> {
+    /// The settings that follow with the settings file's table; none where neither names a broker. `max_bytes` is the largest record taken.
+    pub(super) fn resolve(&self, table: Option<MqttTable>, max_bytes: usize) -> Result<Option<MqttSettings>, MqttError> {
         if table.is_none() && self.url.is_none() {
             return Ok(None);
         }
@@ -26,6 +26,6 @@ impl MqttArgs {
             username: said("FLANKWATCH_MQTT_USERNAME"),
             password: said("FLANKWATCH_MQTT_PASSWORD"),
         };
-        table.resolve(credentials, most_bytes).map(Some)
+        table.resolve(credentials, max_bytes).map(Some)
     }
 }

@@ -4,18 +4,12 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::cluster::{Cluster, ClusterSecrets, ClusterSettings, ClusterTable, RunningWorker, Words};
-use crate::http::{HealthServer, Node, RunningService, ServiceConfig, SharedEvents, live_events, lost_events, start_node};
-use crate::ingest::{Ingest, IngestFolders, Part, SystemClock};
+use crate::cluster::{Cluster, ClusterSecrets, ClusterSettings, ClusterTable, RunningWorker};
+use crate::http::{HealthServer, Node, RunningService, ServiceConfig, SharedEvents, start_node};
+use crate::service::{Role, Service, ServiceFolders, SystemClock};
 use crate::store::{SharedSettings, Store, StoreError, StoreSettings};
 
 use super::serve::ServeError;
-
-/// How announcements are put into words.
-const WORDS: Words = Words {
-    of: live_events,
-    lost: lost_events,
-};
 
 /// The settings of a cluster's table and the environment.
 pub(super) fn resolve(table: ClusterTable) -> Result<ClusterSettings, ServeError> {
@@ -36,7 +30,7 @@ async fn open(settings: SharedSettings) -> Result<Store, StoreError> {
     loop {
         match Store::open(&settings).await {
             Err(error) if error.is_unavailable() => {
-                tracing::warn!(%error, "the store is away, trying again");
+                tracing::warn!(%error, "failed to open the store: trying again");
                 tokio::time::sleep(Duration::from_secs(2)).await;
             }
             opened => return opened,
@@ -54,55 +48,55 @@ pub(super) async fn open_once(settings: SharedSettings) -> Result<Store, ServeEr
 pub(super) async fn start_api(service: ServiceConfig, settings: ClusterSettings) -> Result<RunningService, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
     let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
-    let heard = cluster.hear().await;
+    let subscription = cluster.subscribe().await;
     let node = Node {
         store,
-        crew: cluster.crew_of_node(),
+        queue: cluster.queue_of_node(),
         events: SharedEvents {
-            run: heard.run,
-            backlog: heard.backlog,
-            receiver: heard.receiver,
+            run: subscription.run,
+            backlog: subscription.backlog,
+            receiver: subscription.receiver,
         },
     };
     let running = start_node(service, node, Arc::new(SystemClock)).await?;
-    cluster.tell(running.ingest(), WORDS);
+    cluster.publish_events(running.service());
     Ok(running)
 }
 
 /// A worker with what it tells and its health.
 pub(super) struct Working {
     worker: RunningWorker,
-    ingest: Ingest,
-    told: tokio::task::JoinHandle<()>,
+    service: Arc<Service>,
+    publishing: tokio::task::JoinHandle<()>,
     health: Option<HealthServer>,
 }
 
-/// Starts a worker; `service` says where its folder is and how much it takes on.
+/// Starts a worker; `config` says where its folder is and how much it takes on.
 pub(super) async fn start_worker(
-    service: ServiceConfig,
+    config: ServiceConfig,
     settings: ClusterSettings,
     health: Option<SocketAddr>,
 ) -> Result<Working, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
     let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
-    let folders = IngestFolders {
-        libraries: service.data_dir.join("libraries"),
-        recordings: service.data_dir.join("recordings"),
-        uploads: service.data_dir.join("uploads"),
+    let folders = ServiceFolders {
+        libraries: config.data_dir.join("libraries"),
+        recordings: config.data_dir.join("recordings"),
+        uploads: config.data_dir.join("uploads"),
     };
-    let part = Part::Worker(cluster.crew_of_worker());
-    let ingest = Ingest::with_part(store, folders, &service.ingest, service.grid, Arc::new(SystemClock), part)
-        .map_err(crate::cluster::ClusterError::from)?;
+    let role = Role::Worker(cluster.queue_of_worker());
+    let service =
+        Service::new(store, folders, &config.work, config.grid, Arc::new(SystemClock), role).map_err(crate::cluster::ClusterError::from)?;
     let health = match health {
-        Some(address) => Some(HealthServer::start(address, ingest.clone()).await?),
+        Some(address) => Some(HealthServer::start(address, service.clone()).await?),
         None => None,
     };
-    let told = cluster.tell(&ingest, WORDS);
-    let worker = cluster.start_worker(ingest.clone(), settings.worker);
+    let publishing = cluster.publish_events(&service);
+    let worker = cluster.start_worker(service.clone(), settings.worker);
     Ok(Working {
         worker,
-        ingest,
-        told,
+        service,
+        publishing,
         health,
     })
 }
@@ -117,14 +111,14 @@ impl Working {
     pub(super) async fn stop(self, grace: Duration) {
         let end = async {
             self.worker.stop().await;
-            let store = self.ingest.store().clone();
-            drop(self.ingest);
+            let store = self.service.store.clone();
+            drop(self.service);
             // What others do with the path of records may still hold it.
-            let _ = tokio::time::timeout(Duration::from_secs(1), self.told).await;
+            let _ = tokio::time::timeout(Duration::from_secs(1), self.publishing).await;
             store.close().await;
         };
         if tokio::time::timeout(grace, end).await.is_err() {
-            tracing::warn!("records were still under way at the end of the time of grace: others will take them");
+            tracing::warn!("failed to end all records within the time of grace: other workers take them");
         }
     }
 }

@@ -12,8 +12,8 @@ use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 use super::library::progress_bar;
 use super::{CliError, output};
 use crate::asset::AssetId;
-use crate::ingest::Pace;
 use crate::recording::{BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, encode_block};
+use crate::service::Pace;
 
 /// Tries for one record while the server is busy or away.
 const TRIES: u32 = 8;

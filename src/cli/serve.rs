@@ -16,8 +16,8 @@ use thiserror::Error;
 use crate::cluster::mqtt::{MqttError, MqttFeed, MqttTable};
 #[cfg(feature = "cluster")]
 use crate::cluster::{ClusterSettings, ClusterTable};
-use crate::http::{ServiceConfig, ServiceError, TlsFiles, start};
-use crate::ingest::{RawQuotas, SystemClock};
+use crate::http::{ServiceConfig, StartError, TlsFiles, start};
+use crate::service::{RawQuotas, SystemClock};
 
 /// Run the service: the API and the dashboard.
 #[derive(Debug, Clone, Default, Args)]
@@ -79,7 +79,7 @@ pub enum ServeError {
     Process(#[from] std::io::Error),
     /// The service could not be started, or stopped by itself.
     #[error(transparent)]
-    Service(#[from] ServiceError),
+    Service(#[from] StartError),
     /// The program cannot be a part of a cluster.
     #[error("{0} needs a program with the feature `cluster`, and this one was built without it: cargo build --release --features cluster")]
     WithoutCluster(&'static str),
@@ -149,7 +149,6 @@ struct LimitsTable {
     body_timeout_s: Option<u64>,
     body_idle_s: Option<u64>,
     body_bytes_per_s: Option<u64>,
-    form_files: Option<usize>,
     request_timeout_s: Option<u64>,
     grace_s: Option<u64>,
     connections: Option<usize>,
@@ -190,7 +189,7 @@ impl ServeArgs {
             self.host_name.clone()
         };
         file.limits.apply(&mut config);
-        config.ingest.quotas = RawQuotas {
+        config.work.quotas = RawQuotas {
             bytes: file.retention.raw_bytes,
             bytes_per_asset: file.retention.raw_bytes_per_asset,
         };
@@ -234,7 +233,6 @@ impl LimitsTable {
         set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
         set(&mut config.http.body_idle, self.body_idle_s.map(Duration::from_secs));
         set(&mut config.http.body_bytes_per_s, self.body_bytes_per_s);
-        set(&mut config.http.form_files, self.form_files);
         set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
         set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
         set(&mut config.http.connections, self.connections.map(|n| n.max(1)));
@@ -244,10 +242,10 @@ impl LimitsTable {
         set(&mut config.http.write_timeout, self.write_timeout_s.map(Duration::from_secs));
         set(&mut config.http.requests_per_s, self.requests_per_s);
         set(&mut config.http.events_kept, self.events_kept);
-        set(&mut config.ingest.bytes_at_once, self.bytes_at_once);
-        set(&mut config.ingest.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
-        set(&mut config.ingest.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));
-        set(&mut config.ingest.workers, self.workers.map(|n| n.max(1)));
+        set(&mut config.work.bytes_at_once, self.bytes_at_once);
+        set(&mut config.work.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
+        set(&mut config.work.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));
+        set(&mut config.work.workers, self.workers.map(|n| n.max(1)));
     }
 }
 
@@ -272,7 +270,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
         let service = start(resolved.service, Arc::new(SystemClock)).await?;
         #[cfg(feature = "cluster")]
         let mqtt = mqtt
-            .map(|settings| MqttFeed::start(settings, service.ingest().clone()))
+            .map(|settings| MqttFeed::start(settings, service.service().clone()))
             .transpose()?;
         let mut out = std::io::stdout();
         writeln!(out, "listening on {}", service.url())?;
@@ -327,7 +325,7 @@ mod tests {
         assert_eq!(config.listen.port(), 2);
         assert_eq!(config.data_dir, PathBuf::from("d"));
         assert_eq!((config.http.record_bytes, config.http.uploads_at_once), (1000, 3));
-        assert_eq!((config.ingest.quotas.bytes, config.ingest.quotas.bytes_per_asset), (Some(5), None));
+        assert_eq!((config.work.quotas.bytes, config.work.quotas.bytes_per_asset), (Some(5), None));
     }
 
     #[test]

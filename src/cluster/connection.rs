@@ -14,9 +14,10 @@ use super::ClusterError;
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Messages of one process that wait for JetStream's acknowledgement at once.
-const MOST_UNACKNOWLEDGED: usize = 1024;
+const MAX_UNACKNOWLEDGED: usize = 1024;
 
-/// How long JetStream remembers a record's name: the same one handed over again meanwhile is not queued twice.
+/// How long JetStream remembers a record's name: the same one handed over again meanwhile is not queued
+/// twice.
 const REMEMBERED: Duration = Duration::from_secs(600);
 
 /// Where NATS is and who asks.
@@ -33,9 +34,9 @@ pub struct NatsSettings {
     /// On how many servers each stream is kept.
     pub replicas: usize,
     /// Records that may wait; beyond it further ones are refused until some are done.
-    pub most_records: i64,
+    pub max_records: i64,
     /// Bytes of messages that may wait.
-    pub most_bytes: i64,
+    pub max_bytes: i64,
     /// Events that are kept for clients that lost their connection.
     pub events_kept: i64,
     /// How long a record is worked on without a sign of life before another worker gets it.
@@ -70,8 +71,8 @@ impl NatsSettings {
             credentials: NatsCredentials::None,
             ca: None,
             replicas: 1,
-            most_records: 1_000_000,
-            most_bytes: 1 << 30,
+            max_records: 1_000_000,
+            max_bytes: 1 << 30,
             events_kept: 4096,
             ack_wait: Duration::from_secs(30),
         }
@@ -120,7 +121,8 @@ pub(super) struct Connection {
 }
 
 impl Connection {
-    /// Connects, and makes the streams where they are missing. Where no server answers, they are made when one does.
+    /// Connects, and makes the streams where they are missing. Where no server answers, they are made when
+    /// one does.
     pub(super) async fn open(settings: NatsSettings) -> Result<Self, ClusterError> {
         let connected = settings.options().await?.connect(settings.urls.clone()).await;
         let client = connected.map_err(|source| ClusterError::Connect {
@@ -129,7 +131,7 @@ impl Connection {
         })?;
         let jetstream = ContextBuilder::new()
             .timeout(ANSWER_TIMEOUT)
-            .max_ack_inflight(MOST_UNACKNOWLEDGED)
+            .max_ack_inflight(MAX_UNACKNOWLEDGED)
             .build(client.clone());
         Ok(Self {
             client,
@@ -152,8 +154,8 @@ impl Connection {
             retention: RetentionPolicy::WorkQueue,
             // What is full refuses: nothing that was acknowledged makes room for something new.
             discard: DiscardPolicy::New,
-            max_messages: settings.most_records,
-            max_bytes: settings.most_bytes,
+            max_messages: settings.max_records,
+            max_bytes: settings.max_bytes,
             duplicate_window: REMEMBERED,
             ..common.clone()
         };

@@ -11,7 +11,7 @@ const REASON: &str = "Flankwatch-Reason";
 
 /// Keeps a message that will not be worked on again; it is safe once this returns.
 pub(super) async fn put(connection: &Connection, message: &Message, reason: &str) -> Result<(), ClusterError> {
-    tracing::error!(reason, "record put among the dead letters");
+    tracing::error!(reason, "put a record among the dead letters");
     let mut headers = HeaderMap::new();
     headers.insert(REASON, one_line(reason));
     // Its place in the queue is its name: a worker that dies before it acknowledges puts it here once.

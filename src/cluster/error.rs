@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::ingest::IngestError;
+use crate::service::ServiceError;
 use crate::store::StoreError;
 
 /// Why a process cannot be a part of a cluster.
@@ -52,7 +52,7 @@ pub enum ClusterError {
     Store(#[from] StoreError),
     /// The path of records cannot be started.
     #[error(transparent)]
-    Ingest(#[from] IngestError),
+    Ingest(#[from] ServiceError),
 }
 
 impl ClusterError {

@@ -1,11 +1,12 @@
-//! What happens, told by every process and shown by every API node: a stream of JetStream gives it one order.
+//! Live events, published by every process and shown by every API node: a stream of JetStream gives them one
+//! order.
 //!
-//! A process that cannot reach NATS keeps what it has to tell, up to a bound; beyond it the oldest is given up, and that is told instead.
+//! A process that cannot reach NATS keeps its events, up to a bound; beyond it the oldest are lost, and an
+//! event says so.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use async_nats::header::HeaderMap;
 use async_nats::jetstream::consumer::{DeliverPolicy, OrderedPullConsumer, pull};
 use async_nats::jetstream::stream::Stream;
 use futures_util::StreamExt;
@@ -15,14 +16,10 @@ use tokio::sync::mpsc;
 
 use super::ClusterError;
 use super::connection::Connection;
-use crate::asset::AssetId;
-use crate::ingest::{Announcement, LiveEvent, NumberedEvent};
-
-const KIND: &str = "Flankwatch-Kind";
-const ASSET: &str = "Flankwatch-Asset";
+use crate::service::{LiveEvent, NumberedEvent};
 
 /// Events that wait for NATS.
-const MOST_KEPT_BACK: usize = 4096;
+const MAX_WAITING: usize = 4096;
 
 /// Events sent before the first of them is acknowledged.
 const SENT_AT_ONCE: usize = 256;
@@ -30,18 +27,9 @@ const SENT_AT_ONCE: usize = 256;
 /// How long what happened before is waited for at the start.
 const BACKLOG_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How an announcement is put into words, and how it is told that some were not.
-#[derive(Clone, Copy)]
-pub struct Words {
-    /// The words for an announcement.
-    pub of: fn(&Announcement) -> Vec<LiveEvent>,
-    /// The words for so many events that are not told.
-    pub lost: fn(u64) -> LiveEvent,
-}
-
-/// What all processes tell, from now on and shortly before.
-pub struct Heard {
-    /// Tells this order from others.
+/// What all processes publish, from now on and shortly before.
+pub struct Subscription {
+    /// Identifies this order of events.
     pub run: String,
     /// What happened before.
     pub backlog: Vec<NumberedEvent>,
@@ -49,28 +37,32 @@ pub struct Heard {
     pub receiver: mpsc::Receiver<NumberedEvent>,
 }
 
-/// Tells what this process announces, until nobody announces any more.
-pub(super) async fn tell(connection: Connection, mut announcements: Receiver<Announcement>, words: Words) {
+/// Publishes what this process announces, until nobody announces any more.
+pub(super) async fn publish(connection: Connection, mut announced: Receiver<LiveEvent>) {
     let mut waiting: VecDeque<LiveEvent> = VecDeque::new();
     let mut lost = 0;
     let mut is_over = false;
     while !(is_over && waiting.is_empty()) {
         if waiting.is_empty() {
-            is_over = !take(announcements.recv().await, words, &mut waiting);
+            match announced.recv().await {
+                Ok(event) => waiting.push_back(event),
+                Err(RecvError::Lagged(count)) => waiting.push_back(LiveEvent::Lost(count)),
+                Err(RecvError::Closed) => is_over = true,
+            }
         }
         // What came meanwhile goes with it.
-        while let Ok(announcement) = announcements.try_recv() {
-            waiting.extend((words.of)(&announcement));
+        while let Ok(event) = announced.try_recv() {
+            waiting.push_back(event);
         }
-        while waiting.len() > MOST_KEPT_BACK {
+        while waiting.len() > MAX_WAITING {
             waiting.pop_front();
             lost += 1;
         }
         if lost > 0 {
-            waiting.push_front((words.lost)(std::mem::take(&mut lost)));
+            waiting.push_front(LiveEvent::Lost(std::mem::take(&mut lost)));
         }
         if let Err(error) = send(&connection, &mut waiting).await {
-            tracing::debug!(%error, waiting = waiting.len(), "events wait for NATS");
+            tracing::debug!(%error, waiting = waiting.len(), "failed to publish events: trying again");
             if is_over {
                 return;
             }
@@ -79,35 +71,17 @@ pub(super) async fn tell(connection: Connection, mut announcements: Receiver<Ann
     }
 }
 
-/// Takes one announcement; false where there will be no more.
-fn take(received: Result<Announcement, RecvError>, words: Words, waiting: &mut VecDeque<LiveEvent>) -> bool {
-    match received {
-        Ok(announcement) => waiting.extend((words.of)(&announcement)),
-        Err(RecvError::Lagged(count)) => waiting.push_back((words.lost)(count)),
-        Err(RecvError::Closed) => return false,
-    }
-    true
-}
-
 /// Sends what waits; what is not acknowledged stays.
 async fn send(connection: &Connection, waiting: &mut VecDeque<LiveEvent>) -> Result<(), ClusterError> {
-    let failed = || ClusterError::jetstream("tell what happened");
+    let failed = || ClusterError::jetstream("publish events");
     while !waiting.is_empty() {
         if let Some(fault) = connection.fault() {
             return Err(failed()(fault.into()));
         }
         let mut sent = Vec::new();
         for event in waiting.iter().take(SENT_AT_ONCE) {
-            let mut headers = HeaderMap::new();
-            headers.insert(KIND, event.kind.as_str());
-            if let Some(asset) = &event.asset {
-                headers.insert(ASSET, asset.as_str());
-            }
-            let payload = event.data.clone().into();
-            let told = connection
-                .jetstream
-                .publish_with_headers(connection.events_subject(), headers, payload)
-                .await;
+            let payload = serde_json::to_vec(event).map_err(|error| failed()(error.into()))?;
+            let told = connection.jetstream.publish(connection.events_subject(), payload.into()).await;
             sent.push(told.map_err(|error| failed()(error.into()))?);
         }
         for acknowledgement in sent {
@@ -118,24 +92,24 @@ async fn send(connection: &Connection, waiting: &mut VecDeque<LiveEvent>) -> Res
     Ok(())
 }
 
-/// Hears what all processes tell. Where NATS does not answer now, it is heard when it does.
-pub(super) async fn hear(connection: Connection) -> Heard {
+/// Subscribes to what all processes publish. Where NATS does not answer now, events come when it does.
+pub(super) async fn subscribe(connection: Connection) -> Subscription {
     let (sender, receiver) = mpsc::channel(1024);
     let first = tokio::time::timeout(BACKLOG_TIMEOUT, begin(&connection)).await;
     let (run, backlog, begun) = match first {
         Ok(Ok(begun)) => begun,
         Ok(Err(error)) => {
-            tracing::warn!(%error, "what happened before is not known");
+            tracing::warn!(%error, "failed to read earlier events");
             (String::from("0"), Vec::new(), None)
         }
         Err(_) => {
-            tracing::warn!("what happened before is not known: NATS does not answer");
+            tracing::warn!("failed to read earlier events: NATS does not answer");
             (String::from("0"), Vec::new(), None)
         }
     };
     let after = backlog.last().map_or(0, |event| event.number);
     tokio::spawn(go_on(connection, begun, after, sender));
-    Heard { run, backlog, receiver }
+    Subscription { run, backlog, receiver }
 }
 
 type Begun = (String, Vec<NumberedEvent>, Option<pull::Ordered>);
@@ -171,7 +145,7 @@ async fn go_on(connection: Connection, begun: Option<pull::Ordered>, mut after: 
             match again.await {
                 Ok(following) => told = Some(following),
                 Err(error) => {
-                    tracing::debug!(%error, "events not heard yet");
+                    tracing::debug!(%error, "failed to subscribe to events: trying again");
                     tokio::time::sleep(Duration::from_secs(1)).await;
                 }
             }
@@ -190,7 +164,7 @@ async fn go_on(connection: Connection, begun: Option<pull::Ordered>, mut after: 
                 }
             }
             Some(Err(error)) => {
-                tracing::debug!(%error, "events are heard again");
+                tracing::debug!(%error, "failed to read events: subscribing again");
                 told = None;
             }
             None => told = None,
@@ -220,14 +194,11 @@ async fn follow(stream: &Stream, after: u64) -> Result<pull::Ordered, ClusterErr
     consumer.messages().await.map_err(|error| failed(error.into()))
 }
 
+/// An event of the stream; none where a node of another version sent it.
 fn read(message: &async_nats::jetstream::Message) -> Option<NumberedEvent> {
     let number = message.info().ok()?.stream_sequence;
-    let headers = message.headers.as_ref()?;
-    let kind = headers.get(KIND)?.as_str().to_owned();
-    let asset = headers.get(ASSET).and_then(|asset| AssetId::new(asset.as_str()).ok());
-    let data = String::from_utf8(message.payload.to_vec()).ok()?;
-    Some(NumberedEvent {
-        number,
-        event: LiveEvent { kind, asset, data },
-    })
+    let event = serde_json::from_slice(&message.payload)
+        .inspect_err(|error| tracing::debug!(number, %error, "failed to read an event of another node"))
+        .ok()?;
+    Some(NumberedEvent { number, event })
 }

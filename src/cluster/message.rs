@@ -6,7 +6,7 @@ use prost::Message;
 
 use super::ClusterError;
 use crate::asset::{AssetId, RawReference, SegmentId};
-use crate::ingest::QueuedRecord;
+use crate::service::QueuedRecord;
 use crate::signal::OperatingPoint;
 
 #[expect(unreachable_pub, reason = "generated from the schema, which says what each field is")]

@@ -3,10 +3,11 @@
 //! ```text
 //! API node ─ raw bytes ─▶ object store
 //!          └ message ───▶ JetStream ─▶ worker ─ analyse, fold, commit ─▶ PostgreSQL
-//!          ◀─ events ──── JetStream ◀─ announced ─┘
+//!          ◀─ events ──── JetStream ◀─ announce ──┘
 //! ```
 //!
-//! What is done with a record is the code of [`ingest`](crate::ingest); here is only what joins the processes.
+//! What is done with a record is the code of [`service`](crate::service); here is only what joins the
+//! processes.
 
 mod connection;
 mod dead_letters;
@@ -23,12 +24,12 @@ use std::sync::Arc;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-use crate::ingest::{Crew, Ingest};
+use crate::service::{Service, WorkQueue};
 use connection::Connection;
 
 pub use connection::{NatsCredentials, NatsSettings};
 pub use error::ClusterError;
-pub use events::{Heard, Words};
+pub use events::Subscription;
 pub use queue::Queue;
 pub use settings::{ClusterSecrets, ClusterSettings, ClusterTable};
 pub use worker::WorkerLimits;
@@ -52,35 +53,35 @@ impl Cluster {
         let connection = Connection::open(settings).await?;
         if let Err(error) = connection.prepare().await {
             // Workers and uploads make it when NATS is back.
-            tracing::warn!(%error, "the cluster's streams are not there yet");
+            tracing::warn!(%error, "failed to make the cluster's streams: trying again when NATS is back");
         }
         Ok(Self { connection })
     }
 
-    /// What an API node hands records over to.
-    pub fn crew_of_node(&self) -> Arc<dyn Crew> {
+    /// The queue of an API node.
+    pub fn queue_of_node(&self) -> Arc<dyn WorkQueue> {
         Arc::new(Queue::new(self.connection.clone(), true))
     }
 
-    /// What a worker belongs to.
-    pub fn crew_of_worker(&self) -> Arc<dyn Crew> {
+    /// The queue of a worker.
+    pub fn queue_of_worker(&self) -> Arc<dyn WorkQueue> {
         Arc::new(Queue::new(self.connection.clone(), false))
     }
 
-    /// Tells all nodes what a process announces, until it ends.
-    pub fn tell(&self, ingest: &Ingest, words: Words) -> JoinHandle<()> {
-        tokio::spawn(events::tell(self.connection.clone(), ingest.follow(), words))
+    /// Publishes to all nodes what a process announces, until it ends.
+    pub fn publish_events(&self, service: &Service) -> JoinHandle<()> {
+        tokio::spawn(events::publish(self.connection.clone(), service.events.follow()))
     }
 
-    /// Hears what all processes tell.
-    pub async fn hear(&self) -> Heard {
-        events::hear(self.connection.clone()).await
+    /// Subscribes to the events of all processes.
+    pub async fn subscribe(&self) -> Subscription {
+        events::subscribe(self.connection.clone()).await
     }
 
     /// Begins to work on the records of the queue.
-    pub fn start_worker(&self, ingest: Ingest, limits: WorkerLimits) -> RunningWorker {
+    pub fn start_worker(&self, service: Arc<Service>, limits: WorkerLimits) -> RunningWorker {
         let (stop, stopped) = watch::channel(false);
-        let worker = worker::Worker::new(self.connection.clone(), ingest, limits, stopped);
+        let worker = worker::Worker::new(self.connection.clone(), service, limits, stopped);
         RunningWorker {
             stop,
             task: tokio::spawn(worker.run()),
@@ -93,7 +94,7 @@ impl RunningWorker {
     pub async fn stop(self) {
         self.stop.send_replace(true);
         if let Err(error) = self.task.await {
-            tracing::error!(%error, "the worker did not end by itself");
+            tracing::error!(%error, "the worker task failed");
         }
     }
 }

@@ -1,25 +1,26 @@
-//! The queue between those who take records and those who analyse them: a JetStream work-queue stream.
+//! The queue between API nodes and workers: a JetStream work-queue stream.
 
 use async_nats::jetstream::context::{PublishAckFuture, PublishError, PublishErrorKind};
 use async_nats::jetstream::message::PublishMessage;
+use futures_util::future::BoxFuture;
 use sha2::{Digest, Sha256};
 
 use super::connection::Connection;
 use super::message;
 use crate::asset::AssetId;
-use crate::ingest::{Crew, IngestError, Later, PartHealth, QueuedRecord};
+use crate::service::{PartHealth, QueuedRecord, ServiceError, WorkQueue};
 
-const FULL: IngestError = IngestError::Busy {
+const FULL: ServiceError = ServiceError::Busy {
     what: "the workers' queue is full",
     retry_after_s: 5,
 };
 
-const AWAY: IngestError = IngestError::Busy {
+const AWAY: ServiceError = ServiceError::Busy {
     what: "the workers' queue cannot be reached",
     retry_after_s: 2,
 };
 
-/// What joins the processes of a cluster: the queue, and the word of changes.
+/// The queue, and the notices of changed assets.
 pub struct Queue {
     connection: Connection,
     /// Where records are only taken out, a full queue is no fault.
@@ -31,8 +32,8 @@ impl Queue {
         Self { connection, fills }
     }
 
-    async fn publish(&self, record: &QueuedRecord) -> Result<PublishAckFuture, IngestError> {
-        let payload = message::encode(record).map_err(|error| IngestError::Field {
+    async fn publish(&self, record: &QueuedRecord) -> Result<PublishAckFuture, ServiceError> {
+        let payload = message::encode(record).map_err(|error| ServiceError::Field {
             field: "record",
             value: error.to_string(),
             expected: "one that a message can hold",
@@ -47,8 +48,8 @@ impl Queue {
     }
 }
 
-/// The name under which JetStream knows a record; that of an asset made again under an old name is another, and so is that of a record that was
-/// put among the dead letters since.
+/// The name under which JetStream knows a record; that of an asset made again under an old name is another,
+/// and so is that of a record that was put among the dead letters since.
 fn message_id(record: &QueuedRecord) -> String {
     let mut hash = Sha256::new();
     hash.update(record.id.0.as_bytes());
@@ -56,22 +57,23 @@ fn message_id(record: &QueuedRecord) -> String {
     if record.given_up > 0 {
         hash.update(record.given_up.to_le_bytes());
     }
-    hash.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect()
+    hex::encode(&hash.finalize()[..16])
 }
 
-fn busy(error: &PublishError) -> IngestError {
+fn busy(error: &PublishError) -> ServiceError {
     // JetStream says only in words that a stream is full.
     if error.kind() == PublishErrorKind::Other && error.to_string().contains("maximum") {
         return FULL;
     }
-    tracing::warn!(%error, "record not handed over");
+    tracing::warn!(%error, "failed to enqueue a record");
     AWAY
 }
 
-impl Crew for Queue {
-    fn hand_over<'a>(&'a self, records: &'a [QueuedRecord]) -> Later<'a, Result<(), IngestError>> {
+impl WorkQueue for Queue {
+    fn enqueue<'a>(&'a self, records: &'a [QueuedRecord]) -> BoxFuture<'a, Result<(), ServiceError>> {
         Box::pin(async move {
-            // What is sent while there is no connection would be kept back and sent later, long after the answer.
+            // What is sent while there is no connection would be kept back and sent later, long after the
+            // answer.
             if self.connection.fault().is_some() {
                 return Err(AWAY);
             }
@@ -85,7 +87,7 @@ impl Crew for Queue {
                     Err(error) => {
                         if error.kind() == PublishErrorKind::StreamNotFound {
                             self.connection.prepare().await.map_err(|error| {
-                                tracing::error!(%error, "the queue is not there and cannot be made");
+                                tracing::error!(%error, "failed to make the missing queue");
                                 AWAY
                             })?;
                         }
@@ -97,17 +99,17 @@ impl Crew for Queue {
         })
     }
 
-    fn tell_of(&self, asset: &AssetId) {
+    fn notify_changed(&self, asset: &AssetId) {
         let (client, subject) = (self.connection.client.clone(), self.connection.changes_subject());
         let asset = asset.to_string();
         tokio::spawn(async move {
             if let Err(error) = client.publish(subject, asset.into()).await {
-                tracing::debug!(%error, "change not told");
+                tracing::debug!(%error, "failed to notify the workers of a change");
             }
         });
     }
 
-    fn health(&self) -> Later<'_, Vec<PartHealth>> {
+    fn health(&self) -> BoxFuture<'_, Vec<PartHealth>> {
         Box::pin(async {
             let fault = match self.connection.fault() {
                 Some(fault) => Some(fault.to_owned()),
@@ -126,7 +128,7 @@ impl Queue {
         match self.connection.work_state().await {
             Err(error) => Some(error.to_string()),
             Ok(state) => {
-                let most = self.connection.settings().most_records;
+                let most = self.connection.settings().max_records;
                 let is_full = self.fills && state.messages >= most.unsigned_abs();
                 is_full.then(|| format!("full: {} of {most} records wait", state.messages))
             }

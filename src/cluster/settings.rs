@@ -9,7 +9,7 @@ use super::{ClusterError, NatsCredentials, NatsSettings, WorkerLimits};
 use crate::store::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
 
 /// Longest name of a cluster, in bytes: it begins the names of streams.
-const MOST_NAME: usize = 64;
+const MAX_NAME: usize = 64;
 
 /// The table as it is written.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -40,8 +40,8 @@ struct NatsTable {
     credentials_file: Option<PathBuf>,
     ca: Option<PathBuf>,
     replicas: Option<usize>,
-    most_records: Option<u64>,
-    most_bytes: Option<u64>,
+    max_records: Option<u64>,
+    max_bytes: Option<u64>,
     events_kept: Option<u64>,
     ack_wait_s: Option<u64>,
 }
@@ -61,7 +61,7 @@ struct ObjectsTable {
 #[serde(deny_unknown_fields, default)]
 struct WorkerTable {
     at_once: Option<usize>,
-    most_deliveries: Option<u32>,
+    max_deliveries: Option<u32>,
 }
 
 /// What is better not written into a file.
@@ -97,7 +97,7 @@ impl ClusterTable {
     pub fn resolve(self, secrets: ClusterSecrets) -> Result<ClusterSettings, ClusterError> {
         let name = self.name.unwrap_or_else(|| "flankwatch".to_owned());
         let is_usable = |name: &str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
-        if name.is_empty() || name.len() > MOST_NAME || !is_usable(&name) {
+        if name.is_empty() || name.len() > MAX_NAME || !is_usable(&name) {
             return Err(wrong("cluster.name", name, "1 to 64 characters of a-z, A-Z, 0-9, - and _"));
         }
         let objects = self.objects.resolve(&secrets)?;
@@ -181,11 +181,11 @@ impl NatsTable {
             settings.replicas = replicas;
         }
         let count = |field, given: u64| i64::try_from(at_least(field, given, 1)?).map_err(|_| wrong(field, given, "less than 2^63"));
-        if let Some(most) = self.most_records {
-            settings.most_records = count("cluster.nats.most_records", most)?;
+        if let Some(most) = self.max_records {
+            settings.max_records = count("cluster.nats.max_records", most)?;
         }
-        if let Some(most) = self.most_bytes {
-            settings.most_bytes = count("cluster.nats.most_bytes", most)?;
+        if let Some(most) = self.max_bytes {
+            settings.max_bytes = count("cluster.nats.max_bytes", most)?;
         }
         if let Some(kept) = self.events_kept {
             settings.events_kept = count("cluster.nats.events_kept", kept)?;
@@ -245,8 +245,8 @@ impl WorkerTable {
         if let Some(at_once) = self.at_once {
             limits.at_once = at_least("cluster.worker.at_once", at_once, 1)?;
         }
-        if let Some(most) = self.most_deliveries {
-            limits.most_deliveries = at_least("cluster.worker.most_deliveries", most, 1)?;
+        if let Some(most) = self.max_deliveries {
+            limits.max_deliveries = at_least("cluster.worker.max_deliveries", most, 1)?;
         }
         Ok(limits)
     }

@@ -12,7 +12,7 @@ use super::connection::Connection;
 use super::dead_letters;
 use super::{ClusterError, message};
 use crate::asset::AssetId;
-use crate::ingest::{Ingest, IngestError, QueuedRecord, TakenOver, Ticket};
+use crate::service::{Accepted, QueuedRecord, Service, ServiceError};
 
 /// The consumer that all workers share.
 const CONSUMER: &str = "workers";
@@ -33,14 +33,14 @@ pub struct WorkerLimits {
     /// Records worked on at once.
     pub at_once: usize,
     /// A record that was given out so often without being finished goes to the dead letters.
-    pub most_deliveries: u32,
+    pub max_deliveries: u32,
 }
 
 impl Default for WorkerLimits {
     fn default() -> Self {
         Self {
             at_once: 8 * std::thread::available_parallelism().map_or(2, usize::from),
-            most_deliveries: 10,
+            max_deliveries: 10,
         }
     }
 }
@@ -49,7 +49,7 @@ impl Default for WorkerLimits {
 #[derive(Clone)]
 pub(super) struct Worker {
     connection: Connection,
-    ingest: Ingest,
+    service: Arc<Service>,
     limits: WorkerLimits,
     stop: watch::Receiver<bool>,
 }
@@ -66,12 +66,12 @@ enum Fault {
 }
 
 impl Worker {
-    pub(super) fn new(connection: Connection, ingest: Ingest, mut limits: WorkerLimits, stop: watch::Receiver<bool>) -> Self {
+    pub(super) fn new(connection: Connection, service: Arc<Service>, mut limits: WorkerLimits, stop: watch::Receiver<bool>) -> Self {
         // More than that would be refused, and held.
-        limits.at_once = limits.at_once.min(ingest.workers().queue().1).max(1);
+        limits.at_once = limits.at_once.min(service.workers.queue().1).max(1);
         Self {
             connection,
-            ingest,
+            service,
             limits,
             stop,
         }
@@ -79,8 +79,8 @@ impl Worker {
 
     /// Works until it is told to stop, and then ends what it has begun.
     pub(super) async fn run(self) {
-        while let Err(error) = self.ingest.resume().await {
-            tracing::warn!(%error, "what was left to be done is not known yet");
+        while let Err(error) = self.service.resume().await {
+            tracing::warn!(%error, "failed to resume: trying again");
             tokio::time::sleep(Duration::from_secs(1)).await;
         }
         let changes = tokio::spawn(self.clone().follow_changes());
@@ -92,7 +92,7 @@ impl Worker {
                 worked = self.work(&turns) => worked,
             };
             if let Err(error) = worked {
-                tracing::warn!(%error, "no records from the queue, trying again");
+                tracing::warn!(%error, "failed to take records from the queue: trying again");
                 tokio::select! {
                     _ = stop.wait_for(|stop| *stop) => break,
                     () = tokio::time::sleep(Duration::from_secs(1)) => {}
@@ -155,27 +155,29 @@ impl Worker {
             Err((Fault::Own, reason)) => match self.give_up(&message, &reason).await {
                 Ok(()) => AckKind::Ack,
                 Err(error) => {
-                    tracing::warn!(%error, reason, "record not put among the dead letters yet");
+                    tracing::warn!(%error, reason, "failed to put a record among the dead letters: trying again later");
                     AckKind::Nak(Some(TRIED_AGAIN))
                 }
             },
             Err((Fault::Doubtful, reason)) => {
-                tracing::warn!(reason, "record given back, to be tried again");
+                tracing::warn!(reason, "failed to store a record: giving it back to the queue");
                 AckKind::Nak(Some(TRIED_AGAIN))
             }
             Err((Fault::Elsewhere, _)) => AckKind::Nak(None),
         };
         // Where the acknowledgement is lost the record comes again, and is found stored.
         if let Err(error) = message.double_ack_with(kind).await {
-            tracing::debug!(%error, "acknowledgement not confirmed");
+            tracing::debug!(%error, "failed to confirm an acknowledgement");
         }
     }
 
-    /// Puts a message among the dead letters, so that its record, sent again, is not taken for the one that lies there.
+    /// Puts a message among the dead letters, so that its record, sent again, is not taken for the one that
+    /// lies there.
     async fn give_up(&self, message: &Message, reason: &str) -> Result<(), ClusterError> {
         // Before it lies there: who sees it there may send its record again at once.
         if let (Ok(record), Ok(info)) = (message::decode(&message.payload), message.info()) {
-            self.ingest.count_given_up(&record, info.stream_sequence).await?;
+            let letter = i64::try_from(info.stream_sequence).unwrap_or(i64::MAX);
+            self.service.store.count_dead_letter(&record.id, letter, self.service.now()).await?;
         }
         dead_letters::put(&self.connection, message, reason).await
     }
@@ -184,7 +186,7 @@ impl Worker {
     async fn store(&self, message: &Message) -> Result<(), (Fault, String)> {
         let record = message::decode(&message.payload).map_err(|error| (Fault::Own, error.to_string()))?;
         let delivered = message.info().map_or(1, |info| info.delivered);
-        if delivered > i64::from(self.limits.most_deliveries) {
+        if delivered > i64::from(self.limits.max_deliveries) {
             let reason = format!(
                 "given out {} times and never finished: it may be what ends its workers",
                 delivered - 1
@@ -195,9 +197,9 @@ impl Worker {
         let mut stop = self.stop.clone();
         loop {
             let error = match self.store_once(&record).await {
-                Ok(TakenOver::Stored(_) | TakenOver::Repeated) => return Ok(()),
-                Ok(TakenOver::AssetGone) => {
-                    tracing::info!(segment = %record.id, asset = %record.asset_id, "record dropped: its asset was removed");
+                Ok(Some(_)) => return Ok(()),
+                Ok(None) => {
+                    tracing::info!(segment = %record.id, asset = %record.asset_id, "dropped a record whose asset was removed");
                     return Ok(());
                 }
                 Err(error) => error,
@@ -207,7 +209,7 @@ impl Worker {
                 return Err((fault, format!("segment {} of {}: {error}", record.id, record.asset_id)));
             }
             if wait == FIRST_WAIT {
-                tracing::warn!(segment = %record.id, %error, "record held");
+                tracing::warn!(segment = %record.id, %error, "failed to store a record: holding it");
             }
             tokio::select! {
                 _ = stop.wait_for(|stop| *stop) => return Err((fault, error.to_string())),
@@ -217,29 +219,24 @@ impl Worker {
         }
     }
 
-    async fn store_once(&self, record: &QueuedRecord) -> Result<TakenOver, IngestError> {
-        let mut ticket: Ticket = self.ingest.workers().admit()?;
+    async fn store_once(&self, record: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
+        let mut ticket = self.service.workers.admit()?;
         ticket.grow(usize::try_from(record.raw.bytes).unwrap_or(usize::MAX))?;
-        // A task of its own: what is begun is finished also where nobody waits for it any more.
-        let (ingest, record) = (self.ingest.clone(), record.clone());
-        let task = tokio::spawn(async move {
-            let _ticket = ticket;
-            ingest.take_over(&record).await
-        });
-        task.await.map_err(|_| IngestError::WorkerLost("store a record"))?
+        self.service.pipeline.process(record, ticket).await
     }
 
-    /// Looks at assets that somebody changed. What is not heard here is found by looking at what is left to be done from time to time.
+    /// Looks at assets that somebody changed. What is not heard here is found by looking at what is left to
+    /// be done from time to time.
     async fn follow_changes(self) {
         loop {
             match self.connection.client.subscribe(self.connection.changes_subject()).await {
-                Err(error) => tracing::warn!(%error, "changes not heard"),
+                Err(error) => tracing::warn!(%error, "failed to subscribe to changes: trying again"),
                 Ok(mut heard) => {
                     while let Some(changed) = heard.next().await {
                         let name = String::from_utf8_lossy(&changed.payload).into_owned();
                         let Ok(asset) = AssetId::new(name) else { continue };
-                        if let Err(error) = self.ingest.look_at(&asset).await {
-                            tracing::warn!(%asset, %error, "asset not looked at");
+                        if let Err(error) = self.service.assets.refresh(&asset).await {
+                            tracing::warn!(%asset, %error, "failed to refresh an asset");
                         }
                     }
                 }
@@ -254,16 +251,16 @@ async fn keep_alive(message: &Message, every: Duration) {
     loop {
         tokio::time::sleep(every).await;
         if let Err(error) = message.ack_with(AckKind::Progress).await {
-            tracing::debug!(%error, "sign of life not sent");
+            tracing::debug!(%error, "failed to extend the time of a record");
         }
     }
 }
 
-fn fault_of(error: &IngestError) -> Fault {
+fn fault_of(error: &ServiceError) -> Fault {
     match error {
-        IngestError::Busy { .. } | IngestError::DescriptionChanged(_) => Fault::Elsewhere,
-        IngestError::Store(error) if error.is_unavailable() || error.is_conflict() => Fault::Elsewhere,
-        IngestError::Recording(_) | IngestError::Field { .. } | IngestError::HandedOverOtherwise { .. } => Fault::Own,
+        ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) => Fault::Elsewhere,
+        ServiceError::Store(error) if error.is_unavailable() || error.is_conflict() => Fault::Elsewhere,
+        ServiceError::Recording(_) | ServiceError::Field { .. } | ServiceError::HandedOverOtherwise { .. } => Fault::Own,
         _ => Fault::Doubtful,
     }
 }

@@ -35,35 +35,36 @@ impl TokenPlace {
     }
 }
 
-/// Who is asked for a token.
+/// Whether requests need a token.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Asked {
-    /// Everybody, also where there are none.
-    Everybody,
-    /// Everybody as soon as there are some. Before, requests are taken that are for this machine by its own names or by these.
-    OnceThereAreTokens {
+pub(super) enum AuthPolicy {
+    /// They do, also where there are no tokens.
+    Required,
+    /// They do as soon as there are tokens. Without any, requests are taken that are for this machine by its
+    /// own names or by these.
+    WhenConfigured {
         /// Further names.
         host_names: Vec<String>,
     },
-    /// Nobody, not even where there are some.
-    Nobody,
+    /// They do not, also where there are tokens.
+    Disabled,
 }
 
 /// The guard before every operation.
 pub(super) struct Access {
     tokens: TokenPlace,
-    asked: Asked,
-    /// That they all go away opens nothing.
+    policy: AuthPolicy,
+    /// Revoking every token does not reopen the service.
     had_tokens: AtomicBool,
     rate: RateLimiter,
 }
 
 impl Access {
-    pub(super) fn new(tokens: TokenPlace, asked: Asked, requests_per_s: NonZeroU32) -> Self {
+    pub(super) fn new(tokens: TokenPlace, policy: AuthPolicy, requests_per_s: NonZeroU32) -> Self {
         Self {
             tokens,
             had_tokens: AtomicBool::new(false),
-            asked,
+            policy,
             rate: RateLimiter::per_second(requests_per_s),
         }
     }
@@ -71,11 +72,11 @@ impl Access {
     async fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
         refuse_other_pages(method, uri, headers)?;
         let path = uri.path();
-        if self.asked == Asked::Nobody || is_public(path) {
+        if self.policy == AuthPolicy::Disabled || is_public(path) {
             return Ok(());
         }
         let tokens = self.tokens.list().await.map_err(|error| {
-            tracing::error!(%error, "tokens cannot be read");
+            tracing::error!(%error, "failed to read tokens");
             if error.is_unavailable() {
                 return Problem::busy("the tokens cannot be read: the database is away", 5);
             }
@@ -83,7 +84,7 @@ impl Access {
         })?;
         if tokens.is_some() {
             self.had_tokens.store(true, Ordering::Relaxed);
-        } else if let Asked::OnceThereAreTokens { host_names } = &self.asked
+        } else if let AuthPolicy::WhenConfigured { host_names } = &self.policy
             && !self.had_tokens.load(Ordering::Relaxed)
         {
             return refuse_other_hosts(uri, headers, host_names);
@@ -122,7 +123,8 @@ impl Access {
     }
 }
 
-/// What can be had without a token: the pages, which show nothing by themselves, and whether the service lives.
+/// What can be had without a token: the pages, which show nothing by themselves, and whether the service
+/// lives.
 fn is_public(path: &str) -> bool {
     let pages = ["/", "/docs", "/openapi.json", "/healthz", "/readyz"];
     pages.contains(&path) || path.starts_with("/static/") || path.starts_with("/docs/")
@@ -145,7 +147,8 @@ fn host_of<'a>(uri: &'a Uri, headers: &'a HeaderMap) -> Option<&'a str> {
     named.or_else(|| uri.authority().map(Authority::as_str))
 }
 
-/// A page of a host whose name is made to lead to this machine is, for a browser, one of this service. Its requests are for that name.
+/// A page of a host whose name is made to lead to this machine is, for a browser, one of this service. Its
+/// requests are for that name.
 fn refuse_other_hosts(uri: &Uri, headers: &HeaderMap, host_names: &[String]) -> Result<(), Problem> {
     let Some(host) = host_of(uri, headers) else { return Ok(()) };
     let name = host

@@ -7,20 +7,20 @@ use axum::http::HeaderMap;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::body;
 use super::problem::{Details, Problem};
 use super::query::{self, NameInPath, Page, Parameters};
-use super::router::App;
 use crate::asset::AssetId;
 use crate::estimate::{AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Severity};
-use crate::ingest::PersonsAction;
+use crate::service::OperatorAction;
 use crate::store::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 
 /// Entries of a history that are shown.
-const MOST_ENTRIES: u32 = 1000;
+const MAX_ENTRIES: u32 = 1000;
 
 /// Longest comment in bytes.
-const MOST_COMMENT: usize = 2000;
+const MAX_COMMENT: usize = 2000;
 
 /// An alarm as it stands.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -147,11 +147,11 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<L
         asset: asked.asset,
         channel: asked.channel,
     };
-    let store = app.ingest.store();
+    let store = &app.service.store;
     if let Some(asset) = &filter.asset {
         store.asset(asset).await?;
     }
-    let now = app.ingest.now();
+    let now = app.service.now();
     let alarms = store.alarms(&filter, now, limit + 1).await?;
     let page = Page::new(alarms, limit, |alarm: &StoredAlarm| query::cursor_at(alarm.changed_at, &alarm.id));
     Ok(Json(page.map(|alarm| AlarmView::new(alarm, now))))
@@ -166,7 +166,7 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<L
     responses((status = 200, body = WholeAlarm)),
 )]
 pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<WholeAlarm>, Problem> {
-    let alarm = app.ingest.store().alarm(&id).await?;
+    let alarm = app.service.store.alarm(&id).await?;
     let alarm = alarm.ok_or_else(|| Problem::not_found(format!("there is no alarm {id:?}")))?;
     whole(&app, alarm).await
 }
@@ -242,7 +242,7 @@ pub(super) async fn shelve(
     body: Body,
 ) -> Result<Json<WholeAlarm>, Problem> {
     let Shelving { by, until, comment } = body::described(&app.limits, &headers, body).await?;
-    if until <= app.ingest.now() {
+    if until <= app.service.now() {
         return Err(Problem::content("until", until, "a time later than now"));
     }
     act(&app, &id, AlarmAction::Shelve { until }, by, comment).await
@@ -294,7 +294,7 @@ pub(super) async fn comment(
 
 async fn act(app: &App, id: &str, action: AlarmAction, by: String, comment: String) -> Result<Json<WholeAlarm>, Problem> {
     check_signature(&by, &comment)?;
-    let alarm = app.ingest.act_on_alarm(id, PersonsAction { action, by, comment }).await?;
+    let alarm = app.service.alarms.act(id, OperatorAction { action, by, comment }).await?;
     whole(app, alarm).await
 }
 
@@ -307,7 +307,7 @@ pub(super) fn check_signature(by: &str, comment: &str) -> Result<(), Problem> {
             "a name of 1 to 200 bytes without control characters",
         ));
     }
-    if comment.len() > MOST_COMMENT {
+    if comment.len() > MAX_COMMENT {
         return Err(Problem::content(
             "comment",
             format!("{} bytes", comment.len()),
@@ -318,10 +318,10 @@ pub(super) fn check_signature(by: &str, comment: &str) -> Result<(), Problem> {
 }
 
 async fn whole(app: &App, alarm: StoredAlarm) -> Result<Json<WholeAlarm>, Problem> {
-    let (history, history_count) = app.ingest.store().alarm_history(&alarm.id, MOST_ENTRIES).await?;
+    let (history, history_count) = app.service.store.alarm_history(&alarm.id, MAX_ENTRIES).await?;
     let entry = |StoredAlarmChange { change, withdrawn_at }| EntryView { change, withdrawn_at };
     Ok(Json(WholeAlarm {
-        alarm: AlarmView::new(alarm, app.ingest.now()),
+        alarm: AlarmView::new(alarm, app.service.now()),
         history: history.into_iter().map(entry).collect(),
         history_count,
     }))

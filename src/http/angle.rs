@@ -5,9 +5,9 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
-use super::router::App;
 use super::{reduction, segments};
 use crate::asset::SegmentId;
 use crate::signal::{Absence, AngleSource};
@@ -74,10 +74,11 @@ pub(super) async fn orders(
         Some(order) => return Err(Problem::query("max_order", order, "an order above 0")),
     };
     let segment = segments::find(&app, &id).await?;
-    let teeth = app.ingest.store().asset(&segment.asset_id).await?.spec.gear.teeth;
-    let _ticket = app.ingest.workers().admit_answer()?;
+    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
+    let _ticket = app.service.workers.admit_answer()?;
     let computed = app
-        .ingest
+        .service
+        .records
         .analyse_stored(&segment, "compute an order spectrum", |analyzer, record, mesh| {
             analyzer.order_spectrum(record, mesh, None)
         });
@@ -136,10 +137,11 @@ pub(super) struct TurnView {
 )]
 pub(super) async fn turn(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<TurnView>, Problem> {
     let segment = segments::find(&app, &id).await?;
-    let teeth = app.ingest.store().asset(&segment.asset_id).await?.spec.gear.teeth;
-    let _ticket = app.ingest.workers().admit_answer()?;
+    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
+    let _ticket = app.service.workers.admit_answer()?;
     let computed = app
-        .ingest
+        .service
+        .records
         .analyse_stored(&segment, "average over a turn", |analyzer, record, mesh| {
             let turned = analyzer.angle_record(record, mesh, None)?;
             let signals = analyzer.gear_signals(record, mesh, None)?;

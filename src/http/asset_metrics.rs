@@ -2,20 +2,20 @@
 
 use jiff::Timestamp;
 
-use super::metrics::Text;
+use super::app::App;
+use super::metrics_text::MetricsText;
 use super::problem::Problem;
-use super::router::App;
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::{AlarmState, Severity};
 use crate::store::{AlarmFilter, StoredAlarm};
 
 /// Alarms that are shown, those that changed last.
-const MOST_ALARMS: u32 = 10_000;
+const MAX_ALARMS: u32 = 10_000;
 
 /// The state of each alarm.
-pub(super) async fn alarms(app: &App, text: &mut Text) -> Result<(), Problem> {
-    let now = app.ingest.now();
-    let alarms = app.ingest.store().alarms(&AlarmFilter::default(), now, MOST_ALARMS).await?;
+pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Problem> {
+    let now = app.service.now();
+    let alarms = app.service.store.alarms(&AlarmFilter::default(), now, MAX_ALARMS).await?;
     let mut alarms: Vec<_> = alarms.into_iter().map(|stored| (stored.quantity.to_string(), stored)).collect();
     alarms.sort_by(|(a, left), (b, right)| (&left.asset_id, &left.channel, a).cmp(&(&right.asset_id, &right.channel, b)));
     let mut gauge = |name: &str, help: &str, value: &dyn Fn(&StoredAlarm) -> u8| {
@@ -86,9 +86,10 @@ impl Latest {
     }
 }
 
-/// Wear, indicators and time of each channel's latest record; `wanted` are the indicators, all where not given.
-pub(super) async fn assets(app: &App, wanted: Option<&[&str]>, text: &mut Text) -> Result<(), Problem> {
-    let store = app.ingest.store();
+/// Wear, indicators and time of each channel's latest record; `wanted` are the indicators, all where not
+/// given.
+pub(super) async fn assets(app: &App, wanted: Option<&[&str]>, text: &mut MetricsText) -> Result<(), Problem> {
+    let store = &app.service.store;
     let mut latest = Vec::new();
     let mut after: Option<String> = None;
     loop {

@@ -8,11 +8,11 @@ use axum::response::IntoResponse;
 use jiff::Timestamp;
 use serde::Serialize;
 
+use super::app::App;
 use super::body;
 use super::category::{AlarmCounts, Category};
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
-use super::router::App;
 use crate::asset::{AssetId, AssetSpec, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate};
 use crate::store::{Asset, StoredAlarm};
@@ -51,7 +51,8 @@ struct Summary {
     wear: Option<WearEstimate>,
     /// That channel.
     wear_channel: Option<String>,
-    /// What it needs, after NAMUR NE 107: what its alarms say, else its latest wear and the state of its library.
+    /// What it needs, after NAMUR NE 107: what its alarms say, else its latest wear and the state of its
+    /// library.
     category: Category,
     /// Its alarms in numbers.
     alarms: AlarmCounts,
@@ -73,10 +74,10 @@ struct Summary {
 )]
 pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<AssetView>>, Problem> {
     let limit = query::limit(asked.limit)?;
-    let assets = app.ingest.store().assets(asked.cursor.as_deref(), limit + 1).await?;
+    let assets = app.service.store.assets(asked.cursor.as_deref(), limit + 1).await?;
     let (assets, next_cursor) = Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
     let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
-    let alarms = app.ingest.store().open_alarms(&ids).await?;
+    let alarms = app.service.store.open_alarms(&ids).await?;
     let mut views = Vec::with_capacity(assets.len());
     for asset in assets {
         views.push(view_with(&app, asset, &alarms).await?);
@@ -94,7 +95,7 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<P
 )]
 pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
     let spec = description(&app, &headers, body).await?;
-    let asset = app.ingest.create_asset(&spec).await?;
+    let asset = app.service.assets.create(&spec).await?;
     let location = format!("/v1/assets/{}", spec.id);
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view(&app, asset).await?)))
 }
@@ -108,7 +109,7 @@ pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Bod
     responses((status = 200, body = AssetView)),
 )]
 pub(super) async fn show(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<Json<AssetView>, Problem> {
-    let asset = app.ingest.store().asset(&id).await?;
+    let asset = app.service.store.asset(&id).await?;
     Ok(Json(view(&app, asset).await?))
 }
 
@@ -133,13 +134,14 @@ pub(super) async fn replace(
     if spec.id != id {
         return Err(Problem::content("id", &spec.id, &format!("{id}, as in the address")));
     }
-    let asset = app.ingest.update_asset(&spec).await?;
+    let asset = app.service.assets.update(&spec).await?;
     Ok(Json(view(&app, asset).await?))
 }
 
 /// Delete an asset
 ///
-/// Its records, estimates and raw recordings go with it. One through whose measuring points others hear cannot go before those.
+/// Its records, estimates and raw recordings go with it. One whose sensor others share cannot go before
+/// those.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}",
@@ -148,7 +150,7 @@ pub(super) async fn replace(
     responses((status = 204, description = "Gone"), (status = 409, body = Details, content_type = "application/problem+json", description = "Others hear through its measuring points")),
 )]
 pub(super) async fn remove(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<StatusCode, Problem> {
-    app.ingest.delete_asset(&id).await?;
+    app.service.assets.delete(&id).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -172,14 +174,14 @@ async fn description(app: &App, headers: &HeaderMap, body: Body) -> Result<Asset
 }
 
 async fn view(app: &App, asset: Asset) -> Result<AssetView, Problem> {
-    let alarms = app.ingest.store().open_alarms(&[&asset.spec.id]).await?;
+    let alarms = app.service.store.open_alarms(&[&asset.spec.id]).await?;
     view_with(app, asset, &alarms).await
 }
 
 /// `alarms` are those that are open, of this asset and perhaps of others.
 async fn view_with(app: &App, asset: Asset, alarms: &[StoredAlarm]) -> Result<AssetView, Problem> {
     let mine = alarms.iter().filter(|alarm| alarm.asset_id == asset.spec.id);
-    let summary = summary(app, &asset, AlarmCounts::of(mine, app.ingest.now())).await?;
+    let summary = summary(app, &asset, AlarmCounts::of(mine, app.service.now())).await?;
     Ok(AssetView {
         spec: asset.spec,
         created_at: asset.created_at,
@@ -189,9 +191,9 @@ async fn view_with(app: &App, asset: Asset, alarms: &[StoredAlarm]) -> Result<As
 }
 
 async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summary, Problem> {
-    let store = app.ingest.store();
+    let store = &app.service.store;
     let channels = store.channels(&asset.spec.id).await?;
-    let (library_id, readiness) = app.ingest.libraries().readiness(&asset.spec);
+    let (library_id, readiness) = app.service.simulations.readiness(&asset.spec);
     let mut wear = None;
     let mut recent_wear_um = Vec::new();
     let speaking = asset.speaking_channel(&channels, None);
@@ -223,7 +225,8 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     })
 }
 
-/// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for the asset.
+/// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for
+/// the asset.
 ///
 /// None of a channel where the asset has no records; a problem where the channel asked for has none.
 pub(super) async fn asset_and_channel(
@@ -231,7 +234,7 @@ pub(super) async fn asset_and_channel(
     id: &AssetId,
     asked: Option<&str>,
 ) -> Result<(Asset, Option<crate::store::ChannelSummary>), Problem> {
-    let store = app.ingest.store();
+    let store = &app.service.store;
     let asset = store.asset(id).await?;
     let channels = store.channels(id).await?;
     let channel = asset.speaking_channel(&channels, asked).cloned();

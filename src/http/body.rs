@@ -4,7 +4,7 @@ use std::future::poll_fn;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -13,9 +13,10 @@ use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
-use super::coding::Coding;
+use super::content_encoding::{ContentEncoding, STEP};
 use super::limits::HttpLimits;
 use super::problem::Problem;
+use crate::service::ServiceError;
 
 /// The media type of a body without its parameters, in lower case; none where the client does not say.
 pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
@@ -32,111 +33,133 @@ pub(super) fn unsupported(found: Option<&str>, expected: &str) -> Problem {
     )
 }
 
-/// Where the pieces of what is read come from.
-pub(super) enum Pieces<'a> {
-    /// A request's body.
-    Body(Body),
-    /// A part of a form.
-    Part(Box<multer::Field<'a>>),
-}
-
-impl Pieces<'_> {
-    /// The next piece; none at the end.
-    pub(super) async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
-        match self {
-            Self::Body(body) => next_piece(body).await,
-            Self::Part(part) => part.chunk().await.map_err(broken_form),
-        }
-    }
-}
-
-/// How fast a body comes.
-pub(super) struct Arrival {
+/// The bytes of a request's body as they come: no more than allowed, none after the time that a body may
+/// take, and none that come too slowly, since a body holds a place in the queue.
+pub(super) struct BodySource {
+    body: Body,
     began: Instant,
+    deadline: Instant,
+    idle: Duration,
+    bytes_per_s: u64,
     bytes: u64,
+    max: u64,
 }
 
-impl Arrival {
-    pub(super) fn begin() -> Self {
+impl BodySource {
+    /// At most `max` bytes of a body.
+    pub(super) fn new(body: Body, max: u64, limits: &HttpLimits) -> Self {
+        let began = Instant::now();
         Self {
-            began: Instant::now(),
+            body,
+            began,
+            deadline: began + limits.body_timeout,
+            idle: limits.body_idle,
+            bytes_per_s: limits.body_bytes_per_s,
             bytes: 0,
+            max,
         }
     }
 
-    /// The next piece; a problem where nothing comes, or what comes is a trickle: it holds a place in the queue.
-    pub(super) async fn next(&mut self, pieces: &mut Pieces<'_>, limits: &HttpLimits) -> Result<Option<Bytes>, Problem> {
+    /// The next bytes; none at the end.
+    pub(super) async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
         let slow = |what: String| Problem::new(StatusCode::REQUEST_TIMEOUT, what);
-        let idle = limits.body_idle;
-        let piece = tokio::time::timeout(idle, pieces.next()).await;
-        let piece = piece.map_err(|_| slow(format!("nothing of the body came for {} s", idle.as_secs())))??;
-        self.bytes += piece.as_ref().map_or(0, |piece| piece.len() as u64);
+        let until = self.deadline.min(Instant::now() + self.idle);
+        let Ok(next) = tokio::time::timeout_at(until.into(), next_piece(&mut self.body)).await else {
+            return Err(slow(if until == self.deadline {
+                format!("the body took longer than {} s", (self.deadline - self.began).as_secs())
+            } else {
+                format!("nothing of the body came for {} s", self.idle.as_secs())
+            }));
+        };
+        let Some(piece) = next? else { return Ok(None) };
+        self.bytes += piece.len() as u64;
+        if self.bytes > self.max {
+            return Err(Problem::too_large(self.max));
+        }
         let elapsed = self.began.elapsed();
-        if piece.is_some() && elapsed > idle && self.bytes < elapsed.as_secs() * limits.body_bytes_per_s {
-            let detail = format!("the body came with less than {} bytes a second", limits.body_bytes_per_s);
-            return Err(slow(detail));
+        if elapsed > self.idle && self.bytes < elapsed.as_secs() * self.bytes_per_s {
+            return Err(slow(format!("the body came with less than {} bytes a second", self.bytes_per_s)));
         }
-        Ok(piece)
+        Ok(Some(piece))
     }
 }
 
-/// The problem of a form that cannot be read.
-pub(super) fn broken_form(error: multer::Error) -> Problem {
-    if let multer::Error::StreamSizeExceeded { limit } = error {
-        return Problem::too_large(limit);
-    }
-    Problem::new(StatusCode::BAD_REQUEST, format!("the form cannot be read: {error}"))
+/// A body without its content encoding; what comes out is counted too.
+struct DecodedBody {
+    source: BodySource,
+    /// None once the body is over.
+    encoding: Option<ContentEncoding>,
+    /// What came and is not decoded yet.
+    piece: Bytes,
+    bytes: u64,
+    max: u64,
 }
 
-/// A text field of a form, at most `most` bytes.
-pub(super) async fn text(mut part: multer::Field<'_>, most: usize) -> Result<String, Problem> {
-    let mut text = Vec::new();
-    while let Some(piece) = part.chunk().await.map_err(broken_form)? {
-        if text.len() + piece.len() > most {
-            return Err(Problem::too_large(most as u64));
+impl DecodedBody {
+    /// At most `max` decoded bytes.
+    fn new(headers: &HeaderMap, body: Body, max: u64, limits: &HttpLimits) -> Result<Self, Problem> {
+        if announced(headers).is_some_and(|length| length > max) {
+            return Err(Problem::too_large(max));
         }
-        text.extend_from_slice(&piece);
+        Ok(Self {
+            source: BodySource::new(body, u64::MAX, limits),
+            encoding: Some(ContentEncoding::of(headers)?),
+            piece: Bytes::new(),
+            bytes: 0,
+            max,
+        })
     }
-    String::from_utf8(text).map_err(|error| Problem::new(StatusCode::BAD_REQUEST, format!("a field of the form is not UTF-8: {error}")))
+
+    /// The next decoded bytes, which may be none yet; nothing at the end.
+    async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
+        let Some(encoding) = &mut self.encoding else { return Ok(None) };
+        if self.piece.is_empty()
+            && let Some(piece) = self.source.next().await?
+        {
+            self.piece = piece;
+        }
+        let mut decoded = Vec::new();
+        let bytes = if self.piece.is_empty() {
+            if let Some(encoding) = self.encoding.take() {
+                encoding.finish(&mut decoded)?;
+            }
+            Bytes::from(decoded)
+        } else if encoding.is_identity() {
+            std::mem::take(&mut self.piece)
+        } else {
+            let step = self.piece.split_to(self.piece.len().min(STEP));
+            encoding.decode(&step, &mut decoded)?;
+            Bytes::from(decoded)
+        };
+        self.bytes += bytes.len() as u64;
+        if self.bytes > self.max {
+            return Err(Problem::too_large(self.max));
+        }
+        Ok(Some(bytes))
+    }
 }
 
-/// The whole of what comes, decoded, at most `most` bytes; `take` is told of every piece as it is kept.
+/// The whole of a body, decoded, at most `max` bytes; `take` is told of all bytes before they are held.
 pub(super) async fn read(
     headers: &HeaderMap,
-    mut pieces: Pieces<'_>,
-    most: usize,
+    body: Body,
+    max: usize,
     limits: &HttpLimits,
     mut take: impl FnMut(usize) -> Result<(), Problem>,
 ) -> Result<Bytes, Problem> {
-    let announced = announced(headers, most as u64)?;
-    let mut coding = Coding::of(headers)?;
-    let all = async {
-        let mut all = Vec::with_capacity(usize::try_from(announced.unwrap_or(0)).unwrap_or(0).min(1 << 20));
-        let mut kept = |all: &Vec<u8>, before: usize| {
-            if all.len() > most {
-                return Err(Problem::too_large(most as u64));
-            }
-            take(all.len() - before)
-        };
-        let mut arrival = Arrival::begin();
-        while let Some(piece) = arrival.next(&mut pieces, limits).await? {
-            for step in coding.steps(&piece) {
-                let before = all.len();
-                coding.decode(step, &mut all)?;
-                kept(&all, before)?;
-            }
-        }
-        let before = all.len();
-        coding.finish(&mut all)?;
-        kept(&all, before)?;
-        Ok(Bytes::from(all))
-    };
-    within(limits, all).await
+    let mut body = DecodedBody::new(headers, body, max as u64, limits)?;
+    let expected = usize::try_from(announced(headers).unwrap_or(0)).unwrap_or(0);
+    let mut all = Vec::with_capacity(expected.min(1 << 20));
+    while let Some(bytes) = body.next().await? {
+        take(bytes.len())?;
+        all.extend_from_slice(&bytes);
+    }
+    Ok(Bytes::from(all))
 }
 
 /// The body of a description (JSON or TOML), at most as long as such a body may be.
 pub(super) async fn read_description(headers: &HeaderMap, body: Body, limits: &HttpLimits) -> Result<Bytes, Problem> {
-    read(headers, Pieces::Body(body), limits.description_bytes, limits, |_| Ok(())).await
+    read(headers, body, limits.description_bytes, limits, |_| Ok(())).await
 }
 
 /// What a JSON body describes, read whole within the limit on descriptions.
@@ -148,81 +171,40 @@ pub(super) async fn described<T: DeserializeOwned>(limits: &HttpLimits, headers:
     from_json(&read_description(headers, body, limits).await?)
 }
 
-/// A body in a file, removed when dropped unless it is somebody else's.
+/// A body in a file, removed when dropped.
 pub(super) struct SpooledBody {
     path: PathBuf,
     sha256: Vec<u8>,
-    is_kept: bool,
 }
 
 impl SpooledBody {
-    /// Writes the whole of what comes, decoded, to a file in `folder`.
-    pub(super) async fn receive(headers: &HeaderMap, mut pieces: Pieces<'_>, folder: &Path, limits: &HttpLimits) -> Result<Self, Problem> {
+    /// Writes the whole of a body, decoded, to a file in `folder`.
+    pub(super) async fn receive(headers: &HeaderMap, body: Body, folder: &Path, limits: &HttpLimits) -> Result<Self, Problem> {
         static COUNTER: AtomicU64 = AtomicU64::new(0);
-        let most = limits.recording_bytes;
-        announced(headers, most)?;
-        let mut coding = Coding::of(headers)?;
+        let mut body = DecodedBody::new(headers, body, limits.recording_bytes, limits)?;
         let mut spooled = Self::at(folder.join(COUNTER.fetch_add(1, Ordering::Relaxed).to_string()));
         let failed = |source| {
-            Problem::from(crate::ingest::IngestError::File {
+            Problem::from(ServiceError::File {
                 action: "write",
                 path: folder.to_path_buf(),
                 source,
             })
         };
-        let path = spooled.path.clone();
-        let write = async {
-            let file = tokio::fs::File::create(&path).await.map_err(failed)?;
-            let mut file = tokio::io::BufWriter::with_capacity(1 << 20, file);
-            let mut hash = Sha256::new();
-            let mut written = 0;
-            let mut out = Vec::new();
-            let mut is_over = false;
-            let mut arrival = Arrival::begin();
-            while !is_over {
-                match arrival.next(&mut pieces, limits).await? {
-                    Some(piece) => {
-                        for step in coding.steps(&piece) {
-                            out.clear();
-                            coding.decode(step, &mut out)?;
-                            written += out.len() as u64;
-                            if written > most {
-                                return Err(Problem::too_large(most));
-                            }
-                            hash.update(&out);
-                            file.write_all(&out).await.map_err(failed)?;
-                        }
-                    }
-                    None => is_over = true,
-                }
-            }
-            out.clear();
-            coding.finish(&mut out)?;
-            hash.update(&out);
-            file.write_all(&out).await.map_err(failed)?;
-            file.flush().await.map_err(failed)?;
-            Ok(hash.finalize().to_vec())
-        };
-        spooled.sha256 = within(limits, write).await?;
+        let file = tokio::fs::File::create(&spooled.path).await.map_err(failed)?;
+        let mut file = tokio::io::BufWriter::with_capacity(1 << 20, file);
+        let mut hash = Sha256::new();
+        while let Some(bytes) = body.next().await? {
+            hash.update(&bytes);
+            file.write_all(&bytes).await.map_err(failed)?;
+        }
+        file.flush().await.map_err(failed)?;
+        spooled.sha256 = hash.finalize().to_vec();
         Ok(spooled)
     }
 
     /// A file that is there already.
     pub(super) fn at(path: PathBuf) -> Self {
-        Self {
-            path,
-            sha256: Vec::new(),
-            is_kept: false,
-        }
-    }
-
-    /// A file that is there already and stays.
-    pub(super) fn kept_at(path: PathBuf) -> Self {
-        Self {
-            path,
-            sha256: Vec::new(),
-            is_kept: true,
-        }
+        Self { path, sha256: Vec::new() }
     }
 
     /// SHA-256 of what was received.
@@ -238,10 +220,8 @@ impl SpooledBody {
 
 impl Drop for SpooledBody {
     fn drop(&mut self) {
-        if !self.is_kept
-            && let Err(error) = std::fs::remove_file(&self.path)
-        {
-            tracing::debug!(file = %self.path.display(), %error, "upload file not removed");
+        if let Err(error) = std::fs::remove_file(&self.path) {
+            tracing::debug!(file = %self.path.display(), %error, "failed to remove the file of a body");
         }
     }
 }
@@ -258,15 +238,9 @@ pub(super) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem>
     })
 }
 
-/// Refuses a body that says itself that it is too long.
-fn announced(headers: &HeaderMap, most: u64) -> Result<Option<u64>, Problem> {
-    let length = headers
-        .get(header::CONTENT_LENGTH)
-        .and_then(|value| value.to_str().ok()?.parse().ok());
-    match length {
-        Some(length) if length > most => Err(Problem::too_large(most)),
-        length => Ok(length),
-    }
+/// The length that a body says it has.
+fn announced(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
 }
 
 async fn next_piece(body: &mut Body) -> Result<Option<Bytes>, Problem> {
@@ -288,13 +262,4 @@ async fn next_piece(body: &mut Body) -> Result<Option<Bytes>, Problem> {
             }
         }
     }
-}
-
-async fn within<T>(limits: &HttpLimits, reading: impl Future<Output = Result<T, Problem>>) -> Result<T, Problem> {
-    tokio::time::timeout(limits.body_timeout, reading).await.unwrap_or_else(|_| {
-        Err(Problem::new(
-            StatusCode::REQUEST_TIMEOUT,
-            format!("the body took longer than {} s", limits.body_timeout.as_secs()),
-        ))
-    })
 }

@@ -57,7 +57,8 @@ impl AlarmCounts {
 }
 
 impl Category {
-    /// Of an asset with these alarms, this latest wear and a library in this state. `limits` are to be those that no alarm watches.
+    /// Of an asset with these alarms, this latest wear and a library in this state. `limits` are to be those
+    /// that no alarm watches.
     pub(super) fn of(alarms: AlarmCounts, wear: Option<&WearEstimate>, limits: WearLimits, library_state: &str) -> Self {
         let beyond = |limit: Option<f64>| {
             limit

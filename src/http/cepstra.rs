@@ -5,9 +5,9 @@ use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
 use super::angle::absent;
+use super::app::App;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
-use super::router::App;
 use super::{reduction, segments};
 use crate::asset::SegmentId;
 
@@ -65,10 +65,11 @@ pub(super) async fn cepstrum(
         Some(seconds) => return Err(Problem::query("max_s", seconds, "seconds above 0")),
     };
     let segment = segments::find(&app, &id).await?;
-    let teeth = app.ingest.store().asset(&segment.asset_id).await?.spec.gear.teeth;
-    let _ticket = app.ingest.workers().admit_answer()?;
+    let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
+    let _ticket = app.service.workers.admit_answer()?;
     let computed = app
-        .ingest
+        .service
+        .records
         .analyse_stored(&segment, "compute a cepstrum", |analyzer, record, _| analyzer.cepstrum(record));
     let cepstrum = computed.await?.map_err(|absence| absent("cepstrum", absence))?;
     let resolution_s = cepstrum.resolution_s;

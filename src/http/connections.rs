@@ -18,12 +18,11 @@ use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::{self, ServerConfig};
 
-use super::bare_refusals::WithProblems;
 use super::limits::HttpLimits;
-use super::server::ServiceError;
+use super::start_error::StartError;
 
 /// Header fields of one request.
-const MOST_HEADERS: usize = 100;
+const MAX_HEADERS: usize = 100;
 
 /// Wait after the system refused a connection, most often because it has no file descriptors left.
 const AFTER_REFUSAL: Duration = Duration::from_millis(100);
@@ -39,8 +38,8 @@ pub struct TlsFiles {
 
 impl TlsFiles {
     /// Reads both files.
-    pub(super) fn load(&self) -> Result<TlsAcceptor, ServiceError> {
-        let tls = |path: &Path, reason: String| ServiceError::Tls {
+    pub(super) fn load(&self) -> Result<TlsAcceptor, StartError> {
+        let tls = |path: &Path, reason: String| StartError::Tls {
             path: path.to_path_buf(),
             reason,
         };
@@ -81,7 +80,7 @@ pub(super) async fn serve(
         let stream = match accepted {
             Ok((stream, _)) => stream,
             Err(error) => {
-                tracing::warn!(%error, "connection not taken");
+                tracing::warn!(%error, "failed to accept a connection");
                 tokio::time::sleep(AFTER_REFUSAL).await;
                 continue;
             }
@@ -95,8 +94,8 @@ pub(super) async fn serve(
             };
             match tokio::time::timeout(limits.header_timeout, tls.accept(stream)).await {
                 Ok(Ok(stream)) => talk(stream, router, &limits, watcher).await,
-                Ok(Err(error)) => tracing::debug!(%error, "no TLS"),
-                Err(_) => tracing::debug!("no TLS in time"),
+                Ok(Err(error)) => tracing::debug!(%error, "TLS handshake failed"),
+                Err(_) => tracing::debug!("TLS handshake timed out"),
             }
         });
     }
@@ -109,13 +108,12 @@ async fn talk(stream: impl AsyncRead + AsyncWrite + Send + 'static, router: Rout
     // A client that does not read its answer gives its place free.
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.write_timeout));
-    let stream = WithProblems::new(Box::pin(stream), limits.header_bytes);
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(limits.header_timeout)
         .max_buf_size(limits.header_bytes)
-        .max_headers(MOST_HEADERS)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+        .max_headers(MAX_HEADERS)
+        .serve_connection(TokioIo::new(Box::pin(stream)), TowerToHyperService::new(router));
     if let Err(error) = watcher.watch(connection).await {
         tracing::debug!(%error, "connection ended");
     }

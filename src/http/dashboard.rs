@@ -11,7 +11,7 @@ use flate2::Compression;
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 
-use super::freshness::{is_known, mark};
+use super::etag::{self, is_known};
 use super::plotly::plotly_js;
 use super::problem::Problem;
 
@@ -123,7 +123,7 @@ impl Compressed {
         let gzip = encoder.write_all(bytes).and_then(|()| encoder.finish()).unwrap_or_default();
         Self {
             gzip,
-            etag: mark(&[bytes]),
+            etag: etag::of_bytes(&[bytes]),
         }
     }
 
@@ -131,7 +131,7 @@ impl Compressed {
         let mut bytes = Vec::new();
         let mut decoder = GzDecoder::new(&self.gzip[..]);
         if let Err(error) = decoder.read_to_end(&mut bytes) {
-            tracing::error!(%error, "embedded script cannot be decompressed");
+            tracing::error!(%error, "failed to decompress an embedded script");
         }
         bytes
     }
@@ -158,7 +158,7 @@ pub(super) async fn file(path: Result<Path<String>, PathRejection>, headers: Hea
 }
 
 fn send(headers: &HeaderMap, file: &'static StaticFile) -> Response {
-    let etag = mark(&[file.bytes]);
+    let etag = etag::of_bytes(&[file.bytes]);
     // Revalidated each time: a new version of the program may bring a new file under the same name.
     let caching = HeaderValue::from_static("no-cache");
     if is_known(headers, &etag) {

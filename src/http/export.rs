@@ -14,16 +14,16 @@ use jiff::Timestamp;
 use serde::Deserialize;
 use tokio::io::AsyncReadExt;
 
+use super::app::App;
 use super::body::SpooledBody;
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
-use super::router::App;
 use super::{provenance, reduction};
 use crate::asset::{AssetId, Segment};
 use crate::estimate::Severity;
-use crate::ingest::{IngestError, Readiness};
 use crate::recording::message::{AlarmState, Indicators, Spectrum, WearEstimate};
 use crate::recording::{HistoryKind, HistoryWriter, RecordingError};
+use crate::service::{Readiness, ServiceError};
 use crate::store::{AlarmFilter, SegmentFilter, SegmentKey, StoredAlarmChange};
 
 /// Segments read at once: bounds memory.
@@ -33,7 +33,7 @@ const PAGE: u32 = 200;
 const SPECTRUM_POINTS: usize = 2000;
 
 /// Most spectra of one export: each is computed from its record's raw bytes.
-const MOST_SPECTRA: u64 = 10_000;
+const MAX_SPECTRA: u64 = 10_000;
 
 /// Bytes read from the file at once.
 const PIECE: usize = 64 << 10;
@@ -57,10 +57,11 @@ pub(super) struct ExportParameters {
 
 /// Export an asset's history
 ///
-/// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on `/{asset}/{channel}/indicators`, `…/wear`,
-/// `…/spectrum` and `…/alarm`; metadata records `asset`, `sensor`, `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment
-/// `library.json`. Records whose raw recordings are not kept any more have no spectrum.
-/// Plot `wear.median_um`, `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
+/// Indicators, wear, spectra and changes of alarms as `flankwatch.v1` protobuf messages in MCAP, on
+/// `/{asset}/{channel}/indicators`, `…/wear`, `…/spectrum` and `…/alarm`; metadata records `asset`, `sensor`,
+/// `gear_pair` and `acquisition`, and the manifest of the wear library as the attachment `library.json`.
+/// Records whose raw recordings are not kept any more have no spectrum. Plot `wear.median_um`,
+/// `indicators.values[:]{key=="rms"}.value`, or `spectrum.frequency_hz[:]` against `spectrum.amplitude[:]`.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}/export",
@@ -78,12 +79,12 @@ pub(super) async fn export(
 ) -> Result<Response, Problem> {
     static COUNTER: AtomicU64 = AtomicU64::new(0);
     let spectra = asked.spectra.unwrap_or(100);
-    if spectra > MOST_SPECTRA {
+    if spectra > MAX_SPECTRA {
         return Err(Problem::query("spectra", spectra, "a number from 0 to 10000"));
     }
-    let store = app.ingest.store();
+    let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;
-    let _ticket = app.ingest.workers().admit_answer()?;
+    let _ticket = app.service.workers.admit_answer()?;
     let channels = store.channels(&asset).await?;
     let is_wanted = |name: &str| asked.channel.as_ref().is_none_or(|channel| channel == name);
     let segments: u64 = channels
@@ -93,22 +94,22 @@ pub(super) async fn export(
         .sum();
     let path = app.uploads.join(format!("export-{}", COUNTER.fetch_add(1, Ordering::Relaxed)));
     let spooled = SpooledBody::at(path.clone());
-    let file = File::create(&path).map_err(|source| IngestError::File {
+    let file = File::create(&path).map_err(|source| ServiceError::File {
         action: "write",
         path: path.clone(),
         source,
     })?;
-    let mut writer = HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(IngestError::from)?;
+    let mut writer = HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(ServiceError::from)?;
     let wanted = channels.iter().filter(|channel| is_wanted(&channel.channel));
     let latest: Vec<_> = wanted.filter_map(|channel| channel.last_segment.clone()).collect();
     for (name, entries) in provenance::metadata(&spec, &store.segments_by_id(&latest).await?) {
-        writer.metadata(name, entries).map_err(IngestError::from)?;
+        writer.metadata(name, entries).map_err(ServiceError::from)?;
     }
-    if let (_, Readiness::Ready(library)) = app.ingest.libraries().readiness(&spec)
+    if let (_, Readiness::Ready(library)) = app.service.simulations.readiness(&spec)
         && let Ok(manifest) = serde_json::to_vec_pretty(library.manifest())
     {
-        let attached = writer.attach("library.json", "application/json", app.ingest.now(), &manifest);
-        attached.map_err(IngestError::from)?;
+        let attached = writer.attach("library.json", "application/json", app.service.now(), &manifest);
+        attached.map_err(ServiceError::from)?;
     }
     let mut filter = SegmentFilter {
         channel: asked.channel.clone(),
@@ -132,25 +133,25 @@ pub(super) async fn export(
             let spectrum = if is_chosen { spectrum_of(&app, &segment).await? } else { None };
             with_spectra.push((segment, spectrum));
         }
-        let written = app.ingest.workers().run("write a history", move || {
+        let written = app.service.workers.run("write a history", move || {
             with_spectra
                 .iter()
                 .try_for_each(|(segment, spectrum)| write(&mut writer, segment, spectrum.as_ref()))?;
             Ok::<_, RecordingError>(writer)
         });
-        writer = written.await?.map_err(IngestError::from)?;
+        writer = written.await?.map_err(ServiceError::from)?;
     }
     let changes = alarm_changes(&app, &asset, &asked).await?;
-    let written = app.ingest.workers().run("write alarms", move || {
+    let written = app.service.workers.run("write alarms", move || {
         changes.iter().try_for_each(|(base, message)| {
             let time = Timestamp::from_nanosecond(message.start_time_ns.into()).unwrap_or_default();
             writer.write(base, HistoryKind::Alarm, time, time, message)
         })?;
         Ok::<_, RecordingError>(writer)
     });
-    let writer = written.await?.map_err(IngestError::from)?;
-    let finished = app.ingest.workers().run("write a history", move || writer.finish().map(drop));
-    finished.await?.map_err(IngestError::from)?;
+    let writer = written.await?.map_err(ServiceError::from)?;
+    let finished = app.service.workers.run("write a history", move || writer.finish().map(drop));
+    finished.await?.map_err(ServiceError::from)?;
     let name = format!("attachment; filename=\"{asset}.mcap\"");
     let fields = [
         (header::CONTENT_TYPE, "application/mcap".to_string()),
@@ -161,7 +162,7 @@ pub(super) async fn export(
 
 /// The spectrum of a record; none where its raw bytes are not to be had any more.
 async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, Problem> {
-    let spectrum = match app.ingest.spectrum(segment).await {
+    let spectrum = match app.service.records.spectrum(segment).await {
         Err(error) if error.is_without_raw() => return Ok(None),
         spectrum => spectrum?.0,
     };
@@ -177,16 +178,17 @@ async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, P
     }))
 }
 
-/// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What was withdrawn is left out.
+/// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What
+/// was withdrawn is left out.
 async fn alarm_changes(app: &App, asset: &AssetId, asked: &ExportParameters) -> Result<Vec<(String, AlarmState)>, Problem> {
-    let store = app.ingest.store();
+    let store = &app.service.store;
     let filter = AlarmFilter {
         asset: Some(asset.clone()),
         channel: asked.channel.clone(),
         ..AlarmFilter::default()
     };
     let mut changes = Vec::new();
-    for alarm in store.alarms(&filter, app.ingest.now(), u32::MAX).await? {
+    for alarm in store.alarms(&filter, app.service.now(), u32::MAX).await? {
         let (history, _) = store.alarm_history(&alarm.id, u32::MAX).await?;
         let is_asked = |time: Timestamp| asked.from.is_none_or(|from| from <= time) && asked.to.is_none_or(|to| time < to);
         let told = history
@@ -245,7 +247,7 @@ fn nanoseconds(time: Timestamp) -> i64 {
 /// The file piece by piece; it is removed when the last one is gone, or the client.
 async fn stream(spooled: SpooledBody) -> Result<Body, Problem> {
     let opened = tokio::fs::File::open(spooled.path()).await;
-    let file = opened.map_err(|source| IngestError::File {
+    let file = opened.map_err(|source| ServiceError::File {
         action: "read",
         path: spooled.path().to_path_buf(),
         source,

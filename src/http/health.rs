@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Json;
@@ -12,9 +13,9 @@ use axum::routing::get;
 use serde::Serialize;
 use tokio::net::TcpListener;
 
-use super::router::App;
-use super::server::ServiceError;
-use crate::ingest::{Ingest, PartHealth};
+use super::app::App;
+use super::start_error::StartError;
+use crate::service::{PartHealth, Service};
 
 /// How long the database has to answer before it counts as away.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
@@ -40,7 +41,8 @@ pub(super) struct Ready {
     /// Of a node of a cluster: `ok`, or why another part that it needs cannot be used.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     parts: BTreeMap<&'static str, String>,
-    /// Connections over which records come besides requests; absent where there are none. Requests are taken also while one is lost.
+    /// Connections over which records come besides requests; absent where there are none. Requests are taken
+    /// also while one is lost.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     feeds: Vec<FeedHealth>,
 }
@@ -85,7 +87,7 @@ pub(super) async fn alive() -> Json<Alive> {
     responses((status = 200, body = Ready), (status = 503, body = Ready, description = "Not now")),
 )]
 pub(super) async fn ready(State(app): State<App>) -> Response {
-    let (status, ready) = readiness(&app.ingest).await;
+    let (status, ready) = readiness(&app.service).await;
     let mut response = (status, ready).into_response();
     if status == StatusCode::SERVICE_UNAVAILABLE {
         response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(5));
@@ -93,20 +95,20 @@ pub(super) async fn ready(State(app): State<App>) -> Response {
     response
 }
 
-async fn readiness(ingest: &Ingest) -> (StatusCode, Json<Ready>) {
-    let database = tokio::time::timeout(ANSWER_TIMEOUT, ingest.store().check()).await;
+async fn readiness(service: &Service) -> (StatusCode, Json<Ready>) {
+    let database = tokio::time::timeout(ANSWER_TIMEOUT, service.store.check()).await;
     let database = match database {
         Ok(Ok(())) => None,
         Ok(Err(error)) => Some(error.to_string()),
         Err(_) => Some("does not answer".to_owned()),
     };
-    let (used, limit) = ingest.workers().queue();
-    let mut health = match ingest.crew() {
-        Some(crew) => crew.health().await,
+    let (used, limit) = service.workers.queue();
+    let mut health = match service.role.queue() {
+        Some(queue) => queue.health().await,
         None => Vec::new(),
     };
-    if ingest.store().is_shared() {
-        health.push(object_store(ingest).await);
+    if service.store.is_shared() {
+        health.push(object_store(service).await);
     }
     let is_ready = database.is_none() && used < limit && health.iter().all(|part| part.fault.is_none());
     let status = if is_ready {
@@ -120,13 +122,13 @@ async fn readiness(ingest: &Ingest) -> (StatusCode, Json<Ready>) {
         database: or_ok(database),
         queue: Queue { used, limit },
         parts: health.into_iter().map(|part| (part.part, or_ok(part.fault))).collect(),
-        feeds: feeds(ingest),
+        feeds: feeds(service),
     };
     (status, Json(parts))
 }
 
-async fn object_store(ingest: &Ingest) -> PartHealth {
-    let store = ingest.store().clone();
+async fn object_store(service: &Service) -> PartHealth {
+    let store = service.store.clone();
     // Whether it is there does not matter.
     let look = tokio::task::spawn_blocking(move || store.objects().written_at(&"0".repeat(64)));
     let fault = match tokio::time::timeout(ANSWER_TIMEOUT, look).await {
@@ -151,20 +153,20 @@ impl HealthServer {
     /// Answers `/healthz` and `/readyz` on an address.
     ///
     /// Error: it cannot be listened on.
-    pub async fn start(address: SocketAddr, ingest: Ingest) -> Result<Self, ServiceError> {
-        let failed = |source| ServiceError::Listen { address, source };
+    pub async fn start(address: SocketAddr, service: Arc<Service>) -> Result<Self, StartError> {
+        let failed = |source| StartError::Listen { address, source };
         let listener = TcpListener::bind(address).await.map_err(failed)?;
         let bound = listener.local_addr().map_err(failed)?;
         let router = axum::Router::new()
             .route("/healthz", get(alive))
             .route(
                 "/readyz",
-                get(|State(ingest): State<Ingest>| async move { readiness(&ingest).await }),
+                get(|State(service): State<Arc<Service>>| async move { readiness(&service).await }),
             )
-            .with_state(ingest);
+            .with_state(service);
         let task = tokio::spawn(async move {
             if let Err(error) = axum::serve(listener, router).await {
-                tracing::error!(%error, "the health is not told any more");
+                tracing::error!(%error, "the health server stopped");
             }
         });
         Ok(Self { address: bound, task })
@@ -182,8 +184,8 @@ impl Drop for HealthServer {
     }
 }
 
-fn feeds(ingest: &Ingest) -> Vec<FeedHealth> {
-    let feeds = ingest.feeds();
+fn feeds(service: &Service) -> Vec<FeedHealth> {
+    let feeds = service.feeds.all();
     let health = feeds.iter().map(|feed| FeedHealth {
         name: feed.name(),
         is_connected: feed.is_connected(),

@@ -10,11 +10,11 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::router::App;
-use super::{assets, freshness, reduction, table};
+use super::{assets, etag, reduction, table};
 use crate::asset::{AssetId, AssetSpec};
 use crate::signal::Indicators;
 use crate::store::Trend;
@@ -37,8 +37,8 @@ pub(super) struct TrendParameters {
     to: Option<Timestamp>,
     /// Only records in this one of the asset's operating bins.
     operating_bin: Option<String>,
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest of every name stay. Two of each name, the first and the last stay
-    /// in any case.
+    /// Points at most, 10 to 200000; of each stretch the lowest and highest of every name stay. Two of each
+    /// name, the first and the last stay in any case.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
@@ -51,8 +51,8 @@ pub(super) struct TrendView {
     channel: Option<String>,
     /// Unit of each indicator; `1` for one without.
     units: BTreeMap<String, String>,
-    /// One flat row a record in the order of time: `start_time`, `segment_id`, `operating_bin` where it lies in one, and each indicator by name (null where it
-    /// has none).
+    /// One flat row a record in the order of time: `start_time`, `segment_id`, `operating_bin` where it lies
+    /// in one, and each indicator by name (null where it has none).
     items: Vec<Map<String, Value>>,
     /// Rows were left out to keep to `max_points`.
     reduced: bool,
@@ -75,15 +75,15 @@ pub(super) async fn trend(
 ) -> Result<Response, Problem> {
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
     let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
-    let mark = freshness::mark_of_channel(&asset, channel.as_ref(), &uri, &headers);
-    if freshness::is_known(&headers, &mark) {
-        return Ok(freshness::not_modified(mark));
+    let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
+    if etag::is_known(&headers, &tag) {
+        return Ok(etag::not_modified(tag));
     }
     let wants_csv = table::wants_csv(&headers);
     let Some(channel) = channel else {
-        return table::answer(mark, wants_csv, TrendView::default(), table_of);
+        return table::answer(tag, wants_csv, TrendView::default(), table_of);
     };
-    let trend = app.ingest.store().trend(&channel).await?;
+    let trend = app.service.store.trend(&channel).await?;
     let names: Vec<String> = match &asked.names {
         Some(names) => names
             .split(',')
@@ -100,9 +100,9 @@ pub(super) async fn trend(
         let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
         render(&trend, &asset.spec, &names, &chosen, most)
     };
-    let mut view = app.ingest.workers().run("reduce a trend", render).await?;
+    let mut view = app.service.workers.run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
-    table::answer(mark, wants_csv, view, table_of)
+    table::answer(tag, wants_csv, view, table_of)
 }
 
 fn table_of(view: &TrendView, table: &mut table::Table) -> Result<(), csv::Error> {

@@ -6,12 +6,12 @@ use axum::Json;
 use axum::extract::{Path, State};
 use serde::Serialize;
 
+use super::app::App;
 use super::problem::Problem;
 use super::query::{self, NameInPath, Page, PageParameters, Parameters};
-use super::router::App;
 use crate::gear::{ContactRule, PairSpec};
-use crate::ingest::IngestError;
 use crate::library::{FORMAT_VERSION, Library, Manifest};
+use crate::service::ServiceError;
 use crate::signal::{Features, Indicators};
 
 /// Libraries of simulated wear states
@@ -24,7 +24,7 @@ use crate::signal::{Features, Indicators};
 )]
 pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<LibraryRow>>, Problem> {
     let limit = query::limit(asked.limit)?;
-    let shelf = app.ingest.libraries().shelf();
+    let shelf = app.service.simulations.shelf();
     let mut all = blocking(move || shelf.list()).await?;
     all.sort_by(|a, b| a.id.cmp(&b.id));
     let shown: Vec<LibraryRow> = all
@@ -172,7 +172,7 @@ pub(super) async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
     if !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_') {
         return Err(unknown());
     }
-    let (shelf, name) = (app.ingest.libraries().shelf(), id.to_string());
+    let (shelf, name) = (app.service.simulations.shelf(), id.to_string());
     blocking(move || shelf.get(&name)).await?.ok_or_else(unknown)
 }
 
@@ -180,6 +180,6 @@ async fn blocking<T: Send + 'static>(
     read: impl FnOnce() -> Result<T, crate::library::LibraryError> + Send + 'static,
 ) -> Result<T, Problem> {
     let read = tokio::task::spawn_blocking(read).await;
-    let read = read.map_err(|_| IngestError::WorkerLost("read a library"))?;
+    let read = read.map_err(|_| ServiceError::WorkerLost("read a library"))?;
     read.map_err(|error| Problem::new(axum::http::StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))
 }

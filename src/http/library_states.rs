@@ -6,10 +6,10 @@ use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::libraries;
 use super::problem::Problem;
 use super::query::{NameInPath, Page, Parameters};
-use super::router::App;
 use crate::gear::{Flank, FlankWear, Gear, GearError, PairSpec};
 use crate::library::LibraryState;
 
@@ -90,8 +90,8 @@ pub(super) struct FlankView {
     gears: Vec<FlankRow>,
 }
 
-/// One gear's flank from the start of its active profile to the tip, in the tooth's own coordinates: x along its centre line from the
-/// gear's centre, y half of its thickness before wear. The depth is taken along y.
+/// One gear's flank from the start of its active profile to the tip, in the tooth's own coordinates: x along
+/// its centre line from the gear's centre, y half of its thickness before wear. The depth is taken along y.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 struct FlankRow {
     /// Tooth numbers, driving and driven.
@@ -133,8 +133,8 @@ pub(super) async fn flank(
     if !(0.0..=most).contains(&wear_um) {
         return Err(Problem::query("wear_um", wear_um, &format!("a depth from 0 to {most} µm")));
     }
-    let _ticket = app.ingest.workers().admit_answer()?;
-    let gears = app.ingest.workers().run("work out flanks", move || flanks(&spec, wear_um)).await?;
+    let _ticket = app.service.workers.admit_answer()?;
+    let gears = app.service.workers.run("work out flanks", move || flanks(&spec, wear_um)).await?;
     let gears = gears.map_err(|error| Problem::query("wear_um", wear_um, &format!("a depth that the teeth allow: {error}")))?;
     Ok(Json(FlankView { wear_um, gears }))
 }
@@ -166,7 +166,8 @@ mod tests {
 
     const PAIR: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 
-    /// Table 1's tip circle is at module × (teeth/2 + addendum), and the wear asked for is the greatest on the flank.
+    /// Table 1's tip circle is at module × (teeth/2 + addendum), and the wear asked for is the greatest on
+    /// the flank.
     #[test]
     fn flanks_end_at_the_tip_and_are_worn_as_deep_as_asked() {
         let rows = flanks(&PairSpec::from_toml(PAIR).unwrap(), 120.0).unwrap();

@@ -18,7 +18,8 @@ pub struct HttpLimits {
     pub connections: usize,
     /// Bytes of a request's line and header fields.
     pub header_bytes: usize,
-    /// How long a client may take to send its request's head, and may keep a connection without asking anything.
+    /// How long a client may take to send its request's head, and may keep a connection without asking
+    /// anything.
     pub header_timeout: Duration,
     /// How long a client may read nothing of its answer.
     pub write_timeout: Duration,
@@ -32,8 +33,6 @@ pub struct HttpLimits {
     pub body_idle: Duration,
     /// Bytes a second with which a body has to come once it takes longer than that.
     pub body_bytes_per_s: u64,
-    /// Files of one form.
-    pub form_files: usize,
     /// How long a request may take once its body is there.
     pub request_timeout: Duration,
     /// How long the service takes to end what it has begun when it is stopped.
@@ -56,7 +55,6 @@ impl Default for HttpLimits {
             body_timeout: Duration::from_secs(300),
             body_idle: Duration::from_secs(20),
             body_bytes_per_s: 1024,
-            form_files: 64,
             request_timeout: Duration::from_secs(150),
             grace: Duration::from_secs(10),
         }

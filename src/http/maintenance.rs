@@ -10,10 +10,10 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::alarms::check_signature;
+use super::app::App;
 use super::body;
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
-use super::router::App;
 use crate::asset::AssetId;
 use crate::estimate::{MaintenanceEvent, MaintenanceKind};
 use crate::store::StoredEvent;
@@ -60,8 +60,8 @@ impl EventView {
 
 /// Tell of maintenance
 ///
-/// It counts from the first record at its time or later. Where there are such records, the history is estimated again in the background. The
-/// same event again is answered as the first time.
+/// It counts from the first record at its time or later. Where there are such records, the history is
+/// estimated again in the background. The same event again is answered as the first time.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/maintenance",
@@ -78,9 +78,9 @@ pub(super) async fn add(
 ) -> Result<impl IntoResponse, Problem> {
     let Done { time, kind, by, comment } = body::described(&app.limits, &headers, body).await?;
     check_signature(&by, &comment)?;
-    let time = time.unwrap_or_else(|| app.ingest.now());
+    let time = time.unwrap_or_else(|| app.service.now());
     let event = MaintenanceEvent { time, kind, by, comment };
-    let stored = app.ingest.add_maintenance(&asset, event).await?;
+    let stored = app.service.maintenance.add(&asset, event).await?;
     let location = format!("/v1/assets/{asset}/maintenance/{}", stored.id);
     let view = EventView::new(asset, stored);
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)))
@@ -103,7 +103,7 @@ pub(super) async fn list(
 ) -> Result<Json<Page<EventView>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let after = query::place_cursor(asked.cursor.as_deref())?;
-    let store = app.ingest.store();
+    let store = &app.service.store;
     store.asset(&asset).await?;
     let events = store.latest_maintenance(&asset, after.as_ref(), limit + 1).await?;
     let page = Page::new(events, limit, |stored: &StoredEvent| {
@@ -126,7 +126,7 @@ pub(super) async fn list(
     responses((status = 204, description = "Gone")),
 )]
 pub(super) async fn remove(State(app): State<App>, EventInPath { asset, event }: EventInPath) -> Result<StatusCode, Problem> {
-    app.ingest.remove_maintenance(&asset, &event).await?;
+    app.service.maintenance.remove(&asset, &event).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 

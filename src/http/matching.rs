@@ -1,12 +1,13 @@
-//! `/v1/segments/{segment}/match`: what a record's features have become since the baseline, beside what the library expects of a wear depth.
+//! `/v1/segments/{segment}/match`: what a record's features have become since the baseline, beside what the
+//! library expects of a wear depth.
 
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
 
+use super::app::App;
 use super::problem::Problem;
 use super::query::SegmentInPath;
-use super::router::App;
 use super::{libraries, segments};
 use crate::asset::{Segment, SegmentId};
 use crate::library::Library;
@@ -16,7 +17,7 @@ use crate::store::{Order, SegmentFilter};
 const DB_PER_NEPER: f64 = 20.0 / std::f64::consts::LN_10;
 
 /// A line counts where its healthy amplitude stands above the noise beside it by this factor.
-const LEAST_LINE_TO_BACKGROUND: f64 = 2.0;
+const MIN_LINE_TO_BACKGROUND: f64 = 2.0;
 
 /// Measured and expected changes since the baseline.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -86,9 +87,10 @@ pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPat
     }))
 }
 
-/// The records that the channel's baseline was learnt from: its first ones, or those after the latest maintenance before the record.
+/// The records that the channel's baseline was learnt from: its first ones, or those after the latest
+/// maintenance before the record.
 async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
-    let events = app.ingest.store().maintenance(&segment.asset_id).await?;
+    let events = app.service.store.maintenance(&segment.asset_id).await?;
     let before = events.iter().rev().find(|event| event.time <= segment.start_time);
     let filter = SegmentFilter {
         channel: Some(segment.channel.clone()),
@@ -98,7 +100,7 @@ async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem>
         order: Order::Asc,
     };
     let need = segment.wear.baseline.need.min(1000);
-    Ok(app.ingest.store().segments(&segment.asset_id, &filter, need).await?)
+    Ok(app.service.store.segments(&segment.asset_id, &filter, need).await?)
 }
 
 fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f64; 3]) -> Vec<FeatureRow> {
@@ -126,7 +128,7 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
                     .filter_map(|um| change(*um))
                     .fold([first.min(last), first.max(last)], |[low, high], db| [low.min(db), high.max(db)])
             }),
-            above_noise: noise.is_empty() || mean >= moments(&noise).0 + LEAST_LINE_TO_BACKGROUND.ln(),
+            above_noise: noise.is_empty() || mean >= moments(&noise).0 + MIN_LINE_TO_BACKGROUND.ln(),
         })
     };
     measured.filter_map(row).collect()

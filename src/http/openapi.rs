@@ -26,7 +26,8 @@ const ABOUT: &str = "Vibration records in, condition indicators and wear depth w
     amplitudes. Lists are paged by `cursor`. What goes wrong is answered as a problem after RFC 9457 that names the field, its value and \
     what was expected; only 429, 502, 503 and 504 are worth repeating, after the time in `Retry-After`.";
 
-/// Problems that any operation can answer with, and those of operations with a body or with a name in the path.
+/// Problems that any operation can answer with, and those of operations with a body or with a name in the
+/// path.
 const ALWAYS: &[(&str, &str)] = &[
     ("400", "A parameter cannot be used"),
     ("401", "A token is needed"),
@@ -35,7 +36,6 @@ const ALWAYS: &[(&str, &str)] = &[
         "The token's scope does not reach so far, or the request comes from a page of another host",
     ),
     ("429", "Too many requests with this token"),
-    ("431", "The head of the request is too large"),
     ("500", "A fault of the service"),
     ("503", "Not now: the queue is full or the request took too long"),
 ];

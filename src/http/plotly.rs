@@ -1,6 +1,7 @@
 //! Plotly.js from the `plotly` crate's embedded copy.
 
-/// The script without the HTML that the crate wraps it in; MathJax, which follows it there and is fetched from elsewhere, is left out.
+/// The script without the HTML that the crate wraps it in; MathJax, which follows it there and is fetched
+/// from elsewhere, is left out.
 pub fn plotly_js() -> String {
     let sources = plotly::Plot::offline_js_sources();
     let begin = sources.find('>').map_or(0, |tag_end| tag_end + 1);

@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use crate::asset::AssetError;
 use crate::estimate::AlarmError;
-use crate::ingest::IngestError;
 use crate::recording::RecordingError;
+use crate::service::ServiceError;
 use crate::store::StoreError;
 
 /// The media type of problem details.
@@ -160,11 +160,11 @@ impl From<StoreError> for Problem {
             StoreError::AssetUnknown(_) => StatusCode::NOT_FOUND,
             StoreError::Time(_) => StatusCode::UNPROCESSABLE_ENTITY,
             error if error.is_full() => {
-                tracing::error!(%error, "no room");
+                tracing::error!(%error, "disk full");
                 StatusCode::INSUFFICIENT_STORAGE
             }
             error if error.is_unavailable() => {
-                tracing::warn!(%error, "store away");
+                tracing::warn!(%error, "store unavailable");
                 return Self::busy(error.to_string(), 5);
             }
             error if error.is_conflict() => return Self::busy(error.to_string(), 1),
@@ -174,35 +174,35 @@ impl From<StoreError> for Problem {
     }
 }
 
-impl From<IngestError> for Problem {
-    fn from(error: IngestError) -> Self {
+impl From<ServiceError> for Problem {
+    fn from(error: ServiceError) -> Self {
         match error {
-            IngestError::Store(error) => error.into(),
-            IngestError::Busy { retry_after_s, .. } => Self::busy(error.to_string(), retry_after_s),
+            ServiceError::Store(error) => error.into(),
+            ServiceError::Busy { retry_after_s, .. } => Self::busy(error.to_string(), retry_after_s),
             // The description of the asset can be mended, or the cause may pass.
-            IngestError::Library { .. } => Self::busy(error.to_string(), 60),
-            IngestError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
-            IngestError::HeardThrough { .. } | IngestError::HeardByOthers { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
-            IngestError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
-            IngestError::Recording(ref source) if source.is_full() => Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string()),
-            IngestError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),
-            IngestError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            IngestError::Field { field, value, expected } => Self::content(field, value, expected),
-            IngestError::ReplayFile { ref file, .. } => {
+            ServiceError::Library { .. } => Self::busy(error.to_string(), 60),
+            ServiceError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
+            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
+            ServiceError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
+            ServiceError::Recording(ref source) if source.is_full() => Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string()),
+            ServiceError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),
+            ServiceError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+            ServiceError::Field { field, value, expected } => Self::content(field, value, expected),
+            ServiceError::ReplayFile { ref file, .. } => {
                 let mut problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
                 problem.0.field = Some("file".to_string());
                 problem.0.value = Some(file.clone());
                 problem
             }
-            IngestError::Alarm(AlarmError::State { .. }) => Self::new(StatusCode::CONFLICT, error.to_string()),
-            IngestError::Alarm(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            IngestError::AlarmUnknown(_) | IngestError::MaintenanceUnknown(_) | IngestError::ReplayUnknown(_) => {
+            ServiceError::Alarm(AlarmError::State { .. }) => Self::new(StatusCode::CONFLICT, error.to_string()),
+            ServiceError::Alarm(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+            ServiceError::AlarmUnknown(_) | ServiceError::MaintenanceUnknown(_) | ServiceError::ReplayUnknown(_) => {
                 Self::not_found(error.to_string())
             }
-            IngestError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
+            ServiceError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
-            IngestError::File { .. } | IngestError::WorkerLost(_) | IngestError::HandedOverOtherwise { .. } => Self::internal(&error),
+            ServiceError::File { .. } | ServiceError::WorkerLost(_) | ServiceError::HandedOverOtherwise { .. } => Self::internal(&error),
         }
     }
 }

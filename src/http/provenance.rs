@@ -10,8 +10,8 @@ use crate::asset::{AssetSpec, Segment};
 /// A metadata record: its name and its entries.
 pub(super) type Entries = (&'static str, BTreeMap<String, String>);
 
-/// `asset`, a `sensor` for each measuring point (one for the asset's own sensor where it describes none), `gear_pair`, and an `acquisition` for each of
-/// the latest records of the channels.
+/// `asset`, a `sensor` for each measuring point (one for the asset's own sensor where it describes none),
+/// `gear_pair`, and an `acquisition` for each of the latest records of the channels.
 pub(super) fn metadata(spec: &AssetSpec, latest: &[Segment]) -> Vec<Entries> {
     let mut all = vec![(
         "asset",
@@ -37,7 +37,8 @@ pub(super) fn metadata(spec: &AssetSpec, latest: &[Segment]) -> Vec<Entries> {
     all
 }
 
-/// Every value in a structure under the names that lead to it, with dots between them; lists are written as JSON.
+/// Every value in a structure under the names that lead to it, with dots between them; lists are written as
+/// JSON.
 fn flat(value: &impl Serialize) -> BTreeMap<String, String> {
     fn add(name: &str, value: &Value, entries: &mut BTreeMap<String, String>) {
         match value {

@@ -16,10 +16,10 @@ use crate::store::SegmentKey;
 const DEFAULT_LIMIT: u32 = 100;
 
 /// Most entries of one page of a list.
-const MOST_LIMIT: u32 = 1000;
+const MAX_LIMIT: u32 = 1000;
 
 /// Most points of a reduced curve.
-const MOST_POINTS: usize = 200_000;
+const MAX_POINTS: usize = 200_000;
 
 /// Parameters after the question mark; unknown ones are refused.
 pub(super) struct Parameters<T>(pub(super) T);
@@ -101,7 +101,8 @@ pub(super) struct Page<T> {
 }
 
 impl<T> Page<T> {
-    /// A page of items of which there may be one more than `limit`, which then only says that there is a next page.
+    /// A page of items of which there may be one more than `limit`, which then only says that there is a next
+    /// page.
     pub(super) fn new(mut items: Vec<T>, limit: u32, cursor: impl Fn(&T) -> String) -> Self {
         let is_last = items.len() <= limit as usize;
         items.truncate(limit as usize);
@@ -130,7 +131,7 @@ impl<T> Page<T> {
 /// The number of entries asked for.
 pub(super) fn limit(asked: Option<u32>) -> Result<u32, Problem> {
     match asked.unwrap_or(DEFAULT_LIMIT) {
-        limit @ 1..=MOST_LIMIT => Ok(limit),
+        limit @ 1..=MAX_LIMIT => Ok(limit),
         limit => Err(Problem::query("limit", limit, "a number from 1 to 1000")),
     }
 }
@@ -138,7 +139,7 @@ pub(super) fn limit(asked: Option<u32>) -> Result<u32, Problem> {
 /// The number of points asked for.
 pub(super) fn max_points(asked: Option<usize>, default: usize) -> Result<usize, Problem> {
     match asked.unwrap_or(default) {
-        points @ 10..=MOST_POINTS => Ok(points),
+        points @ 10..=MAX_POINTS => Ok(points),
         points => Err(Problem::query("max_points", points, "a number from 10 to 200000")),
     }
 }

@@ -4,11 +4,11 @@ use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::problem::{Details, Problem};
 use super::query::Parameters;
-use super::router::App;
 use crate::asset::AssetId;
-use crate::ingest::Recomputation;
+use crate::service::Recomputation;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -44,10 +44,10 @@ pub(super) async fn list(
     Parameters(asked): Parameters<ListParameters>,
 ) -> Result<Json<RecomputationList>, Problem> {
     let asset = match asked.asset {
-        Some(id) => Some(app.ingest.store().asset(&AssetId::new(id)?).await?.spec.id),
+        Some(id) => Some(app.service.store.asset(&AssetId::new(id)?).await?.spec.id),
         None => None,
     };
-    let shown = app.ingest.recomputations(asset.as_ref());
+    let shown = app.service.history.recomputations(asset.as_ref());
     Ok(Json(RecomputationList {
         items: shown.iter().map(|shown| Recomputation::clone(shown)).collect(),
     }))

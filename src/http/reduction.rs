@@ -2,10 +2,12 @@
 
 use std::ops::Range;
 
-/// Positions of at most about `most` entries of parallel columns of `length` entries: the first and the last one, and in each of
-/// equal stretches the least and the greatest of every column. All positions where there are no more than `most`.
+/// Positions of at most about `most` entries of parallel columns of `length` entries: the first and the last
+/// one, and in each of equal stretches the least and the greatest of every column. All positions where there
+/// are no more than `most`.
 ///
-/// NaN stands for no value; a stretch without any value keeps its first position. At least two positions for each column are kept.
+/// NaN stands for no value; a stretch without any value keeps its first position. At least two positions for
+/// each column are kept.
 pub(super) fn extremes(columns: &[&[f64]], length: usize, most: usize) -> Vec<usize> {
     if length <= most {
         return (0..length).collect();
@@ -29,7 +31,8 @@ pub(super) fn extremes(columns: &[&[f64]], length: usize, most: usize) -> Vec<us
     kept
 }
 
-/// Positions of at most `most` entries: the greatest in each of equal stretches. All positions where there are no more.
+/// Positions of at most `most` entries: the greatest in each of equal stretches. All positions where there
+/// are no more.
 pub(super) fn peaks(values: &[f64], most: usize) -> Vec<usize> {
     if values.len() <= most {
         return (0..values.len()).collect();

@@ -8,11 +8,11 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::IntoResponse;
 
+use super::app::App;
 use super::body;
 use super::problem::{Details, Problem};
 use super::query::{self, NameInPath, Page, PageParameters, Parameters};
-use super::router::App;
-use crate::ingest::{Replay, ReplayRequest};
+use crate::service::{Replay, ReplayRequest};
 
 /// Start a replay
 ///
@@ -26,7 +26,7 @@ use crate::ingest::{Replay, ReplayRequest};
 )]
 pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
     let request: ReplayRequest = body::described(&app.limits, &headers, body).await?;
-    let replay = app.ingest.start_replay(request).await?;
+    let replay = app.service.replays.start(request).await?;
     let location = format!("/v1/replays/{}", replay.id);
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
 }
@@ -43,7 +43,7 @@ pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body
 )]
 pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<Replay>>, Problem> {
     let limit = query::limit(asked.limit)?;
-    let all = app.ingest.replays();
+    let all = app.service.replays.list();
     let start = match &asked.cursor {
         None => 0,
         Some(cursor) => {
@@ -68,7 +68,7 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<P
     responses((status = 200, body = Replay)),
 )]
 pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<Replay>, Problem> {
-    Ok(Json(Arc::unwrap_or_clone(app.ingest.replay(&id)?)))
+    Ok(Json(Arc::unwrap_or_clone(app.service.replays.get(&id)?)))
 }
 
 /// Stop a replay
@@ -80,5 +80,5 @@ pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> 
     responses((status = 200, body = Replay)),
 )]
 pub(super) async fn stop(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<Replay>, Problem> {
-    Ok(Json(Arc::unwrap_or_clone(app.ingest.stop_replay(&id).await?)))
+    Ok(Json(Arc::unwrap_or_clone(app.service.replays.stop(&id).await?)))
 }

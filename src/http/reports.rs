@@ -6,23 +6,23 @@ use axum::extract::State;
 use axum::response::Html;
 use serde::Deserialize;
 
+use super::app::App;
 use super::assets;
 use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
-use super::router::App;
 use super::waterfall::evenly;
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
 use crate::report::{Report, ReportedAlarm, ReportedRecord};
 use crate::store::AlarmFilter;
 
 /// Records that a report draws; of more, some evenly over the life.
-const MOST_RECORDS: usize = 600;
+const MAX_RECORDS: usize = 600;
 
 /// Records at the end that are given in any case.
 const LATEST_RECORDS: usize = 100;
 
 /// Alarms of a channel in a report, and entries of each one's history.
-const MOST_ALARMS: u32 = 64;
+const MAX_ALARMS: u32 = 64;
 const LATEST_ENTRIES: u32 = 200;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -53,21 +53,21 @@ pub(super) async fn show(
         limits: asset.spec.limits,
         ..Report::default()
     };
-    report.maintenance = app.ingest.store().maintenance(&id).await?;
+    report.maintenance = app.service.store.maintenance(&id).await?;
     if let Some(channel) = channel {
         report.alarms = alarms(&app, &id, &channel.channel).await?;
-        let trend = app.ingest.store().trend(&channel).await?;
+        let trend = app.service.store.trend(&channel).await?;
         let all = trend.segment_id.len();
         let early = all.saturating_sub(LATEST_RECORDS);
-        let mut chosen = evenly(early, MOST_RECORDS - LATEST_RECORDS);
+        let mut chosen = evenly(early, MAX_RECORDS - LATEST_RECORDS);
         chosen.extend(early..all);
         let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[*n].clone()).collect();
-        let segments = app.ingest.store().segments_by_id(&ids).await?;
+        let segments = app.service.store.segments_by_id(&ids).await?;
         let mut segments: HashMap<SegmentId, Segment> = segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
         let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
         if let Some(last) = segments.last() {
-            let _ticket = app.ingest.workers().admit_answer()?;
-            report.last_spectrum = match app.ingest.spectrum(last).await {
+            let _ticket = app.service.workers.admit_answer()?;
+            report.last_spectrum = match app.service.records.spectrum(last).await {
                 Err(error) if error.is_without_raw() => None,
                 spectrum => Some(spectrum?.0),
             };
@@ -75,20 +75,20 @@ pub(super) async fn show(
         report.all_records = Some(all);
         report.records = segments.into_iter().map(ReportedRecord::from).collect();
     }
-    let html = app.ingest.workers().run("write a report", move || report.html()).await?;
+    let html = app.service.workers.run("write a report", move || report.html()).await?;
     Ok(Html(html))
 }
 
 /// The alarms of a channel with their histories.
 async fn alarms(app: &App, asset: &AssetId, channel: &str) -> Result<Vec<ReportedAlarm>, Problem> {
-    let (store, now) = (app.ingest.store(), app.ingest.now());
+    let (store, now) = (&app.service.store, app.service.now());
     let filter = AlarmFilter {
         asset: Some(asset.clone()),
         channel: Some(channel.to_owned()),
         ..AlarmFilter::default()
     };
     let mut reported = Vec::new();
-    for stored in store.alarms(&filter, now, MOST_ALARMS).await? {
+    for stored in store.alarms(&filter, now, MAX_ALARMS).await? {
         let (history, _) = store.alarm_history(&stored.id, LATEST_ENTRIES).await?;
         reported.push(ReportedAlarm {
             channel: stored.channel,

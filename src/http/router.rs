@@ -12,36 +12,16 @@ use tower_http::set_header::SetResponseHeaderLayer;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::access::{self, Access};
-use super::events::{self, Events};
-use super::limits::HttpLimits;
-use super::metrics::Measurements;
+use super::app::App;
 use super::problem::Problem;
-use super::resumable::ResumableUploads;
-use super::tus;
-use super::waterfall::LineCache;
 use super::{
-    alarms, angle, assets, cepstra, dashboard, export, freshness, health, indicators, libraries, library_states, maintenance, matching,
-    metrics, openapi, recomputations, replays, reports, segments, traffic, unread, uploads, waterfall, waveforms, wear,
+    access, alarms, angle, assets, cepstra, dashboard, drain, etag, events, export, health, indicators, libraries, library_states,
+    maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, traffic, tus, uploads, waterfall, waveforms, wear,
 };
-use crate::ingest::Ingest;
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
 const CONTENT_SECURITY_POLICY: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
     object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'";
-
-/// What handlers work with.
-#[derive(Clone)]
-pub(super) struct App {
-    pub(super) ingest: Ingest,
-    pub(super) limits: Arc<HttpLimits>,
-    pub(super) measurements: Arc<Measurements>,
-    pub(super) events: Arc<Events>,
-    pub(super) access: Arc<Access>,
-    pub(super) resumable: Arc<ResumableUploads>,
-    pub(super) uploads: Arc<std::path::Path>,
-    pub(super) lines: Arc<LineCache>,
-}
 
 /// The operations of the API with their description.
 fn operations() -> OpenApiRouter<App> {
@@ -98,7 +78,7 @@ pub(super) fn router(app: App) -> Router {
         .merge(openapi::routes(&description))
         .fallback(no_such_path)
         .method_not_allowed_fallback(no_such_method)
-        .layer(from_fn(freshness::layer))
+        .layer(from_fn(etag::layer))
         .layer(from_fn_with_state(Arc::clone(&app.access), access::guard))
         .layer(from_fn_with_state(app.clone(), traffic::time_out))
         .layer(CatchPanicLayer::custom(traffic::panicked))
@@ -115,7 +95,7 @@ pub(super) fn router(app: App) -> Router {
         ))
         .layer(from_fn_with_state(app.clone(), traffic::measure))
         .layer(from_fn(traffic::trace))
-        .layer(from_fn(unread::layer))
+        .layer(from_fn(drain::layer))
         .with_state(app)
 }
 

@@ -8,10 +8,10 @@ use axum::response::IntoResponse;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
-use super::router::App;
 use crate::asset::{AssetId, OperatingBin, RawReference, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Indicators, OperatingPoint, ShaftSpeed};
@@ -122,7 +122,7 @@ pub(super) async fn list(
         after: query::segment_cursor(asked.cursor.as_deref())?,
         order: asked.order,
     };
-    let store = app.ingest.store();
+    let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;
     let segments = match chosen::asked_bin(&spec, asked.operating_bin.as_deref())? {
         None => store.segments(&asset, &filter, limit + 1).await?,
@@ -192,6 +192,6 @@ pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPat
 
 /// The segment, or the problem that there is none.
 pub(super) async fn find(app: &App, id: &SegmentId) -> Result<Segment, Problem> {
-    let segment = app.ingest.store().segment(id).await?;
+    let segment = app.service.store.segment(id).await?;
     segment.ok_or_else(|| Problem::not_found(format!("there is no segment {id}")))
 }

@@ -10,10 +10,12 @@ use jiff::Timestamp;
 use super::tokens::{Scope, Token, TokenError, Tokens, mint};
 use crate::store::{Store, StoredToken};
 
-/// How old what a node knows may be: so long after it was made or revoked a token is taken or refused everywhere.
+/// How old what a node knows may be: so long after it was made or revoked a token is taken or refused
+/// everywhere.
 const KNOWN_FOR: Duration = Duration::from_secs(2);
 
-/// How long what was known goes on to count while the database is away, when nobody can revoke anything either.
+/// How long what was known goes on to count while the database is away, when nobody can revoke anything
+/// either.
 const KNOWN_WITHOUT_DATABASE: Duration = Duration::from_secs(300);
 
 /// How long the database has to answer.
@@ -71,7 +73,7 @@ impl SharedTokens {
             }
             Err(error) => match known.as_mut() {
                 Some(known) if error.is_unavailable() && known.read_at.elapsed() < KNOWN_WITHOUT_DATABASE => {
-                    tracing::warn!(%error, "tokens not read again, those known count on");
+                    tracing::warn!(%error, "failed to read tokens: going on with those known");
                     known.tried_at = Instant::now();
                     Ok(known.tokens.clone())
                 }
@@ -119,7 +121,7 @@ impl SharedTokens {
     pub async fn take_over(&self, data_dir: &Path) -> Result<(), TokenError> {
         for token in Tokens::of(data_dir).list()?.unwrap_or_default().iter() {
             if self.store.insert_token(&token.clone().into()).await? {
-                tracing::info!(token = token.id, "token taken over from the data folder");
+                tracing::info!(token = token.id, "imported a token from the data folder");
             }
         }
         Ok(())

@@ -1,5 +1,6 @@
-//! Bearer tokens: who may do what. Of one machine they are kept hashed in a file of the data folder, so that they are made and revoked while the
-//! service runs; where processes share a store they are rows of it (`shared_tokens`).
+//! Bearer tokens: who may do what. Of one machine they are kept hashed in a file of the data folder, so that
+//! they are made and revoked while the service runs; where processes share a store they are rows of it
+//! (`shared_tokens`).
 
 use std::fs;
 use std::io::{self, Write};
@@ -64,7 +65,8 @@ pub struct Token {
     pub scope: Scope,
     /// When it was made.
     pub created_at: Timestamp,
-    /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so that a slow hash would add nothing.
+    /// SHA-256 of its secret in hexadecimal. The secret is 256 random bits, so that a slow hash would add
+    /// nothing.
     pub(super) sha256: String,
 }
 
@@ -227,13 +229,13 @@ pub(super) fn mint(name: &str, scope: Scope, now: Timestamp) -> Result<(String, 
     let mut random = [0; 36];
     getrandom::fill(&mut random).map_err(|error| TokenError::Random(error.to_string()))?;
     let (id, secret) = random.split_at(4);
-    let (id, secret) = (hexadecimal(id), hexadecimal(secret));
+    let (id, secret) = (hex::encode(id), hex::encode(secret));
     let kept = Token {
         id: id.clone(),
         name: name.to_owned(),
         scope,
         created_at: now,
-        sha256: hexadecimal(&Sha256::digest(&secret)),
+        sha256: hex::encode(Sha256::digest(&secret)),
     };
     Ok((format!("{PREFIX}_{id}_{secret}"), kept))
 }
@@ -245,15 +247,11 @@ pub(super) fn find<'a>(tokens: &'a [Token], presented: &str) -> Option<&'a Token
     if prefix != PREFIX {
         return None;
     }
-    let hash = hexadecimal(&Sha256::digest(secret));
+    let hash = hex::encode(Sha256::digest(secret));
     tokens
         .iter()
         .find(|token| token.id == id)
         .filter(|token| bool::from(token.sha256.as_bytes().ct_eq(hash.as_bytes())))
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

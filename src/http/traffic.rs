@@ -7,8 +7,8 @@ use axum::http::{Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
+use super::app::App;
 use super::problem::Problem;
-use super::router::App;
 
 /// Writes a line to the log for every request.
 pub(super) async fn trace(request: Request, next: Next) -> Response {

@@ -1,6 +1,8 @@
-//! Resumable uploads after tus 1.0 (<https://tus.io/protocols/resumable-upload>): core, creation, termination, expiration.
+//! Resumable uploads after tus 1.0 (<https://tus.io/protocols/resumable-upload>): core, creation,
+//! termination, expiration.
 //!
-//! Here is the protocol; where an upload is kept until its last byte is there, and how it is read then, is in `resumable`.
+//! Here is the protocol; where an upload is kept until its last byte is there, and how it is read then, is in
+//! `resumable`.
 
 use axum::Json;
 use axum::body::Body;
@@ -8,11 +10,12 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
+use super::app::App;
 use super::body;
 use super::problem::{Details, Problem};
 use super::query::NameInPath;
-use super::resumable::{ResumableUpload, ResumableUploads};
-use super::router::App;
+use super::resumable;
+use super::resumable_upload::ResumableUpload;
 use crate::asset::AssetId;
 
 const VERSION: &str = "1.0.0";
@@ -107,15 +110,15 @@ fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, Str
 pub(super) async fn create(State(app): State<App>, headers: HeaderMap) -> Result<Response, Problem> {
     check_version(&headers)?;
     let length = number(&headers, &LENGTH)?;
-    let most = app.resumable.most_bytes();
+    let most = app.limits.recording_bytes;
     if length > most {
         return Err(Problem::too_large(most));
     }
     let name = metadata(&headers, "asset");
     let asset = name.clone().and_then(|name| AssetId::new(name).ok());
     let asset = asset.ok_or_else(|| Problem::query("upload-metadata", format!("{name:?}"), "asset and its name in base64"))?;
-    app.ingest.store().asset(&asset).await?;
-    let upload = app.resumable.begin(&app, asset, length).await?;
+    app.service.store.asset(&asset).await?;
+    let upload = resumable::begin(&app, asset, length).await?;
     let location = format!("/v1/uploads/{}", upload.id);
     Ok(answer(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))
 }
@@ -130,7 +133,7 @@ pub(super) async fn options(State(app): State<App>) -> Response {
             HeaderName::from_static("tus-extension"),
             "creation,termination,expiration".to_string(),
         ),
-        (HeaderName::from_static("tus-max-size"), app.resumable.most_bytes().to_string()),
+        (HeaderName::from_static("tus-max-size"), app.limits.recording_bytes.to_string()),
     ];
     (StatusCode::NO_CONTENT, fields.map(|(name, value)| (name, value))).into_response()
 }
@@ -144,7 +147,7 @@ pub(super) async fn options(State(app): State<App>) -> Response {
     responses((status = 200, description = "`upload-offset` says how many bytes are there")),
 )]
 pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
-    let upload = app.resumable.find(&app, &id).await?;
+    let upload = resumable::find(&app, &id).await?;
     let more = [(LENGTH, upload.length.to_string()), (header::CACHE_CONTROL, "no-store".to_string())];
     Ok(answer(StatusCode::OK, &upload, &more))
 }
@@ -158,7 +161,7 @@ pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -
     responses((status = 200, body = ResumableUpload)),
 )]
 pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<ResumableUpload>, Problem> {
-    Ok(Json(app.resumable.find(&app, &id).await?))
+    Ok(Json(resumable::find(&app, &id).await?))
 }
 
 /// Go on with a resumable upload
@@ -187,7 +190,7 @@ pub(super) async fn go_on(State(app): State<App>, NameInPath(id): NameInPath, he
         return Err(body::unsupported(media_type.as_deref(), OFFSET_TYPE));
     }
     let at = number(&headers, &OFFSET)?;
-    let upload = ResumableUploads::go_on(&app, &id, at, body).await?;
+    let upload = resumable::go_on(&app, &id, at, body).await?;
     Ok(answer(StatusCode::NO_CONTENT, &upload, &[]))
 }
 
@@ -200,7 +203,7 @@ pub(super) async fn go_on(State(app): State<App>, NameInPath(id): NameInPath, he
     responses((status = 204, description = "Gone"), (status = 409, body = Details, content_type = "application/problem+json", description = "It is being written to or read")),
 )]
 pub(super) async fn give_up(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
-    app.resumable.give_up(&app, &id).await?;
+    resumable::give_up(&app, &id).await?;
     Ok((StatusCode::NO_CONTENT, [(RESUMABLE, VERSION)]).into_response())
 }
 

@@ -1,35 +1,34 @@
-//! Uploads: one recording in a body, or several in a browser's form, and keys that make repeats safe.
+//! Uploads: one recording in a body, and keys that make repeats safe.
+
+use std::fs::File;
+use std::io::{self, Read};
 
 use axum::Json;
 use axum::body::Body;
-use axum::extract::{Query, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, Uri, header};
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::body::{self, Pieces, SpooledBody};
+use super::app::App;
+use super::body::{self, SpooledBody};
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
-use super::router::App;
 use crate::asset::{AssetId, Segment};
 use crate::estimate::WearEstimate;
-use crate::ingest::{Accepted, BatchSummary, Given, IngestError, QueuedRecord, RecordFormat};
 use crate::recording::{JsonBlock, RawLayout};
+use crate::service::{Accepted, BatchSummary, QueuedRecord, RecordFormat, ServiceError, UploadMetadata, detached};
 use crate::signal::OperatingPoint;
 use crate::store::KeyedUpload;
 
 const MCAP: &str = "application/mcap";
-const FORM: &str = "multipart/form-data";
 const BARE: &str = "application/octet-stream";
-const EXPECTED: &str =
-    "audio/wav, application/x-protobuf, application/json, application/mcap, application/octet-stream or multipart/form-data";
+const EXPECTED: &str = "audio/wav, application/x-protobuf, application/json, application/mcap or application/octet-stream";
 
-/// Longest text field of a form, most of them before one file, and longest Idempotency-Key, in bytes.
-const MOST_TEXT: usize = 1024;
-const MOST_FIELDS: usize = 32;
-const MOST_KEY: usize = 255;
+/// Longest Idempotency-Key in bytes.
+const MAX_KEY_BYTES: usize = 255;
 
 /// What an upload says of the record in its address.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, utoipa::IntoParams)]
@@ -53,7 +52,8 @@ pub(super) struct UploadParameters {
     /// The channel's name, where the recording has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     channel: Option<String>,
-    /// Names of the measuring points of a recording of several channels, in their order, with commas between them.
+    /// Names of the measuring points of a recording of several channels, in their order, with commas between
+    /// them.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = "input,output")]
     channel_names: Option<String>,
@@ -64,7 +64,8 @@ pub(super) struct UploadParameters {
     /// Wear depth in µm known from an inspection: shown beside the estimate, never used by it.
     #[serde(skip_serializing_if = "Option::is_none")]
     reference_wear_um: Option<f64>,
-    /// For `application/octet-stream`: how a sample is written, `f32` or `i16`, little-endian, channels interleaved.
+    /// For `application/octet-stream`: how a sample is written, `f32` or `i16`, little-endian, channels
+    /// interleaved.
     #[serde(skip_serializing_if = "Option::is_none")]
     sample: Option<String>,
     /// For `application/octet-stream`: sampling rate in hertz.
@@ -74,18 +75,10 @@ pub(super) struct UploadParameters {
     /// For `application/octet-stream`: number of channels, 1 where not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     channels: Option<u32>,
-    /// For `application/octet-stream`: value of one count in `unit`; 1 for `f32`, 1/32768 for `i16` where not given.
+    /// For `application/octet-stream`: value of one count in `unit`; 1 for `f32`, 1/32768 for `i16` where not
+    /// given.
     #[serde(skip_serializing_if = "Option::is_none")]
     scale: Option<f64>,
-}
-
-/// A browser's form: text fields named as the parameters of the query, then the files that they hold for.
-#[derive(utoipa::ToSchema)]
-#[expect(dead_code, reason = "described, and read piece by piece")]
-pub(super) struct UploadForm {
-    /// A recording; its format is told by the end of its name (`wav`, `mcap`, `json`, `pb`), else by its media type. There may be several.
-    #[schema(value_type = String, format = Binary)]
-    file: Vec<u8>,
 }
 
 /// What became of one channel's record.
@@ -94,7 +87,8 @@ pub(super) struct UploadForm {
 pub(super) enum TakenRecord {
     /// The segment that it became.
     Stored(Box<Segment>),
-    /// What it was handed over as, where others analyse it after the answer: the segment has this `id` once it is there.
+    /// What it was handed over as, where others analyse it after the answer: the segment has this `id` once
+    /// it is there.
     Queued(Box<HandedOver>),
 }
 
@@ -110,7 +104,7 @@ pub(super) struct HandedOver {
 impl From<Accepted> for TakenRecord {
     fn from(accepted: Accepted) -> Self {
         match accepted {
-            Accepted::Stored(segment) => Self::Stored(segment),
+            Accepted::Stored(segment) | Accepted::Repeated(segment) => Self::Stored(segment),
             Accepted::Queued(record) => Self::Queued(Box::new(HandedOver {
                 state: "queued",
                 record: *record,
@@ -132,12 +126,6 @@ pub(super) enum UploadAnswer {
     },
     /// What became of the records of an MCAP recording.
     Recording(Box<RecordingAnswer>),
-    /// One answer for each file of a form.
-    Form {
-        /// The answers in the order of the files.
-        #[schema(value_type = Vec<Object>)]
-        files: Vec<serde_json::Value>,
-    },
 }
 
 /// The answer to a recording of many records.
@@ -151,11 +139,11 @@ pub(super) struct RecordingAnswer {
 
 /// Upload a recording
 ///
-/// Answered when it is on the disk and in the database; in a cluster when its bytes are kept and it is in the workers' queue, with the `state`
-/// `queued` and the `id` of the segment that it becomes. The same bytes for the same asset, channel and time are one segment: a repeat is
-/// answered with that segment as it is now. With an `Idempotency-Key` a repeat has the first answer itself, with `Idempotency-Replayed: true`,
-/// and a recording that does not say when it began is of the time of its first receipt. A form (`multipart/form-data`) has its text fields,
-/// named as the parameters here, before its files.
+/// Answered when it is on the disk and in the database; in a cluster when its bytes are kept and it is in the
+/// workers' queue, with the `state` `queued` and the `id` of the segment that it becomes. The same bytes for
+/// the same asset, channel and time are one segment: a repeat is answered with that segment as it is now.
+/// With an `Idempotency-Key` a repeat has the first answer itself, with `Idempotency-Replayed: true`, and a
+/// recording that does not say when it began is of the time of its first receipt.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/segments",
@@ -173,7 +161,6 @@ pub(super) struct RecordingAnswer {
             (Vec<u8> = "application/x-protobuf"),
             (Vec<u8> = "application/mcap"),
             (Vec<u8> = "application/octet-stream"),
-            (UploadForm = "multipart/form-data"),
         ),
         description = "One recording",
     ),
@@ -190,7 +177,7 @@ pub(super) async fn upload(
     body: Body,
 ) -> Result<Response, Problem> {
     // Before the body is read: an upload to nowhere, or to a full queue, costs nothing.
-    app.ingest.store().asset(&asset).await?;
+    app.service.store.asset(&asset).await?;
     let key = key(&headers)?;
     let media_type = body::media_type(&headers);
     let upload = Upload {
@@ -199,10 +186,7 @@ pub(super) async fn upload(
         asked,
         key,
     };
-    if media_type.as_deref() == Some(FORM) {
-        return upload.form(&headers, body).await;
-    }
-    upload.one(media_type.as_deref(), &headers, Pieces::Body(body)).await
+    upload.answer(media_type.as_deref(), &headers, body).await
 }
 
 struct Upload<'a> {
@@ -223,8 +207,8 @@ enum Answered {
 }
 
 impl Upload<'_> {
-    async fn one(self, media_type: Option<&str>, headers: &HeaderMap, pieces: Pieces<'_>) -> Result<Response, Problem> {
-        let answer = self.take(media_type, headers, pieces).await?;
+    async fn answer(self, media_type: Option<&str>, headers: &HeaderMap, body: Body) -> Result<Response, Problem> {
+        let answer = self.take(media_type, headers, body).await?;
         let mut response = (StatusCode::CREATED, Json(&answer)).into_response();
         if matches!(answer, Answered::Before(_)) {
             let name = HeaderName::from_static("idempotency-replayed");
@@ -233,28 +217,28 @@ impl Upload<'_> {
         Ok(response)
     }
 
-    async fn take(&self, media_type: Option<&str>, headers: &HeaderMap, pieces: Pieces<'_>) -> Result<Answered, Problem> {
+    async fn take(&self, media_type: Option<&str>, headers: &HeaderMap, body: Body) -> Result<Answered, Problem> {
         if media_type == Some(MCAP) {
-            return self.take_mcap(headers, pieces).await;
+            return self.take_mcap(headers, body).await;
         }
         let format = self.format(media_type)?;
         let app = self.app;
-        let mut ticket = app.ingest.workers().admit()?;
-        let bytes = body::read(headers, pieces, app.limits.record_bytes, &app.limits, |bytes| {
+        let mut ticket = app.service.workers.admit()?;
+        let bytes = body::read(headers, body, app.limits.record_bytes, &app.limits, |bytes| {
             ticket.grow(bytes).map_err(Problem::from)
         })
         .await?;
-        let mut given = self.given()?;
+        let mut metadata = self.metadata()?;
         if self.key.is_some() {
             let first = self.begin(&format.media_type(), &Sha256::digest(&bytes)).await?;
             if let Some(answer) = answer_before(&first) {
                 return Ok(answer);
             }
-            given.start_time = Some(given.start_time.unwrap_or(first.received_at));
+            metadata.start_time = Some(metadata.start_time.unwrap_or(first.received_at));
         }
-        let (ingest, asset) = (app.ingest.clone(), self.asset.clone());
+        let (service, asset) = (app.service.clone(), self.asset.clone());
         let work = async move {
-            let accepted = ingest.accept(&asset, format, bytes, given, ticket).await?;
+            let accepted = service.pipeline.accept(&asset, format, bytes, metadata, ticket).await?;
             let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
             Ok(match segments.pop() {
                 Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
@@ -264,28 +248,28 @@ impl Upload<'_> {
                 }
             })
         };
-        self.answer(work).await
+        self.keep_answer(work).await
     }
 
-    /// Does an upload's work and keeps its answer for repeats under the same key, in a task of its own: a client that hangs up must not leave
-    /// half of it.
-    async fn answer(&self, work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static) -> Result<Answered, Problem> {
-        let (ingest, asset, key) = (self.app.ingest.clone(), self.asset.clone(), self.key.clone());
-        let task = tokio::spawn(async move {
+    /// Does an upload's work and keeps its answer for repeats under the same key, in a task of its own: a
+    /// client that hangs up must not leave half of it.
+    async fn keep_answer(&self, work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static) -> Result<Answered, Problem> {
+        let (service, asset, key) = (self.app.service.clone(), self.asset.clone(), self.key.clone());
+        let kept = async move {
             let answer = work.await?;
             if let Some(key) = key
                 && let Ok(text) = serde_json::to_string(&answer)
-                && let Some(first) = ingest.store().finish_upload(&asset, &key, &text).await?
+                && let Some(first) = service.store.finish_upload(&asset, &key, &text).await?
                 && let Ok(first) = serde_json::from_str(&first)
             {
                 return Ok(Answered::Before(first));
             }
             Ok(Answered::Now(answer))
-        });
-        task.await.map_err(|_| IngestError::WorkerLost("take an upload"))?
+        };
+        detached("take an upload", kept).await?
     }
 
-    async fn take_mcap(&self, headers: &HeaderMap, pieces: Pieces<'_>) -> Result<Answered, Problem> {
+    async fn take_mcap(&self, headers: &HeaderMap, body: Body) -> Result<Answered, Problem> {
         let app = self.app;
         if let Some(name) = self.asked.first_given() {
             return Err(Problem::query(
@@ -294,16 +278,21 @@ impl Upload<'_> {
                 "nothing: an MCAP file says it for each of its records",
             ));
         }
-        let ticket = app.ingest.workers().admit()?;
-        let spooled = SpooledBody::receive(headers, pieces, &app.uploads, &app.limits).await?;
+        let ticket = app.service.workers.admit()?;
+        let spooled = SpooledBody::receive(headers, body, &app.uploads, &app.limits).await?;
         if self.key.is_some()
             && let Some(answer) = answer_before(&self.begin(MCAP, spooled.sha256()).await?)
         {
             return Ok(answer);
         }
         let (app, asset) = (app.clone(), self.asset.clone());
-        self.answer(async move { take_recording(&app, &asset, spooled, ticket).await })
-            .await
+        let work = async move {
+            let path = spooled.path().to_path_buf();
+            let answer = take_recording(&app, &asset, move || File::open(path)).await;
+            drop((spooled, ticket));
+            answer
+        };
+        self.keep_answer(work).await
     }
 
     /// What is known of this upload's key, which is taken where nobody has.
@@ -313,9 +302,9 @@ impl Upload<'_> {
         hash.update(media_type);
         hash.update(serde_json::to_vec(&self.asked).unwrap_or_default());
         hash.update(content);
-        let digest: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-        let first = self.app.ingest.store();
-        let first = first.begin_upload(self.asset, key, &digest, self.app.ingest.now()).await?;
+        let digest: String = hex::encode(hash.finalize());
+        let first = &self.app.service.store;
+        let first = first.begin_upload(self.asset, key, &digest, self.app.service.now()).await?;
         if first.request_sha256 == digest {
             return Ok(first);
         }
@@ -335,16 +324,16 @@ impl Upload<'_> {
         let layout = sample
             .parse()
             .and_then(|sample| RawLayout::new(sample, rate, asked.channels.unwrap_or(1), asked.scale));
-        Ok(RecordFormat::Raw(layout.map_err(IngestError::from)?))
+        Ok(RecordFormat::Raw(layout.map_err(ServiceError::from)?))
     }
 
-    fn given(&self) -> Result<Given, Problem> {
+    fn metadata(&self) -> Result<UploadMetadata, Problem> {
         let asked = &self.asked;
         let names = asked
             .channel_names
             .as_deref()
             .map(|names| names.split(',').map(|name| name.trim().to_string()).collect());
-        Ok(Given {
+        Ok(UploadMetadata {
             start_time: asked.start_time,
             channel: asked.channel.clone(),
             channel_names: names.unwrap_or_default(),
@@ -357,52 +346,6 @@ impl Upload<'_> {
             reference_wear_um: asked.reference_wear_um,
         })
     }
-
-    /// Takes the files of a form, one after the other as they come.
-    async fn form(mut self, headers: &HeaderMap, body: Body) -> Result<Response, Problem> {
-        let boundary = headers
-            .get(header::CONTENT_TYPE)
-            .and_then(|value| multer::parse_boundary(value.to_str().ok()?).ok());
-        let boundary = boundary.ok_or_else(|| body::unsupported(Some(FORM), "a boundary with it"))?;
-        if headers.contains_key(header::CONTENT_ENCODING) {
-            return Err(body::unsupported(Some(FORM), "no content-encoding of the form as a whole"));
-        }
-        let limits = &self.app.limits;
-        let whole = multer::SizeLimit::new().whole_stream(limits.recording_bytes);
-        let constraints = multer::Constraints::new().size_limit(whole);
-        let mut form = multer::Multipart::with_constraints(body.into_data_stream(), boundary, constraints);
-        let mut fields = Vec::new();
-        let mut files = Vec::new();
-        let base = self.key.take();
-        while let Some(part) = form.next_field().await.map_err(body::broken_form)? {
-            let name = part.name().unwrap_or_default().to_string();
-            let Some(file) = part.file_name().map(str::to_string) else {
-                if fields.len() == MOST_FIELDS {
-                    return Err(Problem::content("form", "more text fields", "at most 32 before a file"));
-                }
-                let text = body::text(part, MOST_TEXT).await?;
-                fields.push((name, text));
-                continue;
-            };
-            if files.len() == limits.form_files {
-                let most = format!("at most {} in one form", limits.form_files);
-                return Err(Problem::content("file", "more files", &most));
-            }
-            if !fields.is_empty() {
-                self.asked = self.asked.with(&std::mem::take(&mut fields))?;
-            }
-            let media_type = part.content_type().map(|media_type| media_type.essence_str().to_string());
-            let media_type = by_name(&file).map(str::to_string).or(media_type);
-            self.key = base.as_ref().map(|base| format!("{base}/{}", files.len()));
-            let nothing = HeaderMap::new();
-            let answer = self.take(media_type.as_deref(), &nothing, Pieces::Part(Box::new(part))).await?;
-            files.push(serde_json::to_value(answer).unwrap_or_default());
-        }
-        if files.is_empty() {
-            return Err(Problem::content("file", "missing", "at least one file in the form"));
-        }
-        Ok((StatusCode::CREATED, Json(UploadAnswer::Form { files })).into_response())
-    }
 }
 
 /// What was answered to an upload before.
@@ -410,18 +353,16 @@ fn answer_before(first: &KeyedUpload) -> Option<Answered> {
     serde_json::from_str(first.answer.as_deref()?).ok().map(Answered::Before)
 }
 
-/// Reads an MCAP file into an asset.
-pub(super) async fn take_recording(
+/// Reads an MCAP recording into an asset.
+pub(super) async fn take_recording<R: Read + Send + 'static>(
     app: &App,
     asset: &AssetId,
-    spooled: SpooledBody,
-    ticket: crate::ingest::Ticket,
+    open: impl FnOnce() -> io::Result<R> + Send + 'static,
 ) -> Result<UploadAnswer, Problem> {
-    let summary = app.ingest.accept_mcap(asset, spooled.path()).await?;
-    drop((spooled, ticket));
+    let summary = app.service.pipeline.accept_recording(asset, open).await?;
     let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
     let wear = match channel.and_then(|channel| channel.last_segment) {
-        Some(id) => app.ingest.store().segment(&id).await?.map(|segment| segment.wear),
+        Some(id) => app.service.store.segment(&id).await?.map(|segment| segment.wear),
         None => None,
     };
     Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, wear })))
@@ -432,44 +373,6 @@ impl UploadParameters {
         let given = serde_json::to_value(self).ok()?;
         given.as_object()?.keys().next().cloned()
     }
-
-    /// The same with the text fields of a form.
-    fn with(&self, fields: &[(String, String)]) -> Result<Self, Problem> {
-        let escaped = |text: &str| -> String {
-            let escape = |byte: u8| match byte {
-                b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' => char::from(byte).to_string(),
-                _ => format!("%{byte:02X}"),
-            };
-            text.bytes().map(escape).collect()
-        };
-        // An empty field of a form is one that was not filled in.
-        let filled = fields.iter().filter(|(_, text)| !text.trim().is_empty());
-        let pairs: Vec<String> = filled
-            .map(|(name, text)| format!("{}={}", escaped(name), escaped(text.trim())))
-            .collect();
-        let unusable = |message: String| Problem::new(StatusCode::BAD_REQUEST, message);
-        let uri: Uri = format!("/?{}", pairs.join("&"))
-            .parse()
-            .map_err(|_| unusable("a field of the form cannot be used".into()))?;
-        let Query(from_form): Query<Self> = Query::try_from_uri(&uri).map_err(|error| unusable(error.body_text()))?;
-        let both = (serde_json::to_value(self), serde_json::to_value(&from_form));
-        let (Ok(serde_json::Value::Object(mut all)), Ok(serde_json::Value::Object(more))) = both else {
-            return Ok(from_form);
-        };
-        all.extend(more);
-        serde_json::from_value(all.into()).map_err(|error| unusable(error.to_string()))
-    }
-}
-
-/// The media type of a file by the end of its name.
-fn by_name(file: &str) -> Option<&'static str> {
-    match file.rsplit('.').next()?.to_ascii_lowercase().as_str() {
-        "wav" => Some("audio/wav"),
-        "mcap" => Some(MCAP),
-        "json" => Some("application/json"),
-        "pb" => Some("application/x-protobuf"),
-        _ => None,
-    }
 }
 
 fn key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
@@ -477,7 +380,7 @@ fn key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
         return Ok(None);
     };
     match key.to_str() {
-        Ok(text) if !text.is_empty() && text.len() <= MOST_KEY => Ok(Some(text.to_string())),
+        Ok(text) if !text.is_empty() && text.len() <= MAX_KEY_BYTES => Ok(Some(text.to_string())),
         _ => Err(Problem::query("idempotency-key", format!("{key:?}"), "1 to 255 visible characters")),
     }
 }

@@ -1,7 +1,6 @@
 //! `/v1/assets/{asset}/waterfall`: spectra over a channel's life, each reduced to the same cells.
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::Json;
 use axum::extract::State;
@@ -9,12 +8,13 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use tokio::task::JoinSet;
 
+use super::app::App;
+use super::line_cache::{Axis, Grid, Line};
 use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
-use super::router::App;
 use super::{assets, waveforms};
 use crate::asset::{Segment, SegmentId};
-use crate::ingest::IngestError;
+use crate::service::ServiceError;
 use crate::signal::Spectrum;
 
 /// Records and cells where the client does not say how many, and the most.
@@ -24,22 +24,8 @@ const CELLS: (usize, usize) = (400, 2000);
 /// Spectra that are worked out at the same time: each holds a whole record.
 const AT_ONCE: usize = 4;
 
-/// Values that are kept in memory, 4 bytes each.
-const MOST_KEPT: usize = 2_000_000;
-
 /// Below this level, in dB of one unit, there is only what a converter's steps leave.
 const LOWEST_DB: f64 = -200.0;
-
-/// What the cells are laid out over.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum Axis {
-    /// Frequency in hertz.
-    #[default]
-    Hz,
-    /// Orders of the driving shaft: frequency over each record's own shaft speed.
-    Orders,
-}
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -108,45 +94,6 @@ fn as_list<S: serde::Serializer>(line: &Option<Line>, serializer: S) -> Result<S
     line.as_deref().serialize(serializer)
 }
 
-/// How a spectrum is cut into cells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-struct Grid {
-    axis: Axis,
-    cells: usize,
-    /// Bits of the end of the last cell, so that grids compare.
-    end_bits: u64,
-}
-
-impl Grid {
-    fn end(self) -> f64 {
-        f64::from_bits(self.end_bits)
-    }
-}
-
-/// The levels of one record's cells.
-type Line = Arc<[f32]>;
-
-/// Reduced spectra of records, which never change, so that a look again costs only what has come since.
-#[derive(Debug, Default)]
-pub(super) struct LineCache {
-    kept: Mutex<HashMap<(SegmentId, Grid), Line>>,
-}
-
-impl LineCache {
-    fn get(&self, segment: &SegmentId, grid: Grid) -> Option<Line> {
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.get(&(segment.clone(), grid)).cloned()
-    }
-
-    fn keep(&self, segment: SegmentId, grid: Grid, line: Line) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if (kept.len() + 1) * grid.cells > MOST_KEPT {
-            kept.clear();
-        }
-        kept.insert((segment, grid), line);
-    }
-}
-
 /// Spectra over a channel's life
 #[utoipa::path(
     get,
@@ -178,14 +125,14 @@ pub(super) async fn show(
         reduced: false,
     };
     let Some(channel) = channel else { return Ok(Json(view)) };
-    let trend = app.ingest.store().trend(&channel).await?;
+    let trend = app.service.store.trend(&channel).await?;
     let range = trend.range(asked.from, asked.to);
     let chosen = evenly(range.len(), records);
     view.reduced = chosen.len() < range.len();
     let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
     view.unit = trend.unit.clone();
     view.channel = Some(channel.channel);
-    let segments = app.ingest.store().segments_by_id(&ids).await?;
+    let segments = app.service.store.segments_by_id(&ids).await?;
     let mut segments: HashMap<SegmentId, Segment> = segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
     let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
     let Some(first) = segments.first() else { return Ok(Json(view)) };
@@ -209,7 +156,7 @@ pub(super) async fn show(
             .map(|speed| speed.mesh_frequency_hz),
     };
     view.position = (0..cells).map(|n| (n as f64 + 0.5) * end / cells as f64).collect();
-    let _ticket = app.ingest.workers().admit_answer()?;
+    let _ticket = app.service.workers.admit_answer()?;
     let lines = lines(&app, &segments, grid).await?;
     view.items = segments
         .into_iter()
@@ -239,8 +186,8 @@ pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
     (0..most).map(|n| n * (length - 1) / (most - 1)).collect()
 }
 
-/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or the raw bytes are not to be had
-/// any more.
+/// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or
+/// the raw bytes are not to be had any more.
 async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
     let mut lines: Vec<Option<Line>> = segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
     let mut missing = lines.iter().enumerate().filter(|(_, line)| line.is_none()).map(|(n, _)| n);
@@ -248,7 +195,7 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
     for some in missing.chunks(AT_ONCE) {
         let mut tasks = JoinSet::new();
         for n in some {
-            let (ingest, segment, n) = (app.ingest.clone(), segments[*n].clone(), *n);
+            let (service, segment, n) = (app.service.clone(), segments[*n].clone(), *n);
             let unit_hz = match grid.axis {
                 Axis::Hz => Some(1.0),
                 Axis::Orders => segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
@@ -256,7 +203,8 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
             let Some(unit_hz) = unit_hz else { continue };
             tasks.spawn(async move {
                 let reduce = move |spectrum: &Spectrum| levels(&spectrum.amplitude, spectrum.resolution_hz / unit_hz, grid);
-                let line = ingest
+                let line = service
+                    .records
                     .analyse_stored(&segment, "reduce a spectrum", move |analyzer, record, _| {
                         reduce(&analyzer.amplitude_spectrum(record))
                     })
@@ -265,7 +213,7 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
             });
         }
         while let Some(done) = tasks.join_next().await {
-            let (n, line) = done.map_err(|_| IngestError::WorkerLost("reduce a spectrum"))?;
+            let (n, line) = done.map_err(|_| ServiceError::WorkerLost("reduce a spectrum"))?;
             let line: Line = match line {
                 Err(error) if error.is_without_raw() => continue,
                 line => line?.into(),
@@ -277,7 +225,8 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
     Ok(lines)
 }
 
-/// The greatest of the amplitudes, `resolution` of the grid's axis apart, in each cell in dB; a cell narrower than that has the nearest one.
+/// The greatest of the amplitudes, `resolution` of the grid's axis apart, in each cell in dB; a cell narrower
+/// than that has the nearest one.
 fn levels(amplitude: &[f64], resolution: f64, grid: Grid) -> Vec<f32> {
     let bins_per_cell = grid.end() / grid.cells as f64 / resolution;
     let last = amplitude.len().saturating_sub(1);

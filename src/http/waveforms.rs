@@ -5,12 +5,12 @@ use axum::extract::State;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
-use super::router::App;
 use super::{reduction, segments};
 use crate::asset::{Segment, SegmentId};
-use crate::ingest::{AskedBand, IngestError};
+use crate::service::{BandChoice, ServiceError};
 use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Spectrum};
 
 /// Points of a curve where the client does not say how many.
@@ -72,8 +72,8 @@ pub(super) async fn waveform(
         return Err(Problem::query("from_s, to_s", format!("{from_s} to {to_s}"), expected));
     }
     let segment = segments::find(&app, &id).await?;
-    let _ticket = app.ingest.workers().admit_answer()?;
-    let record = app.ingest.recall(&segment).await?;
+    let _ticket = app.service.workers.admit_answer()?;
+    let record = app.service.records.recall(&segment).await?;
     let reduce = move || {
         let rate_hz = record.sample_rate_hz();
         // One sample more on either side, so that the curve goes on to the edges of what is shown.
@@ -87,7 +87,7 @@ pub(super) async fn waveform(
         let value = kept.iter().map(|n| record.samples()[low + *n]).collect();
         (kept.len() < samples.len(), time_s, value)
     };
-    let (reduced, time_s, value) = app.ingest.workers().run("reduce a waveform", reduce).await?;
+    let (reduced, time_s, value) = app.service.workers.run("reduce a waveform", reduce).await?;
     Ok(Json(Waveform {
         segment_id: segment.id,
         channel: segment.channel,
@@ -158,8 +158,8 @@ pub(super) async fn spectrum(
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
     let max_hz = max_hz(asked.max_hz)?;
     let segment = segments::find(&app, &id).await?;
-    let _ticket = app.ingest.workers().admit_answer()?;
-    let (spectrum, lines) = app.ingest.spectrum(&segment).await?;
+    let _ticket = app.service.workers.admit_answer()?;
+    let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
     Ok(Json(view(segment, spectrum, lines, most, max_hz)))
 }
 
@@ -211,23 +211,23 @@ pub(super) async fn envelope(
     let segment = segments::find(&app, &id).await?;
     let half_rate_hz = segment.sample_rate_hz / 2.0;
     let band = match (asked.band, asked.band_low_hz, asked.band_high_hz) {
-        (None, None, None) => AskedBand::Nothing,
-        (Some(search), None, None) => AskedBand::Search(search),
+        (None, None, None) => BandChoice::OfAsset,
+        (Some(search), None, None) => BandChoice::Search(search),
         (Some(_), _, _) => {
             return Err(Problem::query("band", "given", "nothing beside band_low_hz and band_high_hz"));
         }
-        (None, Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => AskedBand::Hertz([low, high]),
+        (None, Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => BandChoice::Hertz([low, high]),
         (None, low, high) => {
             let found = format!("{low:?} to {high:?}").replace("Some(", "").replace(')', "");
             let expected = format!("both ends, the lower one first, from 0 to {half_rate_hz} Hz");
             return Err(Problem::query("band_low_hz, band_high_hz", found, &expected));
         }
     };
-    let _ticket = app.ingest.workers().admit_answer()?;
-    let computed = app.ingest.envelope(&segment, band).await;
+    let _ticket = app.service.workers.admit_answer()?;
+    let computed = app.service.records.envelope(&segment, band).await;
     let envelope = computed.map_err(|error| match error {
         // A band that the record does not resolve, and that the address asked for.
-        IngestError::Field { value, expected, .. } if band != AskedBand::Nothing => {
+        ServiceError::Field { value, expected, .. } if band != BandChoice::OfAsset => {
             Problem::query("band_low_hz, band_high_hz", value, expected)
         }
         error => error.into(),

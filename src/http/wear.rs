@@ -7,11 +7,11 @@ use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use super::app::App;
 use super::chosen::{self, Chosen};
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
-use super::router::App;
-use super::{assets, freshness, reduction, table};
+use super::{assets, etag, reduction, table};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
 use crate::estimate::{BaselineProgress, WearEstimate, WearStatus};
 use crate::signal::{PREPROCESSING, ShaftSpeed};
@@ -64,13 +64,13 @@ pub(super) async fn latest(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
-    let mark = freshness::mark_of_channel(&asset, channel.as_ref(), &uri, &headers);
-    if freshness::is_known(&headers, &mark) {
-        return Ok(freshness::not_modified(mark));
+    let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
+    if etag::is_known(&headers, &tag) {
+        return Ok(etag::not_modified(tag));
     }
     let last = channel.as_ref().and_then(|channel| channel.last_segment.as_ref());
     let segment = match last {
-        Some(id) => app.ingest.store().segment(id).await?,
+        Some(id) => app.service.store.segment(id).await?,
         None => None,
     };
     let view = WearView {
@@ -82,7 +82,7 @@ pub(super) async fn latest(
         limits: asset.spec.limits,
         wear: segment.map_or_else(|| nothing_yet(&asset.spec), |segment| segment.wear),
     };
-    Ok(([(header::ETAG, mark)], Json(view)).into_response())
+    Ok(([(header::ETAG, tag)], Json(view)).into_response())
 }
 
 /// The answer before the first record.
@@ -109,7 +109,8 @@ pub(super) struct HistoryParameters {
     to: Option<Timestamp>,
     /// Only records in this one of the asset's operating bins.
     operating_bin: Option<String>,
-    /// Points at most, 10 to 200000; of each stretch the lowest and highest median, 5 and 95 % quantile and known depth stay.
+    /// Points at most, 10 to 200000; of each stretch the lowest and highest median, 5 and 95 % quantile and
+    /// known depth stay.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
 }
@@ -175,23 +176,23 @@ pub(super) async fn history(
 ) -> Result<Response, Problem> {
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
     let (asset, channel) = assets::asset_and_channel(&app, &asset, asked.channel.as_deref()).await?;
-    let mark = freshness::mark_of_channel(&asset, channel.as_ref(), &uri, &headers);
-    if freshness::is_known(&headers, &mark) {
-        return Ok(freshness::not_modified(mark));
+    let tag = etag::of_channel(&asset, channel.as_ref(), &uri, &headers);
+    if etag::is_known(&headers, &tag) {
+        return Ok(etag::not_modified(tag));
     }
     let wants_csv = table::wants_csv(&headers);
     let Some(channel) = channel else {
-        return table::answer(mark, wants_csv, HistoryView::default(), table_of);
+        return table::answer(tag, wants_csv, HistoryView::default(), table_of);
     };
-    let trend = app.ingest.store().trend(&channel).await?;
+    let trend = app.service.store.trend(&channel).await?;
     let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
     let render = move || {
         let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
         render(&trend, &asset.spec.operating_bins, &chosen, most)
     };
-    let mut view = app.ingest.workers().run("reduce a history", render).await?;
+    let mut view = app.service.workers.run("reduce a history", render).await?;
     view.channel = Some(channel.channel);
-    table::answer(mark, wants_csv, view, table_of)
+    table::answer(tag, wants_csv, view, table_of)
 }
 
 fn table_of(view: &HistoryView, table: &mut table::Table) -> Result<(), csv::Error> {

@@ -12,7 +12,7 @@ use crate::estimate::{
 };
 
 /// Entries of an alarm's history in the report; the latest ones where there are more.
-const MOST_ENTRIES: usize = 50;
+const MAX_ENTRIES: usize = 50;
 
 /// One alarm with what happened to it.
 #[derive(Debug, Clone)]
@@ -111,7 +111,7 @@ fn alarm_table(alarm: &ReportedAlarm, body: &mut String) {
         Some(severity) => format!("{}, {}", severity.name(), state_words(alarm.state)),
         None => state_words(alarm.state).to_owned(),
     };
-    let shown = &alarm.history[alarm.history.len().saturating_sub(MOST_ENTRIES)..];
+    let shown = &alarm.history[alarm.history.len().saturating_sub(MAX_ENTRIES)..];
     let rows: String = shown.iter().map(change_row).collect();
     let of_more = if shown.len() < alarm.history.len() {
         format!(" The latest {} of {} entries.", shown.len(), alarm.history.len())

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::alarms::{StoredAlarm, alarm_of, change_of};
@@ -38,7 +39,7 @@ pub struct FoldedAlarms<'a> {
 }
 
 /// Something that happened to an alarm, to be announced.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmNotice {
     /// The alarm after it.
     pub alarm: StoredAlarm,
@@ -54,8 +55,8 @@ impl ChannelSummary {
 }
 
 impl Commit {
-    /// Sets what a fold says of a channel's alarms. Returns what is new: every change of records that were added, and of a history that was
-    /// folded again the alarms that stand otherwise than before.
+    /// Sets what a fold says of a channel's alarms. Returns what is new: every change of records that were
+    /// added, and of a history that was folded again the alarms that stand otherwise than before.
     pub async fn set_alarms(
         &mut self,
         channel: &ChannelSummary,
@@ -126,7 +127,8 @@ impl Commit {
         Ok(notices)
     }
 
-    /// Keeps what a person did to an alarm of a channel that nobody else changes now, and the change that it made; `place` is where it counts.
+    /// Keeps what a person did to an alarm of a channel that nobody else changes now, and the change that it
+    /// made; `place` is where it counts.
     pub async fn act(
         &mut self,
         channel: &mut ChannelSummary,
@@ -274,5 +276,5 @@ fn alarm_id(channel: &ChannelSummary, quantity: &AlarmQuantity) -> String {
         hash.update((part.len() as u64).to_le_bytes());
         hash.update(part);
     }
-    hash.finalize().iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+    hex::encode(&hash.finalize()[..8])
 }

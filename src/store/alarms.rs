@@ -1,6 +1,7 @@
 //! Alarms as they are read: where each stands, its history, and what people did to it.
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use sqlx::Row;
 use sqlx::any::AnyRow;
 
@@ -10,7 +11,7 @@ use crate::asset::AssetId;
 use crate::estimate::{Alarm, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, PanelAction, Severity};
 
 /// An alarm as it is stored: there is one once anything has happened to it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredAlarm {
     /// Identifier.
     pub id: String,
@@ -131,7 +132,8 @@ impl Store {
         Ok((entries?, count))
     }
 
-    /// What people did to a channel's alarms, in the order of their places; and whether the channel has any alarm.
+    /// What people did to a channel's alarms, in the order of their places; and whether the channel has any
+    /// alarm.
     pub async fn alarm_actions(&self, channel: &ChannelSummary) -> Result<(Vec<PanelAction>, bool), StoreError> {
         let rows = sqlx::query("SELECT quantity FROM alarms WHERE channel_no = $1 LIMIT 1")
             .bind(channel.channel_no)

@@ -7,7 +7,7 @@ use sqlx::any::AnyRow;
 use sqlx::{Any, Row, Transaction};
 
 use super::rows::{asset_id, from_ns, get, get_count, get_json, get_time, placeholders, to_json, to_ns};
-use super::{SegmentKey, Store, StoreError, heard_through, raw};
+use super::{SegmentKey, Store, StoreError, raw, shared_sensors};
 use crate::asset::{AssetId, AssetSpec, SegmentId};
 
 /// Assets that one statement asks for, where there are many.
@@ -26,13 +26,14 @@ pub struct Asset {
 }
 
 impl Asset {
-    /// Changes whenever the description or a maintenance event of the asset does, and is never that of another asset.
+    /// Changes whenever the description or a maintenance event of the asset does, and is never that of
+    /// another asset.
     pub fn version(&self) -> i64 {
         self.revision
     }
 
-    /// The channel that a question is about: the one asked for, else the one that the description says speaks for the asset,
-    /// else the one seen first.
+    /// The channel that a question is about: the one asked for, else the one that the description says speaks
+    /// for the asset, else the one seen first.
     pub fn speaking_channel<'a>(&self, channels: &'a [ChannelSummary], asked: Option<&str>) -> Option<&'a ChannelSummary> {
         let named = |name: &str| channels.iter().find(|channel| channel.channel == name);
         match asked {
@@ -112,7 +113,8 @@ impl ChannelSummary {
         }
     }
 
-    /// Notes a record, or the place of something between records, that a recomputation under way may have passed already.
+    /// Notes a record, or the place of something between records, that a recomputation under way may have
+    /// passed already.
     pub fn note_change(&mut self, place: SegmentKey) {
         if self.next_wear.is_some() && self.changed_from.as_ref().is_none_or(|earliest| place < *earliest) {
             self.changed_from = Some(place);
@@ -125,8 +127,8 @@ impl ChannelSummary {
 pub struct DescriptionsMark(i64);
 
 impl DescriptionsMark {
-    /// Refuses to change descriptions by what was checked, where somebody else has changed one since. To be asked after a change of its own,
-    /// which keeps others waiting until the transaction's end.
+    /// Refuses to change descriptions by what was checked, where somebody else has changed one since. To be
+    /// asked after a change of its own, which keeps others waiting until the transaction's end.
     async fn check(self, transaction: &mut Transaction<'_, Any>) -> Result<(), StoreError> {
         let row = sqlx::query("SELECT value FROM counters WHERE name = 'asset_revision'")
             .fetch_one(&mut **transaction)
@@ -172,7 +174,7 @@ impl Store {
         if inserted.rows_affected() == 0 {
             return Err(StoreError::AssetExists(spec.id.clone()));
         }
-        heard_through::set(&mut transaction, spec).await?;
+        shared_sensors::set(&mut transaction, spec).await?;
         transaction.commit().await?;
         self.asset(&spec.id).await
     }
@@ -193,7 +195,7 @@ impl Store {
             .bind(to_ns(now)?)
             .execute(&mut *commit.transaction)
             .await?;
-        heard_through::set(&mut commit.transaction, spec).await?;
+        shared_sensors::set(&mut commit.transaction, spec).await?;
         commit.finish().await?;
         self.asset(&spec.id).await
     }
@@ -222,8 +224,8 @@ impl Store {
         rows.iter().map(asset_of).collect()
     }
 
-    /// Removes an asset with all its rows, where no description has changed since this was `checked`. Returns the names of the raw objects that
-    /// nothing refers to any more.
+    /// Removes an asset with all its rows, where no description has changed since this was `checked`. Returns
+    /// the names of the raw objects that nothing refers to any more.
     ///
     /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
     pub async fn delete_asset(&self, id: &AssetId, checked: DescriptionsMark) -> Result<Vec<String>, StoreError> {
@@ -233,7 +235,7 @@ impl Store {
         checked.check(&mut commit.transaction).await?;
         let channels = self.channels(id).await?;
         let transaction = &mut commit.transaction;
-        heard_through::change_others(transaction, id).await?;
+        shared_sensors::change_others(transaction, id).await?;
         let mine = "SELECT sha256 FROM raw_objects WHERE asset_id = $1";
         let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut **transaction).await?;
         let objects: Vec<String> = objects.iter().map(|row| get(row, "sha256")).collect::<Result<_, _>>()?;
@@ -265,12 +267,13 @@ impl Store {
         self.rows_of_assets(assets, text).await?.iter().map(channel_of).collect()
     }
 
-    /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some of them.
+    /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some
+    /// of them.
     pub(super) async fn rows_of_assets(&self, assets: &[&AssetId], text: impl Fn(&str) -> String) -> Result<Vec<AnyRow>, StoreError> {
         let mut found = Vec::new();
         for chunk in assets.chunks(ASSETS_AT_ONCE) {
             let text = text(&placeholders(1, chunk.len()));
-            let mut query = sqlx::query(&text).persistent(self.dialect().keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect().caches_statement(chunk.len()));
             for asset in chunk {
                 query = query.bind(asset.as_str());
             }

@@ -1,6 +1,8 @@
-//! Writing what a transaction adds to channels: segments, analyses, estimates and states of the fold, each kind for all channels at once.
+//! Writing what a transaction adds to channels: segments, analyses, estimates and states of the fold, each
+//! kind for all channels at once.
 //!
-//! A statement costs a way to the database and back, and rows are locked meanwhile: their number does not grow with that of the records.
+//! A statement costs a way to the database and back, and rows are locked meanwhile: their number does not
+//! grow with that of the records.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -22,7 +24,8 @@ pub struct ChannelRows<'a> {
     pub new: Vec<&'a NewSegment>,
     /// Estimates of segments, the first ones or others than before.
     pub wears: &'a [(SegmentKey, RunResult)],
-    /// States of the fold, in rising order, that take the place of all after a position; none where they stay.
+    /// States of the fold, in rising order, that take the place of all after a position; none where they
+    /// stay.
     pub states: Option<(u64, Vec<FoldState>)>,
     /// Estimates of earlier segments changed.
     pub is_rewritten: bool,
@@ -122,7 +125,7 @@ impl Commit {
                     .bind(i64::from(segment.raw.channel_index));
             }
             query
-                .persistent(self.dialect.keeps_optional_doubles())
+                .persistent(self.dialect.caches_optional_doubles())
                 .execute(&mut *self.transaction)
                 .await?;
         }
@@ -158,7 +161,7 @@ impl Commit {
                     .bind(to_json(&analysed.features, "features", id)?);
             }
             query
-                .persistent(self.dialect.keeps(chunk.len()))
+                .persistent(self.dialect.caches_statement(chunk.len()))
                 .execute(&mut *self.transaction)
                 .await?;
         }
@@ -182,7 +185,7 @@ impl Commit {
                  ON CONFLICT (sha256, asset_id) DO NOTHING RETURNING asset_id, bytes",
                 rows_of_placeholders(chunk.len(), 4)
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for ((sha256, asset), (bytes, start_time)) in chunk {
                 query = query.bind(*sha256).bind(*asset).bind(*bytes).bind(to_ns(*start_time)?);
             }
@@ -198,7 +201,7 @@ impl Commit {
                  ON CONFLICT (asset_id) DO UPDATE SET bytes = raw_volumes.bytes + excluded.bytes",
                 rows_of_placeholders(chunk.len(), 2)
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for (asset, bytes) in chunk {
                 query = query.bind(asset.as_str()).bind(*bytes);
             }

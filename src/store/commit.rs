@@ -19,10 +19,11 @@ const SUMMARY: &str = "segments, first_start_ns, last_start_ns, last_segment_id,
     newest_generation, analysis_key, feature_key, fold_key, must_fold, leftovers, next_analysis_generation, next_analysis_key, \
     next_wear_generation, maker_until_ns, changed_from_ns, changed_from_id";
 
-/// A transaction on any number of channels. Nothing is stored before [`finish`](Self::finish) returns; then all is, on the disk.
+/// A transaction on any number of channels. Nothing is stored before [`finish`](Self::finish) returns; then
+/// all is, on the disk.
 ///
-/// Where other processes write as well, rows are locked in this order, so that transactions do not wait for each other in a ring: assets by
-/// name, then channels by asset and name, then what hangs on them.
+/// Where other processes write as well, rows are locked in this order, so that transactions do not wait for
+/// each other in a ring: assets by name, then channels by asset and name, then what hangs on them.
 pub struct Commit {
     pub(super) transaction: Transaction<'static, Any>,
     pub(super) dialect: Dialect,
@@ -54,9 +55,9 @@ impl Commit {
         let text = format!(
             "SELECT * FROM assets WHERE id IN ({}) ORDER BY id{}",
             placeholders(1, ids.len()),
-            self.dialect.to_rest_on()
+            self.dialect.for_share()
         );
-        let mut query = sqlx::query(&text).persistent(self.dialect.keeps(ids.len()));
+        let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(ids.len()));
         for id in ids {
             query = query.bind(id.as_str());
         }
@@ -69,15 +70,17 @@ impl Commit {
         }
     }
 
-    /// An asset that nobody else changes, and that no channel is added to, before the transaction's end; it counts as changed.
+    /// An asset that nobody else changes, and that no channel is added to, before the transaction's end; it
+    /// counts as changed.
     ///
     /// Error: [`StoreError::AssetUnknown`] where it is gone.
     pub(super) async fn asset_to_change(&mut self, id: &AssetId) -> Result<Asset, StoreError> {
-        // Before the asset: so do all that change assets, and those that change several do not wait for each other in a ring.
+        // Before the asset: so do all that change assets, and those that change several do not wait for each
+        // other in a ring.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
             .execute(&mut *self.transaction)
             .await?;
-        let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.to_change());
+        let text = format!("SELECT * FROM assets WHERE id = $1{}", self.dialect.for_update());
         let row = sqlx::query(&text).bind(id.as_str()).fetch_optional(&mut *self.transaction).await?;
         let asset = asset_of(&row.ok_or_else(|| StoreError::AssetUnknown(id.clone()))?)?;
         sqlx::query("UPDATE assets SET revision = (SELECT value FROM counters WHERE name = 'asset_revision') WHERE id = $1")
@@ -87,8 +90,8 @@ impl Commit {
         Ok(asset)
     }
 
-    /// The channels of these names, in this order, of assets that are there; made where they are missing. Nobody else changes them before
-    /// the transaction's end.
+    /// The channels of these names, in this order, of assets that are there; made where they are missing.
+    /// Nobody else changes them before the transaction's end.
     pub async fn channels(&mut self, names: &[(&AssetId, &str)]) -> Result<Vec<ChannelSummary>, StoreError> {
         let mut found = self.channels_there(names).await?;
         let key = |&(asset, name): &(&AssetId, &str)| (asset.clone(), name.to_owned());
@@ -111,9 +114,9 @@ impl Commit {
             let which = any_of(chunk.len(), &["asset_id =", "name ="]);
             let text = format!(
                 "SELECT * FROM channels WHERE {which} ORDER BY asset_id, name{}",
-                self.dialect.to_change()
+                self.dialect.for_update()
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for (asset, name) in chunk {
                 query = query.bind(asset.as_str()).bind(*name);
             }
@@ -142,11 +145,12 @@ impl Commit {
         Ok(())
     }
 
-    /// A channel that was there a moment ago, as it is now. Nobody else changes it before the transaction's end.
+    /// A channel that was there a moment ago, as it is now. Nobody else changes it before the transaction's
+    /// end.
     ///
     /// Error: [`StoreError::AssetUnknown`] where it is gone with its asset.
     pub async fn channel_again(&mut self, channel: &ChannelSummary) -> Result<ChannelSummary, StoreError> {
-        let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.to_change());
+        let text = format!("SELECT * FROM channels WHERE channel_no = $1{}", self.dialect.for_update());
         let row = sqlx::query(&text)
             .bind(channel.channel_no)
             .fetch_optional(&mut *self.transaction)
@@ -199,7 +203,7 @@ impl Commit {
                     .bind(channel.changed_from.as_ref().map(|key| key.id.0.as_str()));
             }
             query
-                .persistent(self.dialect.keeps(chunk.len()))
+                .persistent(self.dialect.caches_statement(chunk.len()))
                 .execute(&mut *self.transaction)
                 .await?;
         }

@@ -17,8 +17,9 @@ use super::schema::{self, Dialect};
 pub(super) struct Database {
     /// Which database it is.
     pub(super) dialect: Dialect,
-    /// Of SQLite one connection: writers queue here in order instead of meeting a locked database, and two never write or checkpoint at the same
-    /// moment, which SQLite before 3.51.3 may not survive (its "WAL-reset" fault).
+    /// Of SQLite one connection: writers queue here in order instead of meeting a locked database, and two
+    /// never write or checkpoint at the same moment, which SQLite before 3.51.3 may not survive (its
+    /// "WAL-reset" fault).
     pub(super) write: AnyPool,
     /// Readers see the last committed state and never wait for a writer.
     pub(super) read: AnyPool,
@@ -27,15 +28,15 @@ pub(super) struct Database {
 }
 
 impl Database {
-    /// Closes both pools and gives the folder free. The lock is given back by name: a child process that is just being started may
-    /// hold a copy of its descriptor.
+    /// Closes both pools and gives the folder free. The lock is given back by name: a child process that is
+    /// just being started may hold a copy of its descriptor.
     pub(super) async fn close(&self) {
         self.read.close().await;
         self.write.close().await;
         if let Some(lock) = &self.lock
             && let Err(error) = lock.unlock()
         {
-            tracing::warn!(%error, "the data folder's lock was not given back");
+            tracing::warn!(%error, "failed to release the lock of the data folder");
         }
     }
 
@@ -73,7 +74,10 @@ impl Database {
         sqlx::any::install_default_drivers();
         let write = shared_pool(settings, settings.write_connections).await?;
         let mut connection = write.acquire().await?;
+        // However long another process migrates.
+        connection.execute("SET lock_timeout = 0; SET statement_timeout = 0").await?;
         schema::migrate(&mut connection, Dialect::Postgres).await?;
+        connection.execute(SESSION).await?;
         drop(connection);
         let read = shared_pool(settings, settings.read_connections).await?;
         Ok(Self {
@@ -85,7 +89,8 @@ impl Database {
     }
 }
 
-/// What every session of PostgreSQL is set to: commits are durable, and a process that is gone, or cut off, holds no lock for long.
+/// What every session of PostgreSQL is set to: commits are durable, and a process that is gone, or cut off,
+/// holds no lock for long.
 #[cfg(feature = "cluster")]
 const SESSION: &str = "
     SET application_name = 'flankwatch';
@@ -126,6 +131,17 @@ async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
                     sqlx::query(pragma).execute(&mut *connection).await?;
                 }
                 Ok(())
+            })
+        })
+        .after_release(|connection, _| {
+            Box::pin(async move {
+                // Where a full disk ends a transaction, sqlx goes on counting it. One that stays open takes the
+                // next records with it: they are answered, and never committed.
+                let was_open = sqlx::query("ROLLBACK").execute(connection).await.is_ok();
+                if was_open {
+                    tracing::warn!("a transaction was left open: closing its connection to the database");
+                }
+                Ok(!was_open)
             })
         })
         .connect(url)
@@ -181,10 +197,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let database = Database::open_folder(folder.path()).await.unwrap();
         assert!(matches!(error_of(folder.path()).await, StoreError::InUse(_)));
-        sqlx::query("INSERT INTO migrations (version) VALUES (999)")
-            .execute(&database.write)
-            .await
-            .unwrap();
+        sqlx::query(
+            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time) VALUES (999, 'later', 1, x'00', 0)",
+        )
+        .execute(&database.write)
+        .await
+        .unwrap();
         drop(database);
         let error = error_of(folder.path()).await;
         assert!(matches!(error, StoreError::Newer { found: 999, .. }), "{error}");
@@ -218,7 +236,7 @@ mod tests {
         for database in databases(folder.path()).await {
             let make = database
                 .dialect
-                .statement("CREATE TEMPORARY TABLE t (n BIGINT, i BIGINT, d DOUBLE PRECISION, s TEXT, b {bytes})");
+                .schema("CREATE TEMPORARY TABLE t (n BIGINT, i BIGINT, d DOUBLE PRECISION, s TEXT, b BLOB)");
             let mut connection = database.write.acquire().await.unwrap();
             sqlx::query(&make).execute(&mut *connection).await.unwrap();
             // PostgreSQL's texts have no NUL.
@@ -242,7 +260,7 @@ mod tests {
                 .bind(None::<f64>)
                 .bind(None::<String>)
                 .bind(None::<Vec<u8>>)
-                .persistent(database.dialect.keeps_optional_doubles())
+                .persistent(database.dialect.caches_optional_doubles())
                 .execute(&mut *connection)
                 .await
                 .unwrap();

@@ -1,4 +1,5 @@
-//! How often a queued record was put among the dead letters: sent again, it is to be told from the one that was.
+//! How often a queued record was put among the dead letters: sent again, it is to be told from the one that
+//! was.
 
 use std::collections::HashMap;
 
@@ -7,17 +8,6 @@ use jiff::{SignedDuration, Timestamp};
 use super::rows::{get, placeholders, to_ns};
 use super::{Store, StoreError};
 use crate::asset::SegmentId;
-
-/// One row for each record; `letter` is the place in the queue that the last one had.
-pub(super) const TABLE: &[&str] = &[
-    "CREATE TABLE dead_letters (
-        segment_id TEXT NOT NULL PRIMARY KEY,
-        times BIGINT NOT NULL,
-        letter BIGINT NOT NULL,
-        put_at_ns BIGINT NOT NULL
-    )",
-    "CREATE INDEX dead_letters_in_time ON dead_letters (put_at_ns)",
-];
 
 /// How long it is remembered: longer than the queue remembers what it had.
 const REMEMBERED: SignedDuration = SignedDuration::from_hours(24);

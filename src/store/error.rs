@@ -134,13 +134,14 @@ impl StoreError {
     }
 }
 
-/// PostgreSQL's states of a connection that was lost, of a server that starts or stops, that has no more room for connections, or that
-/// ended a statement that took too long.
+/// PostgreSQL's states of a connection that was lost, of a server that starts or stops, that has no more room
+/// for connections, or that ended a statement that took too long.
 fn says_unavailable(code: &str) -> bool {
     code.len() == 5 && (code.starts_with("08") || code.starts_with("57") || code == "53300" || code == "25P03" || code == "25006")
 }
 
-/// PostgreSQL's states of transactions that stood in each other's way; the same key at the same time among them.
+/// PostgreSQL's states of transactions that stood in each other's way; the same key at the same time among
+/// them.
 fn says_conflict(code: &str) -> bool {
     ["40001", "40P01", "55P03", "23505"].contains(&code)
 }

@@ -38,7 +38,8 @@ impl Store {
         row.as_ref().map(state_of).transpose()
     }
 
-    /// The latest kept state, of the generation that is served, in which neither `key` nor any later record is.
+    /// The latest kept state, of the generation that is served, in which neither `key` nor any later record
+    /// is.
     pub async fn state_before(&self, channel: &ChannelSummary, key: &SegmentKey) -> Result<Option<FoldState>, StoreError> {
         self.state_before_in(channel, channel.wear_generation, key).await
     }
@@ -63,7 +64,8 @@ impl Store {
     }
 }
 
-/// A channel's number, a generation, and the states that take the place of all after a position, in rising order.
+/// A channel's number, a generation, and the states that take the place of all after a position, in rising
+/// order.
 pub(super) type StatesAfter<'a> = (i64, i64, u64, &'a [FoldState]);
 
 impl Commit {
@@ -87,7 +89,7 @@ impl Commit {
                 "INSERT INTO fold_states (channel_no, generation, position, start_time_ns, segment_id, state) VALUES {}",
                 rows_of_placeholders(chunk.len(), 6)
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(chunk.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(chunk.len()));
             for (channel_no, generation, state) in chunk {
                 query = query
                     .bind(*channel_no)
@@ -117,7 +119,7 @@ impl Commit {
     async fn remove_states_after(&mut self, all: &[StatesAfter<'_>]) -> Result<(), StoreError> {
         let which = any_of(all.len(), &["channel_no =", "generation =", "position >="]);
         let text = format!("DELETE FROM fold_states WHERE {which}");
-        let mut query = sqlx::query(&text).persistent(self.dialect.keeps(all.len()));
+        let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(all.len()));
         for &(channel_no, generation, after, _) in all {
             // The newest one of before is kept only where its position is one of those that are.
             let first_removed = if after.is_multiple_of(SEGMENTS_PER_STATE) {

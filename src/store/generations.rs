@@ -1,10 +1,12 @@
 //! Histories computed again beside the one that is served, and swapped in whole.
 //!
-//! Analyses and estimates carry a generation number; a channel says which of each is served. A new generation is written in small
-//! transactions that nobody sees, then one sets the channel's numbers, and the rows of the old generation are removed at leisure.
+//! Analyses and estimates carry a generation number; a channel says which of each is served. A new generation
+//! is written in small transactions that nobody sees, then one sets the channel's numbers, and the rows of
+//! the old generation are removed at leisure.
 //!
-//! Several processes may want to make the same history. A channel says which generation of estimates is being made; only that one may be
-//! added to and served, so that a maker who was taken for dead and comes back changes nothing.
+//! Several processes may want to make the same history. A channel says which generation of estimates is being
+//! made; only that one may be added to and served, so that a maker who was taken for dead and comes back
+//! changes nothing.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -19,7 +21,8 @@ use super::{
 };
 use crate::asset::SegmentId;
 
-/// How long a maker counts as alive after it last added something, before another process begins in its place.
+/// How long a maker counts as alive after it last added something, before another process begins in its
+/// place.
 const MAKER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
 
 /// What a maker is told whose place was taken.
@@ -50,7 +53,8 @@ impl ChannelSummary {
 }
 
 impl Store {
-    /// Begins to make a channel's history again: a new generation of estimates. None where another process is at it.
+    /// Begins to make a channel's history again: a new generation of estimates. None where another process is
+    /// at it.
     pub async fn begin_making(&self, channel: &ChannelSummary, now: Timestamp) -> Result<Option<WearGeneration>, StoreError> {
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
@@ -84,8 +88,8 @@ impl Store {
         Ok(())
     }
 
-    /// The earliest place where a channel's history changed since it began to be made, or since this was asked last, and the channel as it
-    /// is then.
+    /// The earliest place where a channel's history changed since it began to be made, or since this was
+    /// asked last, and the channel as it is then.
     ///
     /// Error: [`StoreError::Outdated`] where another process makes it now.
     pub async fn take_changes(
@@ -103,7 +107,8 @@ impl Store {
         Ok((channel, changed_from))
     }
 
-    /// The generation of analyses under `key` that is being made, or a new one; one under another key is dropped.
+    /// The generation of analyses under `key` that is being made, or a new one; one under another key is
+    /// dropped.
     pub async fn next_analyses(
         &self,
         channel: &ChannelSummary,
@@ -126,7 +131,8 @@ impl Store {
         Ok(AnalysisGeneration(generation))
     }
 
-    /// Up to `limit` segments of a channel that have no analysis in a generation, in the order of time, after `after`.
+    /// Up to `limit` segments of a channel that have no analysis in a generation, in the order of time, after
+    /// `after`.
     pub async fn not_analysed(
         &self,
         channel: &ChannelSummary,
@@ -176,7 +182,8 @@ impl Store {
         commit.finish().await
     }
 
-    /// Up to `limit` segments of a channel with their features in a generation, in the order of time, after `after`.
+    /// Up to `limit` segments of a channel with their features in a generation, in the order of time, after
+    /// `after`.
     pub async fn features_of_generation(
         &self,
         channel: &ChannelSummary,
@@ -222,10 +229,11 @@ impl Store {
         self.state_before_in(channel, generation.0, key).await
     }
 
-    /// Serves these generations from now on, with the alarms that were folded with them; both must have every segment of the channel.
-    /// Returns what is new of the alarms.
+    /// Serves these generations from now on, with the alarms that were folded with them; both must have every
+    /// segment of the channel. Returns what is new of the alarms.
     ///
-    /// Error: [`StoreError::Outdated`] where another process makes the history now, or where something was added to what it was made from.
+    /// Error: [`StoreError::Outdated`] where another process makes the history now, or where something was
+    /// added to what it was made from.
     pub async fn serve(
         &self,
         channel: &ChannelSummary,
@@ -264,8 +272,8 @@ impl Store {
         Ok(notices)
     }
 
-    /// Removes the rows of generations that are neither served nor being made, of up to `limit` segments after `after`. Returns where
-    /// to go on; none at the end, and where another process makes the history.
+    /// Removes the rows of generations that are neither served nor being made, of up to `limit` segments
+    /// after `after`. Returns where to go on; none at the end, and where another process makes the history.
     pub async fn remove_leftovers(
         &self,
         channel: &ChannelSummary,
@@ -340,7 +348,8 @@ impl Store {
 }
 
 impl Commit {
-    /// A channel whose history is made with this generation; nobody else changes it before the transaction's end.
+    /// A channel whose history is made with this generation; nobody else changes it before the transaction's
+    /// end.
     async fn made_channel(&mut self, channel: &ChannelSummary, wear: WearGeneration) -> Result<ChannelSummary, StoreError> {
         let channel = self.channel_again(channel).await?;
         if channel.next_wear == Some(wear.0) {

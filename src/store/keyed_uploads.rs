@@ -58,7 +58,8 @@ impl Store {
         })
     }
 
-    /// Keeps what an upload was answered with. Where an answer is kept already, that one stays and is returned.
+    /// Keeps what an upload was answered with. Where an answer is kept already, that one stays and is
+    /// returned.
     pub async fn finish_upload(&self, asset: &AssetId, key: &str, answer: &str) -> Result<Option<String>, StoreError> {
         let kept = sqlx::query("UPDATE keyed_uploads SET answer = $3 WHERE asset_id = $1 AND upload_key = $2 AND answer IS NULL")
             .bind(asset.as_str())

@@ -1,6 +1,7 @@
 //! Maintenance events of assets.
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sqlx::any::AnyRow;
 
@@ -11,7 +12,7 @@ use crate::asset::{AssetId, SegmentId};
 use crate::estimate::MaintenanceEvent;
 
 /// A maintenance event as it is stored.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredEvent {
     /// Identifier in its asset: that of its content.
     pub id: String,
@@ -23,7 +24,7 @@ impl StoredEvent {
     /// Names an event.
     pub fn new(event: MaintenanceEvent) -> Result<Self, StoreError> {
         let content = to_json(&event, "event", "maintenance")?;
-        let id = Sha256::digest(content).iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+        let id = hex::encode(&Sha256::digest(content)[..8]);
         Ok(Self { id, event })
     }
 }
@@ -73,7 +74,8 @@ impl Store {
 }
 
 impl Commit {
-    /// Adds an event; returns whether it was not there before. No channel is added to the asset before the transaction's end.
+    /// Adds an event; returns whether it was not there before. No channel is added to the asset before the
+    /// transaction's end.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn add_maintenance(&mut self, asset: &AssetId, stored: &StoredEvent) -> Result<bool, StoreError> {
@@ -90,7 +92,8 @@ impl Commit {
         Ok(added.rows_affected() > 0)
     }
 
-    /// Removes an event; returns whether it was there. No channel is added to the asset before the transaction's end.
+    /// Removes an event; returns whether it was there. No channel is added to the asset before the
+    /// transaction's end.
     ///
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn remove_maintenance(&mut self, asset: &AssetId, id: &str) -> Result<bool, StoreError> {

@@ -1,8 +1,9 @@
 //! The only SQL and the only raw-object paths.
 //!
-//! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as they came, named by
-//! their hash) and `lock`. Where processes share a store, PostgreSQL and a bucket take their places; statements and methods are the same.
-//! All methods speak in domain types; rows and statements do not leave this room.
+//! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as
+//! they came, named by their hash) and `lock`. Where processes share a store, PostgreSQL and a bucket take
+//! their places; statements and methods are the same. All methods speak in domain types; rows and statements
+//! do not leave this room.
 
 mod alarm_commit;
 mod alarms;
@@ -14,20 +15,19 @@ mod dead_letters;
 mod error;
 mod fold_states;
 mod generations;
-mod heard_through;
 mod keyed_uploads;
 mod library_builds;
 mod maintenance;
 mod objects;
 mod raw;
 mod recent_wear;
-mod renamed_segments;
 mod replays;
 mod resumable_uploads;
 mod rows;
 mod schema;
 mod segments;
 mod settings;
+mod shared_sensors;
 mod shelvings;
 mod tokens;
 mod trend;
@@ -75,14 +75,17 @@ struct Inner {
     objects: Objects,
     trends: TrendShelf,
     curves: CurveShelf,
-    /// At which age an object that nothing refers to is removed, where others may be storing what refers to it.
+    /// At which age an object that nothing refers to is removed, where others may be storing what refers to
+    /// it.
     orphan_age: Option<SignedDuration>,
 }
 
 impl Store {
-    /// Opens a store: a data folder, made where it is missing, or what processes share. To be called inside a runtime.
+    /// Opens a store: a data folder, made where it is missing, or what processes share. To be called inside a
+    /// runtime.
     ///
-    /// Errors: the folder cannot be written, another process works on it, the database cannot be reached or is of a later version.
+    /// Errors: the folder cannot be written, another process works on it, the database cannot be reached or
+    /// is of a later version.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
         let (database, objects, orphan_age) = match settings {
             StoreSettings::Folder(folder) => (Database::open_folder(folder).await?, Objects::open(folder.join("raw"))?, None),
@@ -107,7 +110,8 @@ impl Store {
         })
     }
 
-    /// At which age an object that nothing refers to is removed; none where this process has the store to itself and can tell.
+    /// At which age an object that nothing refers to is removed; none where this process has the store to
+    /// itself and can tell.
     pub fn orphan_age(&self) -> Option<SignedDuration> {
         self.inner.orphan_age
     }
@@ -119,7 +123,7 @@ impl Store {
 
     /// Whether the database answers.
     pub async fn check(&self) -> Result<(), StoreError> {
-        sqlx::query("SELECT COUNT(*) FROM migrations").fetch_one(self.read()).await?;
+        sqlx::query("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(self.read()).await?;
         Ok(())
     }
 

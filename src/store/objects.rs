@@ -1,4 +1,5 @@
-//! Raw recordings as immutable objects named by the hash of their bytes, in a folder or in a bucket; and libraries that processes share.
+//! Raw recordings as immutable objects named by the hash of their bytes, in a folder or in a bucket; and
+//! libraries that processes share.
 
 #[cfg(feature = "cluster")]
 mod bucket;
@@ -66,12 +67,13 @@ impl Objects {
 
     /// The name that bytes are stored under: their SHA-256 in lower-case hexadecimal.
     pub fn name(bytes: &[u8]) -> String {
-        // Every record is hashed: on a processor without instructions for it this is twice as fast as what hashes keys elsewhere.
-        hexadecimal(digest(&SHA256, bytes).as_ref())
+        // Every record is hashed: on a processor without instructions for it this is twice as fast as what
+        // hashes keys elsewhere.
+        hex::encode(digest(&SHA256, bytes).as_ref())
     }
 
-    /// Stores every object under the name that [`name`](Self::name) gives its bytes; when this returns they are durable, and so are their
-    /// names.
+    /// Stores every object under the name that [`name`](Self::name) gives its bytes; when this returns they
+    /// are durable, and so are their names.
     pub fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
         match &self.place {
             Place::Folder(folder) => folder.put_all(objects),
@@ -126,7 +128,8 @@ impl Objects {
         }
     }
 
-    /// Keeps a piece of an upload and returns its name, which is the hash of its bytes; when this returns it is durable.
+    /// Keeps a piece of an upload and returns its name, which is the hash of its bytes; when this returns it
+    /// is durable.
     pub fn put_piece(&self, upload: &str, bytes: Bytes) -> Result<String, StoreError> {
         let name = Self::name(&bytes);
         match &self.place {
@@ -191,10 +194,6 @@ fn whole(name: &str, bytes: Bytes) -> Result<Bytes, StoreError> {
 /// Whether a text can be the name of an object.
 fn is_name(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit())
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

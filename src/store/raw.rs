@@ -45,8 +45,9 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Gives up the oldest raw objects, of one asset or of all, until they are within `quota` bytes or `most` objects are gone; one process at a
-    /// time, so that no more go than need to. Their segments stay. The files are the caller's to remove.
+    /// Gives up the oldest raw objects, of one asset or of all, until they are within `quota` bytes or `most`
+    /// objects are gone; one process at a time, so that no more go than need to. Their segments stay. The
+    /// files are the caller's to remove.
     pub async fn give_up_oldest(&self, asset: Option<&AssetId>, quota: u64, most: u32) -> Result<GivenUp, StoreError> {
         let mut transaction = self.write().begin().await?;
         // Others wait here until this transaction's end, and then see what it has left.

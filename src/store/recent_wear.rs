@@ -1,4 +1,5 @@
-//! The small curve of a channel's wear in lists of assets: a few picks over its whole history, without reading the history.
+//! The small curve of a channel's wear in lists of assets: a few picks over its whole history, without
+//! reading the history.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,7 +11,7 @@ use super::{ChannelSummary, Store, StoreError};
 const PICKS: i64 = 40;
 
 /// Channels whose curves are held in memory.
-const MOST_CHANNELS: usize = 10_000;
+const MAX_CHANNELS: usize = 10_000;
 
 /// The curves in memory by channel number.
 #[derive(Debug, Default)]
@@ -24,8 +25,8 @@ struct Held {
 }
 
 impl Store {
-    /// Medians of the wear depth in µm at 40 moments or fewer, evenly from the first record to the last; records without an estimate are
-    /// left out.
+    /// Medians of the wear depth in µm at 40 moments or fewer, evenly from the first record to the last;
+    /// records without an estimate are left out.
     pub async fn wear_curve(&self, channel: &ChannelSummary) -> Result<Arc<[f64]>, StoreError> {
         let (Some(first), Some(last)) = (channel.first_start_time, channel.last_start_time) else {
             return Ok(Arc::default());
@@ -72,7 +73,7 @@ impl Store {
         }
         let curve: Arc<[f64]> = curve.into();
         let mut held = shelf.lock().unwrap_or_else(PoisonError::into_inner);
-        if held.len() >= MOST_CHANNELS {
+        if held.len() >= MAX_CHANNELS {
             held.clear();
         }
         let entry = Held {

@@ -1,4 +1,5 @@
-//! Replays, so that they outlive the process. What a replay is, is the caller's: here it is text under a number.
+//! Replays, so that they outlive the process. What a replay is, is the caller's: here it is text under a
+//! number.
 
 use super::rows::get;
 use super::{Store, StoreError};

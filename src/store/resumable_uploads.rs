@@ -1,7 +1,7 @@
 //! Resumable uploads that any process goes on with: how far each is in a row, what has come of it in objects.
 //!
-//! A piece is an object before the row says that it is there. Who comes second with the bytes of one place, or after the upload has gone, finds the
-//! row changed, and nothing of his is counted.
+//! A piece is an object before the row says that it is there. Who comes second with the bytes of one place,
+//! or after the upload has gone, finds the row changed, and nothing of his is counted.
 
 use jiff::{SignedDuration, Timestamp};
 use sqlx::any::AnyRow;
@@ -9,30 +9,6 @@ use sqlx::any::AnyRow;
 use super::rows::{asset_id, from_ns, get, get_count, get_time, to_ns};
 use super::{Store, StoreError};
 use crate::asset::AssetId;
-
-/// Without a reference to the asset: an upload whose asset is removed ends by saying so.
-pub(super) const TABLES: &[&str] = &[
-    "CREATE TABLE resumable_uploads (
-        id TEXT NOT NULL PRIMARY KEY,
-        asset_id TEXT NOT NULL,
-        length BIGINT NOT NULL,
-        received BIGINT NOT NULL,
-        progress TEXT NOT NULL,
-        expires_at_ns BIGINT NOT NULL,
-        reader_until_ns BIGINT,
-        result TEXT,
-        error TEXT
-    )",
-    "CREATE INDEX resumable_uploads_in_time ON resumable_uploads (expires_at_ns)",
-    "CREATE INDEX resumable_uploads_by_progress ON resumable_uploads (progress)",
-    "CREATE TABLE upload_pieces (
-        upload_id TEXT NOT NULL REFERENCES resumable_uploads (id) ON DELETE CASCADE,
-        at_byte BIGINT NOT NULL,
-        bytes BIGINT NOT NULL,
-        object TEXT NOT NULL,
-        PRIMARY KEY (upload_id, at_byte)
-    )",
-];
 
 /// How long a process that reads an upload counts as alive after it last said so.
 const READER_ALIVE: SignedDuration = SignedDuration::from_secs(20);
@@ -134,7 +110,8 @@ impl Store {
         row.as_ref().map(upload_of).transpose()
     }
 
-    /// Adds a piece, whose object is there, behind the first `at` bytes; false where the upload is not at that byte any more.
+    /// Adds a piece, whose object is there, behind the first `at` bytes; false where the upload is not at
+    /// that byte any more.
     pub async fn add_piece(&self, id: &str, at: u64, piece: &UploadPiece, expires_at: Timestamp) -> Result<bool, StoreError> {
         let at = i64::try_from(at).unwrap_or(i64::MAX);
         let bytes = i64::try_from(piece.bytes).unwrap_or(i64::MAX);
@@ -176,6 +153,19 @@ impl Store {
             })
         });
         pieces.collect()
+    }
+
+    /// For the start of a process that is alone on its store: nobody reads uploads any more, and those that
+    /// are whole are kept until `expires_at` at least, as nobody could read them while no process ran.
+    pub async fn resume_resumable(&self, expires_at: Timestamp) -> Result<(), StoreError> {
+        sqlx::query(
+            "UPDATE resumable_uploads SET reader_until_ns = NULL, expires_at_ns = $1
+             WHERE received = length AND progress IN ('receiving', 'reading') AND expires_at_ns <= $1",
+        )
+        .bind(to_ns(expires_at)?)
+        .execute(self.write())
+        .await?;
+        Ok(())
     }
 
     /// Uploads that are whole and that nobody reads.
@@ -236,19 +226,21 @@ impl Store {
         Ok(transaction.commit().await?)
     }
 
-    /// Forgets an upload; false where it is being read. Its objects are the caller's to remove.
-    pub async fn give_up_resumable(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
+    /// Forgets an upload; false where it is being read, unless the caller is the reader. Its objects are the
+    /// caller's to remove.
+    pub async fn give_up_resumable(&self, id: &str, is_reader: bool, now: Timestamp) -> Result<bool, StoreError> {
         let gone = sqlx::query(
             "DELETE FROM resumable_uploads WHERE id = $1 AND (progress <> 'reading' OR reader_until_ns IS NULL OR reader_until_ns < $2)",
         )
         .bind(id)
-        .bind(to_ns(now)?)
+        .bind(if is_reader { i64::MAX } else { to_ns(now)? })
         .execute(self.write())
         .await?;
         Ok(gone.rows_affected() > 0)
     }
 
-    /// Forgets up to `limit` uploads that nobody went on with, and returns which. Their objects are the caller's to remove.
+    /// Forgets up to `limit` uploads that nobody went on with, and returns which. Their objects are the
+    /// caller's to remove.
     pub async fn expire_resumable(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
         let rows = sqlx::query("SELECT id FROM resumable_uploads WHERE expires_at_ns < $1 LIMIT $2")
             .bind(to_ns(now)?)

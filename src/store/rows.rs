@@ -120,7 +120,8 @@ pub(super) fn rows_of_placeholders(rows: usize, columns: usize) -> String {
     (0..rows).map(row).collect::<Vec<_>>().join(", ")
 }
 
-/// `(a = $1 AND b = $2) OR (a = $3 AND b = $4) OR …` for terms `a =` and `b =`. Not `(a, b) IN (VALUES …)`, for which SQLite reads the whole table.
+/// `(a = $1 AND b = $2) OR (a = $3 AND b = $4) OR …` for terms `a =` and `b =`. Not `(a, b) IN (VALUES …)`,
+/// for which SQLite reads the whole table.
 pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
     let row = |n: usize| {
         let terms = (n * terms.len() + 1..).zip(terms).map(|(place, term)| format!("{term} ${place}"));
@@ -129,7 +130,8 @@ pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
     (0..rows).map(row).collect::<Vec<_>>().join(" OR ")
 }
 
-/// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: of a row that is there, what the one that was to be inserted says.
+/// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: of a row that is there, what the one that was
+/// to be inserted says.
 pub(super) fn excluded(columns: &str) -> String {
     let set: Vec<String> = columns.split(", ").map(|column| format!("{column} = excluded.{column}")).collect();
     set.join(", ")

@@ -199,8 +199,8 @@ impl Store {
         Ok(found)
     }
 
-    /// Up to `limit` segments of a channel with their features as they are served, in the order of time, from the first one after
-    /// `after`.
+    /// Up to `limit` segments of a channel with their features as they are served, in the order of time, from
+    /// the first one after `after`.
     pub async fn features(
         &self,
         channel: &ChannelSummary,
@@ -242,7 +242,8 @@ impl Store {
             Order::Asc => (">", "ASC", i64::MIN),
             Order::Desc => ("<", "DESC", i64::MAX),
         };
-        // Chosen before anything is joined: PostgreSQL would otherwise join the whole channel, as it cannot know that each has what is served.
+        // Chosen before anything is joined: PostgreSQL would otherwise join the whole channel, as it cannot
+        // know that each has what is served.
         let text = format!(
             "{SEGMENT} FROM (
                 SELECT * FROM segments WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (start_time_ns, id) {after} ($4, $5)

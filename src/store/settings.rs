@@ -32,8 +32,8 @@ pub struct SharedSettings {
     pub connect_timeout: std::time::Duration,
     /// Where raw recordings and libraries are.
     pub objects: ObjectsSettings,
-    /// An object that nothing refers to is removed when it is at least this old. To be longer than anything that was answered waits for
-    /// its results.
+    /// An object that nothing refers to is removed when it is at least this old. To be longer than anything
+    /// that was answered waits for its results.
     pub orphan_age: std::time::Duration,
 }
 
@@ -79,7 +79,8 @@ pub enum ObjectsSettings {
 pub struct BucketSettings {
     /// The bucket, which is there already.
     pub bucket: String,
-    /// Address of the server; that of AWS where not given. One that begins with `http://` is spoken to without TLS.
+    /// Address of the server; that of AWS where not given. One that begins with `http://` is spoken to
+    /// without TLS.
     pub endpoint: Option<String>,
     /// The region; servers other than AWS take any.
     pub region: String,

@@ -5,16 +5,6 @@ use jiff::Timestamp;
 use super::rows::{get, get_time, to_ns};
 use super::{Store, StoreError};
 
-/// One row for each token there ever was: one that was taken back stays, so that nothing brings it back.
-pub(super) const TABLE: &[&str] = &["CREATE TABLE tokens (
-        id TEXT NOT NULL PRIMARY KEY,
-        name TEXT NOT NULL,
-        scope TEXT NOT NULL,
-        created_at_ns BIGINT NOT NULL,
-        sha256 TEXT NOT NULL,
-        revoked_at_ns BIGINT
-    )"];
-
 /// What is kept of a token: not the token.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StoredToken {

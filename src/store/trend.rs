@@ -1,7 +1,7 @@
 //! Histories of whole channels, kept in memory as columns once they have been asked for.
 //!
-//! Reading 10⁵ rows takes a good part of a second, so a history that was read stays, and only what was added since is read again;
-//! the channel's revision numbers say whether that is enough.
+//! Reading 10⁵ rows takes a good part of a second, so a history that was read stays, and only what was added
+//! since is read again; the channel's revision numbers say whether that is enough.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,7 +17,7 @@ use crate::estimate::WearStatus;
 use crate::signal::{Indicators, OperatingPoint, ShaftSpeed};
 
 /// Records held in memory over all channels before the least recently asked-for histories are dropped.
-const MOST_RECORDS: usize = 1_000_000;
+const MAX_RECORDS: usize = 1_000_000;
 
 /// Rows read in one piece.
 const ROWS_AT_ONCE: i64 = 4096;
@@ -160,7 +160,7 @@ impl TrendShelf {
         let now = held.askings;
         held.trends.insert(trend.channel_no, (trend, now));
         let mut records: usize = held.trends.values().map(|(trend, _)| trend.len()).sum();
-        while records > MOST_RECORDS && held.trends.len() > 1 {
+        while records > MAX_RECORDS && held.trends.len() > 1 {
             let Some((&oldest, _)) = held.trends.iter().min_by_key(|(_, (_, asked))| *asked) else {
                 break;
             };
@@ -198,7 +198,8 @@ impl Store {
     }
 
     async fn append(&self, trend: &mut Trend, channel: &ChannelSummary) -> Result<(), StoreError> {
-        // One snapshot of the database for all pieces: a history that is swapped meanwhile is seen whole, the old one or the new.
+        // One snapshot of the database for all pieces: a history that is swapped meanwhile is seen whole, the
+        // old one or the new.
         let mut snapshot = self.read().begin_with(self.dialect().begin_snapshot()).await?;
         let row = sqlx::query("SELECT * FROM channels WHERE channel_no = $1")
             .bind(channel.channel_no)

@@ -63,7 +63,7 @@ impl Commit {
                 .bind(to_json(indicators, "run_indicators", id)?);
         }
         query
-            .persistent(self.dialect.keeps_optional_doubles())
+            .persistent(self.dialect.caches_optional_doubles())
             .execute(&mut *self.transaction)
             .await?;
         Ok(())
@@ -75,7 +75,7 @@ impl Commit {
         if !without.is_empty() {
             let which = any_of(without.len(), &["segment_id =", "generation ="]);
             let text = format!("DELETE FROM wear_posteriors WHERE {which}");
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(without.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(without.len()));
             for row in without {
                 query = query.bind(row.segment.0.as_str()).bind(row.generation);
             }
@@ -88,7 +88,7 @@ impl Commit {
                 rows_of_placeholders(with.len(), 4),
                 excluded("wear_um, probability")
             );
-            let mut query = sqlx::query(&text).persistent(self.dialect.keeps(with.len()));
+            let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(with.len()));
             for row in with {
                 let Some(posterior) = &row.result.wear.posterior else { continue };
                 query = query

@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use flankwatch::asset::{AssetId, AssetSpec};
-use flankwatch::ingest::{Announcement, Given, Ingest, IngestFolders, IngestLimits, RecordFormat};
 use flankwatch::library::{EnsembleSettings, GridSettings};
 use flankwatch::recording::{BlockEncoding, encode_block};
+use flankwatch::service::{LiveEvent, RecordFormat, Role, Service, ServiceFolders, UploadMetadata, WorkLimits};
 use flankwatch::store::{AlarmFilter, SegmentFilter, Store, StoreSettings};
 use jiff::Timestamp;
 use rand::SeedableRng;
@@ -58,36 +58,37 @@ fn records(asset: &AssetId, channel: &str, count: u32) -> Vec<Sent> {
     (0..count).map(one).collect()
 }
 
-async fn worker(settings: &StoreSettings, folder: &Path) -> Ingest {
+async fn worker(settings: &StoreSettings, folder: &Path) -> Arc<Service> {
     worker_with(settings, folder, EnsembleSettings::described_alone()).await
 }
 
-async fn worker_with(settings: &StoreSettings, folder: &Path, neighbours: EnsembleSettings) -> Ingest {
+async fn worker_with(settings: &StoreSettings, folder: &Path, neighbours: EnsembleSettings) -> Arc<Service> {
     let store = Store::open(settings).await.unwrap();
-    let folders = IngestFolders {
+    let folders = ServiceFolders {
         libraries: folder.join("libraries"),
         recordings: folder.join("recordings"),
         uploads: folder.join("uploads"),
     };
-    let limits = IngestLimits {
+    let limits = WorkLimits {
         workers: 1,
         neighbours,
-        ..IngestLimits::default()
+        ..WorkLimits::default()
     };
     let grid = GridSettings {
         states: 4,
         seconds: 0.25,
         ..GridSettings::default()
     };
-    Ingest::new(store, folders, &limits, grid, Arc::new(ManualClock::default())).unwrap()
+    Service::new(store, folders, &limits, grid, Arc::new(ManualClock::default()), Role::Standalone).unwrap()
 }
 
 /// Sends until it is taken: a worker may say that it is to be tried again.
-async fn send(worker: &Ingest, (asset, bytes): &Sent) {
+async fn send(worker: &Service, (asset, bytes): &Sent) {
     for tries in 0.. {
-        let ticket = worker.workers().admit().unwrap();
+        let ticket = worker.workers.admit().unwrap();
         let taken = worker
-            .accept(asset, RecordFormat::Protobuf, bytes.clone(), Given::default(), ticket)
+            .pipeline
+            .accept(asset, RecordFormat::Protobuf, bytes.clone(), UploadMetadata::default(), ticket)
             .await;
         match taken {
             Ok(_) => return,
@@ -98,9 +99,9 @@ async fn send(worker: &Ingest, (asset, bytes): &Sent) {
 }
 
 /// Waits until the histories of an asset stand as they are asked for.
-async fn settle(worker: &Ingest, asset: &AssetId, keys: &[String]) {
+async fn settle(worker: &Service, asset: &AssetId, keys: &[String]) {
     for tries in 0.. {
-        let channels = worker.store().channels(asset).await.unwrap();
+        let channels = worker.store.channels(asset).await.unwrap();
         let found: Vec<String> = channels.iter().map(|channel| format!("{:?}", channel.keys)).collect();
         if channels.iter().all(|channel| !channel.must_fold) && (keys.is_empty() || found == keys) {
             return;
@@ -110,14 +111,14 @@ async fn settle(worker: &Ingest, asset: &AssetId, keys: &[String]) {
     }
 }
 
-async fn keys(worker: &Ingest, asset: &AssetId) -> Vec<String> {
-    let channels = worker.store().channels(asset).await.unwrap();
+async fn keys(worker: &Service, asset: &AssetId) -> Vec<String> {
+    let channels = worker.store.channels(asset).await.unwrap();
     channels.iter().map(|channel| format!("{:?}", channel.keys)).collect()
 }
 
 /// Every number of every record, and what stands of the alarms.
-async fn everything(worker: &Ingest, asset: &AssetId) -> BTreeMap<String, String> {
-    let store = worker.store();
+async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, String> {
+    let store = &worker.store;
     let mut all = BTreeMap::new();
     for segment in store.segments(asset, &SegmentFilter::default(), 10_000).await.unwrap() {
         all.insert(segment.id.to_string(), format!("{segment:?}"));
@@ -160,7 +161,7 @@ fn database() -> TestDatabase {
 async fn on_one_machine(folder: &Path, specs: &[AssetSpec], all: &[Sent]) -> Vec<(Vec<String>, BTreeMap<String, String>)> {
     let alone = worker(&folder.join("alone").as_path().into(), folder).await;
     for spec in specs {
-        alone.create_asset(spec).await.unwrap();
+        alone.assets.create(spec).await.unwrap();
     }
     for sent in all {
         send(&alone, sent).await;
@@ -169,7 +170,7 @@ async fn on_one_machine(folder: &Path, specs: &[AssetSpec], all: &[Sent]) -> Vec
     for spec in specs {
         answers.push((keys(&alone, &spec.id).await, everything(&alone, &spec.id).await));
     }
-    alone.store().close().await;
+    alone.store.close().await;
     answers
 }
 
@@ -200,7 +201,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                 workers.push(worker(&settings, &folder.path().join(format!("{n} of {count}"))).await);
             }
             for spec in &before {
-                workers[0].create_asset(spec).await.unwrap();
+                workers[0].assets.create(spec).await.unwrap();
             }
             let mut tasks = tokio::task::JoinSet::new();
             for (n, worker) in workers.iter().cloned().enumerate() {
@@ -217,7 +218,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                     let middle = mine.len() / 2;
                     for (k, sent) in mine.iter().enumerate() {
                         if let Some(anew) = anew.as_ref().filter(|_| k == middle) {
-                            worker.update_asset(anew).await.unwrap();
+                            worker.assets.update(anew).await.unwrap();
                         }
                         send(&worker, sent).await;
                     }
@@ -226,7 +227,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
             while let Some(done) = tasks.join_next().await {
                 done.unwrap();
             }
-            let stored: u64 = workers.iter().map(|worker| worker.tally().stored()).sum();
+            let stored: u64 = workers.iter().map(|worker| worker.tally.stored()).sum();
             assert_eq!(stored, all.len() as u64, "{count} workers");
             for (spec, (keys, expected)) in after.iter().zip(expected.as_ref().unwrap()) {
                 settle(&workers[count - 1], &spec.id, keys).await;
@@ -241,7 +242,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                 assert!(found == files(&folder.path().join("libraries")), "{count} workers");
             }
             for worker in &workers {
-                worker.store().close().await;
+                worker.store.close().await;
             }
         });
     }
@@ -256,15 +257,15 @@ fn files(folder: &Path) -> BTreeMap<std::ffi::OsString, Vec<u8>> {
 }
 
 /// What is announced of alarms where every record comes to every worker at the same time.
-async fn told_of(workers: &[Ingest], all: &[Sent]) -> Vec<String> {
-    let mut followers: Vec<_> = workers.iter().map(Ingest::follow).collect();
+async fn told_of(workers: &[Arc<Service>], all: &[Sent]) -> Vec<String> {
+    let mut followers: Vec<_> = workers.iter().map(|worker| worker.events.follow()).collect();
     for sent in all {
         futures_util::future::join_all(workers.iter().map(|worker| send(worker, sent))).await;
     }
     let mut told = Vec::new();
     for follower in &mut followers {
         while let Ok(announcement) = follower.try_recv() {
-            if let Announcement::AlarmChanged(notice) = announcement {
+            if let LiveEvent::AlarmChanged(notice) = announcement {
                 told.push(format!("{} {:?}", notice.alarm.id, notice.change));
             }
         }
@@ -282,7 +283,7 @@ fn an_alarm_is_told_of_once_whoever_takes_the_record() {
     let all = records(&spec.id, "1", 20);
     runtime().block_on(async {
         let alone = worker(&folder.path().join("alone").as_path().into(), folder.path()).await;
-        alone.create_asset(&spec).await.unwrap();
+        alone.assets.create(&spec).await.unwrap();
         let expected = told_of(std::slice::from_ref(&alone), &all).await;
         assert!(expected.len() >= 6, "{expected:?}");
         let settings = StoreSettings::Shared(database.settings(folder.path()));
@@ -290,10 +291,10 @@ fn an_alarm_is_told_of_once_whoever_takes_the_record() {
         for _ in 0..3 {
             workers.push(worker(&settings, folder.path()).await);
         }
-        workers[0].create_asset(&spec).await.unwrap();
+        workers[0].assets.create(&spec).await.unwrap();
         assert_eq!(told_of(&workers, &all).await, expected);
         for worker in &workers {
-            worker.store().close().await;
+            worker.store.close().await;
         }
     });
 }
@@ -308,7 +309,7 @@ fn a_history_is_folded_again_when_the_neighbours_have_come() {
     };
     runtime().block_on(async {
         let alone = worker_with(&folder.path().join("alone").as_path().into(), folder.path(), neighbours).await;
-        alone.create_asset(&spec).await.unwrap();
+        alone.assets.create(&spec).await.unwrap();
         send(&alone, &records(&spec.id, "1", 1)[0]).await;
         let without = keys(&alone, &spec.id).await;
         for tries in 0.. {
@@ -318,7 +319,7 @@ fn a_history_is_folded_again_when_the_neighbours_have_come() {
             assert!(tries < 3000, "nothing was folded again");
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
-        alone.store().close().await;
+        alone.store.close().await;
     });
 }
 
@@ -337,7 +338,7 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
     runtime().block_on(async {
         let settings = StoreSettings::Shared(database.settings(folder.path()));
         let with = worker_with(&settings, &folder.path().join("with"), neighbours(0.25)).await;
-        with.create_asset(&spec).await.unwrap();
+        with.assets.create(&spec).await.unwrap();
         for sent in &all[..12] {
             send(&with, sent).await;
         }
@@ -345,7 +346,7 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
         let without = keys(&with, &spec.id).await;
         let mut made_with = without.clone();
         for tries in 0.. {
-            with.look_at(&spec.id).await.unwrap();
+            with.assets.refresh(&spec.id).await.unwrap();
             made_with = keys(&with, &spec.id).await;
             if made_with != without {
                 break;
@@ -356,14 +357,18 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
         // Longer ones take this worker longer than the test does.
         let awaiting = worker_with(&settings, &folder.path().join("awaiting"), neighbours(20.0)).await;
         send(&awaiting, &all[12]).await;
-        awaiting.look_at(&spec.id).await.unwrap();
-        with.look_at(&spec.id).await.unwrap();
+        awaiting.assets.refresh(&spec.id).await.unwrap();
+        with.assets.refresh(&spec.id).await.unwrap();
         settle(&with, &spec.id, &made_with).await;
         tokio::time::sleep(Duration::from_millis(500)).await;
         assert_eq!(keys(&with, &spec.id).await, made_with);
-        assert!(awaiting.recomputations(None).is_empty(), "{:?}", awaiting.recomputations(None));
+        assert!(
+            awaiting.history.recomputations(None).is_empty(),
+            "{:?}",
+            awaiting.history.recomputations(None)
+        );
         for worker in [with, awaiting] {
-            worker.store().close().await;
+            worker.store.close().await;
         }
     });
 }
@@ -397,23 +402,21 @@ fn workers_that_keep_a_quota_at_the_same_time_give_up_no_more_than_needed() {
         for _ in 0..4 {
             workers.push(worker(&settings, folder.path()).await);
         }
-        workers[0].create_asset(&spec).await.unwrap();
+        workers[0].assets.create(&spec).await.unwrap();
         for sent in &all {
             send(&workers[0], sent).await;
         }
         let volume: u64 = all.iter().map(|(_, bytes)| bytes.len() as u64).sum();
         let largest = all.iter().map(|(_, bytes)| bytes.len() as u64).max().unwrap();
         for quota in [volume / 2, volume / 4] {
-            let given_up = workers
-                .iter()
-                .map(|worker| worker.store().give_up_oldest(Some(&spec.id), quota, 256));
+            let given_up = workers.iter().map(|worker| worker.store.give_up_oldest(Some(&spec.id), quota, 256));
             let given_up = futures_util::future::join_all(given_up).await;
             assert_eq!(given_up.iter().filter(|one| one.as_ref().unwrap().objects > 0).count(), 1);
-            let left = workers[0].store().raw_volumes().await.unwrap()["pump"];
+            let left = workers[0].store.raw_volumes().await.unwrap()["pump"];
             assert!(left <= quota && left + largest > quota, "{left} of {volume} left, expected {quota}");
         }
         for worker in &workers {
-            worker.store().close().await;
+            worker.store.close().await;
         }
     });
 }
@@ -435,25 +438,25 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
         for n in 0..4 {
             nodes.push(worker(&settings, &folder.path().join(n.to_string())).await);
         }
-        nodes[0].create_asset(&plain("first")).await.unwrap();
+        nodes[0].assets.create(&plain("first")).await.unwrap();
         // More than one sensor may have.
         let specs: Vec<AssetSpec> = (0..16).map(|n| listener(n, "first")).collect();
-        let made = specs.iter().enumerate().map(|(n, spec)| nodes[n % 4].create_asset(spec));
+        let made = specs.iter().enumerate().map(|(n, spec)| nodes[n % 4].assets.create(spec));
         let made = futures_util::future::join_all(made).await;
         let refused = made.iter().filter_map(|made| made.as_ref().err());
         for error in refused {
             assert!(error.to_string().contains("fewer than 8"), "{error}");
         }
-        let there = nodes[0].store().assets_of_sensor(&plain("first").id).await.unwrap().len();
+        let there = nodes[0].store.assets_of_sensor(&plain("first").id).await.unwrap().len();
         assert_eq!(made.iter().filter(|made| made.is_ok()).count() + 1, there);
-        assert_eq!(there, flankwatch::asset::MOST_ON_ONE_SENSOR, "{made:?}");
+        assert_eq!(there, flankwatch::asset::MAX_ON_ONE_SENSOR, "{made:?}");
         // One asset goes while another one is to hear through it: one of both is refused, and told why.
         for n in 100..110 {
             let of = format!("sensor{n}");
             let through = listener(n, &of);
-            nodes[0].create_asset(&plain(&of)).await.unwrap();
+            nodes[0].assets.create(&plain(&of)).await.unwrap();
             let id = AssetId::new(of).unwrap();
-            let (made, gone) = tokio::join!(nodes[1].create_asset(&through), nodes[2].delete_asset(&id));
+            let (made, gone) = tokio::join!(nodes[1].assets.create(&through), nodes[2].assets.delete(&id));
             match (made, gone) {
                 (Ok(_), Err(error)) => assert!(error.to_string().contains(through.id.as_str()), "{error}"),
                 (Err(error), Ok(())) => assert!(error.to_string().contains("sensor.of"), "{error}"),
@@ -461,7 +464,7 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
             }
         }
         for node in &nodes {
-            node.store().close().await;
+            node.store.close().await;
         }
     });
 }

@@ -27,7 +27,7 @@ pub(crate) fn feed(service: &Service, port: u16, root: &str, more: &str) -> Mqtt
 fn start(service: &Service, table: &str) -> MqttFeed {
     let table: MqttTable = toml::from_str(table).unwrap();
     let settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-    let feed = service.run(async { MqttFeed::start(settings, service.ingest()) }).unwrap();
+    let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
     // The one that was started last; others may have been stopped before it, and the service may be full.
     let began = std::time::Instant::now();
     loop {
@@ -249,8 +249,8 @@ fn a_full_service_leaves_messages_at_the_broker() {
     let broker = Broker::start();
     let service = Service::start();
     service.plain_asset("pump");
-    let ingest = service.ingest();
-    let tickets: Vec<_> = std::iter::from_fn(|| ingest.workers().admit().ok()).collect();
+    let parts = service.service();
+    let tickets: Vec<_> = std::iter::from_fn(|| parts.workers.admit().ok()).collect();
     assert!(!tickets.is_empty());
     let feed = feed(&service, broker.port, "flankwatch", "in_flight = 4");
     let mut sender = Sender::connect(broker.port);
@@ -290,8 +290,8 @@ fn what_finds_no_place_for_long_is_asked_for_again() {
     for n in 0..40 {
         sender.send(&topic("flankwatch", "pump", "1"), &protobuf(&record("1", n)));
     }
-    let ingest = service.ingest();
-    let tickets: Vec<_> = std::iter::from_fn(|| ingest.workers().admit().ok()).collect();
+    let parts = service.service();
+    let tickets: Vec<_> = std::iter::from_fn(|| parts.workers.admit().ok()).collect();
     let second = feed(&service, broker.port, "flankwatch", settings);
     // Longer than a broker waits for a sign of life: what a session kept may come all at once, and the connection has to stand.
     std::thread::sleep(std::time::Duration::from_secs(10));
@@ -375,7 +375,7 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
         let service = Service::start();
         let table: MqttTable = toml::from_str(table).unwrap();
         let settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-        let feed = service.run(async { MqttFeed::start(settings, service.ingest()) }).unwrap();
+        let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
         let ready = service.wait_for("/readyz", |ready| {
             let trouble = ready["feeds"][0]["trouble"].as_str().unwrap_or_default();
             words.iter().any(|word| trouble.contains(word))
@@ -391,7 +391,7 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
     service.plain_asset("pump");
     let resolved: MqttTable = toml::from_str(&table(&server.certificate, &shown)).unwrap();
     let settings = resolved.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-    let feed = service.run(async { MqttFeed::start(settings, service.ingest()) }).unwrap();
+    let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
     service.wait_for("/readyz", |ready| ready["feeds"][0]["trouble"] != "not connected yet");
     std::fs::write(&secret, "correct horse\n").unwrap();
     service.wait_for("/readyz", |ready| ready["feeds"][0]["is_connected"] == true);

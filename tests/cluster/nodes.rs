@@ -7,11 +7,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use flankwatch::cluster::{Cluster, NatsSettings, RunningWorker, Words, WorkerLimits};
-use flankwatch::http::{Node, RunningService, ServiceConfig, SharedEvents, live_events, lost_events, start, start_node};
-use flankwatch::ingest::{Ingest, IngestFolders, Part};
+use flankwatch::cluster::{Cluster, NatsSettings, RunningWorker, WorkerLimits};
+use flankwatch::http::{Node, RunningService, ServiceConfig, SharedEvents, start, start_node};
 use flankwatch::library::{EnsembleSettings, GridSettings};
 use flankwatch::recording::{BlockEncoding, encode_block};
+use flankwatch::service::{Role, Service, ServiceFolders};
 use flankwatch::signal::Record;
 use flankwatch::store::{Store, StoreSettings};
 use serde_json::{Value, json};
@@ -21,11 +21,6 @@ use tokio::runtime::Runtime;
 use crate::running::ManualClock;
 use crate::shared_store::TestDatabase;
 use flankwatch_test_support::needed;
-
-const WORDS: Words = Words {
-    of: live_events,
-    lost: lost_events,
-};
 
 static CLUSTERS: AtomicU32 = AtomicU32::new(0);
 
@@ -171,7 +166,7 @@ pub(super) struct TestCluster {
     nats: NatsSettings,
     folder: TempDir,
     nodes: Vec<RunningService>,
-    workers: Vec<(RunningWorker, Ingest)>,
+    workers: Vec<(RunningWorker, Arc<Service>)>,
     started: u32,
 }
 
@@ -179,9 +174,9 @@ pub(super) struct TestCluster {
 fn config(folder: &Path) -> ServiceConfig {
     let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), folder);
     config.http.grace = Duration::from_secs(30);
-    config.ingest.workers = 1;
-    config.ingest.looked_every = Duration::from_millis(500);
-    config.ingest.neighbours = EnsembleSettings::described_alone();
+    config.work.workers = 1;
+    config.work.upkeep_interval = Duration::from_millis(500);
+    config.work.neighbours = EnsembleSettings::described_alone();
     config.grid = GridSettings {
         states: 4,
         seconds: 0.25,
@@ -242,18 +237,18 @@ impl TestCluster {
         let folder = self.own_folder();
         let node = self.runtime.block_on(async {
             let (cluster, store) = self.open().await;
-            let heard = cluster.hear().await;
+            let subscription = cluster.subscribe().await;
             let node = Node {
                 store,
-                crew: cluster.crew_of_node(),
+                queue: cluster.queue_of_node(),
                 events: SharedEvents {
-                    run: heard.run,
-                    backlog: heard.backlog,
-                    receiver: heard.receiver,
+                    run: subscription.run,
+                    backlog: subscription.backlog,
+                    receiver: subscription.receiver,
                 },
             };
             let running = start_node(config(&folder), node, Arc::new(ManualClock::default())).await.unwrap();
-            cluster.tell(running.ingest(), WORDS);
+            cluster.publish_events(running.service());
             running
         });
         self.nodes.push(node);
@@ -264,29 +259,29 @@ impl TestCluster {
         let worker = self.runtime.block_on(async {
             let (cluster, store) = self.open().await;
             let config = config(&folder);
-            let folders = IngestFolders {
+            let folders = ServiceFolders {
                 libraries: folder.join("libraries"),
                 recordings: folder.join("recordings"),
                 uploads: folder.join("uploads"),
             };
-            let part = Part::Worker(cluster.crew_of_worker());
+            let role = Role::Worker(cluster.queue_of_worker());
             let clock = Arc::new(ManualClock::default());
-            let ingest = Ingest::with_part(store, folders, &config.ingest, config.grid, clock, part).unwrap();
-            cluster.tell(&ingest, WORDS);
+            let service = Service::new(store, folders, &config.work, config.grid, clock, role).unwrap();
+            cluster.publish_events(&service);
             let limits = WorkerLimits {
                 at_once: 6,
                 ..WorkerLimits::default()
             };
-            (cluster.start_worker(ingest.clone(), limits), ingest)
+            (cluster.start_worker(service.clone(), limits), service)
         });
         self.workers.push(worker);
     }
 
     pub(super) fn stop_worker(&mut self) {
-        let (worker, ingest) = self.workers.pop().unwrap();
+        let (worker, service) = self.workers.pop().unwrap();
         self.runtime.block_on(async {
             worker.stop().await;
-            ingest.store().close().await;
+            service.store.close().await;
         });
     }
 
@@ -296,7 +291,7 @@ impl TestCluster {
 
     /// Records that this worker stored.
     pub(super) fn stored_by(&self, worker: usize) -> u64 {
-        self.workers[worker].1.tally().stored()
+        self.workers[worker].1.tally.stored()
     }
 
     /// What every message of the queue held, given out again under other names.
@@ -338,9 +333,9 @@ impl Drop for TestCluster {
     fn drop(&mut self) {
         let (workers, nodes) = (std::mem::take(&mut self.workers), std::mem::take(&mut self.nodes));
         self.runtime.block_on(async {
-            for (worker, ingest) in workers {
+            for (worker, service) in workers {
                 worker.stop().await;
-                ingest.store().close().await;
+                service.store.close().await;
             }
             for node in nodes {
                 let _ = node.stop().await;

@@ -15,7 +15,7 @@ fn a_full_queue_refuses_until_there_is_room() {
     let mut site = Site::start();
     let config = site.config(None);
     let text = std::fs::read_to_string(&config).unwrap();
-    std::fs::write(&config, text.replace("ack_wait_s = 2", "ack_wait_s = 2\nmost_records = 5")).unwrap();
+    std::fs::write(&config, text.replace("ack_wait_s = 2", "ack_wait_s = 2\nmax_records = 5")).unwrap();
     let api = site.api(&config);
     api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     for n in 0..5 {
@@ -107,7 +107,7 @@ fn a_dead_letters_record_that_is_sent_again_is_stored() {
     let mut site = Site::start();
     let config = site.config(None);
     let text = std::fs::read_to_string(&config).unwrap();
-    std::fs::write(&config, format!("{text}[cluster.worker]\nmost_deliveries = 1\n")).unwrap();
+    std::fs::write(&config, format!("{text}[cluster.worker]\nmax_deliveries = 1\n")).unwrap();
     let api = site.api(&config);
     api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     let answer = api.client.upload("pump", &record("1", 1));

@@ -86,7 +86,7 @@ fn an_upload_goes_on_at_other_nodes_after_its_own_was_killed() {
     compare(&second.client, &recording, 40);
     let kept = std::fs::read_dir(site.objects_folder().join("uploads")).unwrap().count();
     assert_eq!(kept, 0, "pieces of a finished upload");
-    // Given up at one node it is gone at the other.
+    // UploadMetadata up at one node it is gone at the other.
     let path = begin(&second.client, 10);
     assert_eq!(patch(&third.client, &path, 0, b"12345"), 204);
     assert_eq!(third.client.try_send_with("DELETE", &path, &[TUS], b"").unwrap().0, 204);

@@ -23,13 +23,13 @@ fn a_listener_that_no_worker_was_told_of_has_the_earlier_records() {
     node.wait_for("/v1/assets/second", |asset| asset["summary"]["segments"] == 8);
     let late = cluster.behind_their_backs(async |store| {
         for _ in 0..200 {
-            let late = store.late_listeners(10).await.unwrap();
+            let late = store.late_members(10).await.unwrap();
             if late.is_empty() {
                 return late;
             }
             tokio::time::sleep(std::time::Duration::from_millis(50)).await;
         }
-        store.late_listeners(10).await.unwrap()
+        store.late_members(10).await.unwrap()
     });
     assert!(late.is_empty(), "{late:?} is looked at again and again");
 }

@@ -14,10 +14,10 @@ const MODULES: [Modules; 3] = [
             ("asset", &[]),
             ("report", &["asset"]),
             ("store", &["asset"]),
-            ("ingest", &["asset", "store"]),
-            ("http", &["asset", "report", "store", "ingest"]),
-            ("cluster", &["asset", "store", "ingest"]),
-            ("cli", &["asset", "report", "store", "ingest", "http", "cluster"]),
+            ("service", &["asset", "store"]),
+            ("http", &["asset", "report", "store", "service"]),
+            ("cluster", &["asset", "store", "service"]),
+            ("cli", &["asset", "report", "store", "service", "http", "cluster"]),
         ],
     ),
     (
@@ -109,7 +109,7 @@ fn pure_code_has_no_clock_environment_chance_or_files() {
 
 #[test]
 fn paths_from_the_top_are_found_in_every_spelling() {
-    let text = "use crate::{store::{Row, ingest}, asset};\nuse crate::http;\nlet x = super::super::cli::run();";
+    let text = "use crate::{store::{Row, service}, asset};\nuse crate::http;\nlet x = super::super::cli::run();";
     assert_eq!(named_at_the_top(text, 2), ["store", "asset", "http", "cli"]);
     assert_eq!(named_at_the_top("use super::{batch, crew};", 2), [""; 0]);
     assert_eq!(named_at_the_top("use super::store::Row;", 1), ["store"]);

@@ -136,7 +136,7 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
     for n in 0..10 {
         service.upload("pump", &record("1", n));
     }
-    service.ingest().add_feed("mqtt");
+    service.service().feeds.add("mqtt");
     let page = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
     let mut measured: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for line in page.lines() {

@@ -110,8 +110,8 @@ fn a_start_removes_what_an_earlier_run_left_behind() {
 #[test]
 fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay() {
     let service = Service::start_with(|config| {
-        config.ingest.quotas.bytes_per_asset = Some(100_000);
-        config.ingest.quotas.bytes = Some(150_000);
+        config.work.quotas.bytes_per_asset = Some(100_000);
+        config.work.quotas.bytes = Some(150_000);
     });
     for asset in ["pump", "fan"] {
         service.plain_asset(asset);

@@ -147,7 +147,7 @@ fn in_pieces(service: &Service, media_type: &str, body: &[u8]) -> String {
 
 #[test]
 fn a_full_queue_says_when_to_come_again() {
-    let service = Service::start_with(|config| config.ingest.requests_at_once = 1);
+    let service = Service::start_with(|config| config.work.requests_at_once = 1);
     service.plain_asset("pump");
     let block = encode_block(&record("1", 1), BlockEncoding::Json);
     let address = service.url("").trim_start_matches("http://").to_string();
@@ -233,7 +233,7 @@ fn a_refusal_of_a_body_that_was_not_asked_for_says_that_the_connection_ends() {
 #[test]
 fn a_body_that_does_not_come_gives_its_place_back() {
     let service = Service::start_with(|config| {
-        config.ingest.requests_at_once = 1;
+        config.work.requests_at_once = 1;
         config.http.body_idle = Duration::from_millis(300);
         config.http.body_bytes_per_s = 10_000;
     });
@@ -269,25 +269,6 @@ fn a_body_that_does_not_come_gives_its_place_back() {
         assert!(answer.starts_with("HTTP/1.1 408"), "{answer}");
         service.wait_for("/readyz", |ready| ready["status"] == "ok");
     }
-}
-
-#[test]
-fn a_form_has_so_many_files_and_fields() {
-    let service = Service::start_with(|config| config.http.form_files = 2);
-    service.plain_asset("pump");
-    let part =
-        |name: &str, file: &str, text: &str| format!("--b\r\ncontent-disposition: form-data; name=\"{name}\"{file}\r\n\r\n{text}\r\n");
-    let block = |n: u32| String::from_utf8(encode_block(&record("1", n), BlockEncoding::Json)).unwrap();
-    let file = |n: u32| part("file", &format!("; filename=\"{n}.json\""), &block(n));
-    let send = |form: String| {
-        let form = form + "--b--\r\n";
-        service.post("/v1/assets/pump/segments", "multipart/form-data; boundary=b", form.as_bytes())
-    };
-    let stored = send(file(1) + &file(2)).expect(201).json();
-    assert_eq!(stored["files"].as_array().map(Vec::len), Some(2));
-    send(file(1) + &file(2) + &file(3)).expect_problem(422, &["at most 2"]);
-    let fields: String = (0..33).map(|_| part("unit", "", "g")).collect();
-    send(fields + &file(4)).expect_problem(422, &["at most 32"]);
 }
 
 #[test]

@@ -1,6 +1,5 @@
-//! Histories computed again in the background: after a change, after an upgrade, and after records that come very late.
+//! Histories computed again in the background: after a change, and after records that come very late.
 
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -133,63 +132,4 @@ fn a_record_that_comes_after_hundreds_of_later_ones_is_folded_in_the_background(
         service.upload(asset, &record("1", 700));
     }
     assert_eq!(history(&service, "late"), history(&service, "in-order"));
-}
-
-/// Fills a data folder with what the program of database version 1 wrote.
-fn version_1(folder: &Path) {
-    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/store/version-1");
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(async {
-        sqlx::any::install_default_drivers();
-        let url = format!("sqlite://{}?mode=rwc", folder.join("flankwatch.db").display());
-        let pool = sqlx::any::AnyPoolOptions::new().max_connections(1).connect(&url).await.unwrap();
-        let dump = std::fs::read_to_string(fixture.join("database.sql")).unwrap();
-        sqlx::raw_sql(&dump).execute(&pool).await.unwrap();
-        pool.close().await;
-    });
-    for object in std::fs::read_dir(fixture.join("raw")).unwrap() {
-        let path = object.unwrap().path();
-        let name = path.file_name().unwrap().to_str().unwrap();
-        let shard = folder.join("raw").join(&name[..2]);
-        std::fs::create_dir_all(&shard).unwrap();
-        std::fs::copy(&path, shard.join(name)).unwrap();
-    }
-}
-
-#[test]
-fn a_database_of_version_1_is_opened_and_brought_up_to_date() {
-    if std::env::var_os("FLANKWATCH_TEST_DATABASE").is_some() {
-        eprintln!("left out: on PostgreSQL there was no version 1");
-        return;
-    }
-    let service = Service::start_on(version_1);
-    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
-    let done = recomputed(&service, "pump");
-    assert_eq!((&done["state"], &done["analysed"]), (&json!("finished"), &json!(10)), "{done}");
-    let list = service.get("/v1/assets/pump/segments").expect(200).json();
-    let segments = list["items"].as_array().unwrap();
-    assert_eq!(segments.len(), 10);
-    for segment in segments {
-        let id = segment["id"].as_str().unwrap();
-        let waveform = service.get(&format!("/v1/segments/{id}/waveform")).expect(200).json();
-        assert_eq!(waveform["unit"], "m/s2");
-        let samples: Vec<f64> = waveform["value"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
-        let rms = (samples.iter().map(|x| x * x).sum::<f64>() / samples.len() as f64).sqrt();
-        assert!((segment["indicators"]["rms"].as_f64().unwrap() / rms - 1.0).abs() < 1e-6);
-    }
-    assert_eq!(segments[9]["wear"]["status"], "no_library");
-    // A record of then that comes again is the one that is there.
-    for segment in segments {
-        let name = segment["raw"]["sha256"].as_str().unwrap();
-        let bytes = std::fs::read(service.folder().join("raw").join(&name[..2]).join(name)).unwrap();
-        let address = format!(
-            "/v1/assets/pump/segments?channel=1&start_time={}",
-            segment["start_time"].as_str().unwrap()
-        );
-        let again = service.post(&address, segment["raw"]["media_type"].as_str().unwrap(), &bytes);
-        assert_eq!(again.expect(201).json()["id"], segment["id"]);
-    }
-    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
-    service.upload("pump", &record("1", 20));
-    assert_eq!(service.get("/v1/assets/pump/wear").expect(200).json()["baseline"]["have"], 8);
 }

@@ -2,13 +2,12 @@
 
 use std::io::Write;
 use std::net::{Shutdown, TcpStream};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::program::Program;
-use crate::resumable_client::{OFFSET_TYPE, TUS, ask, begin, expect_read, file, offset, patch, recording};
+use crate::resumable_client::{OFFSET_TYPE, TUS, ask, begin, expect_read, offset, patch, pieces, recording};
 use crate::running::{Service, mcap, plain_asset, record};
 
 fn base64(text: &str) -> String {
@@ -156,39 +155,6 @@ mod in_a_folder {
     use super::*;
 
     #[test]
-    fn what_was_whole_when_the_service_stopped_is_read_after_the_start() {
-        let mut service = Service::start();
-        service.plain_asset("pump");
-        let uploads = [(0, "reading"), (5, "receiving")].map(|(from, state)| {
-            let whole = recording(from, from + 5);
-            let path = begin(&service, whole.len());
-            patch(&service, &path, 0, &whole[..100]).expect(204);
-            (path, whole, state)
-        });
-        service.stop();
-        for (path, whole, state) in &uploads {
-            // As a process leaves it that is killed after the last byte.
-            std::fs::write(file(&service, path, "part"), whole).unwrap();
-            let description = file(&service, path, "json");
-            let mut text: Value = serde_json::from_slice(&std::fs::read(&description).unwrap()).unwrap();
-            assert_eq!(text["state"], "receiving");
-            text["state"] = json!(state);
-            std::fs::write(description, text.to_string()).unwrap();
-        }
-        // Longer than an upload is kept that nobody goes on with.
-        service.clock.advance(30 * 3600);
-        service.launch();
-        for (path, whole, _) in &uploads {
-            assert_eq!(offset(&service, path), whole.len());
-            expect_read(&service, path, 5);
-            assert!(!file(&service, path, "part").exists());
-        }
-        assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 10);
-        service.restart();
-        expect_read(&service, &uploads[0].0, 5);
-    }
-
-    #[test]
     fn an_upload_that_a_killed_program_has_acknowledged_is_read_after_the_start() {
         let folder = tempfile::tempdir().unwrap();
         let program = Program::start_with(folder.path(), &[]);
@@ -219,57 +185,18 @@ mod in_a_folder {
     }
 
     #[test]
-    fn files_that_no_description_belongs_to_are_removed_at_the_start() {
-        let id = "00112233445566778899aabb";
-        let description = |state: &str| {
-            json!({
-                "id": id, "asset": "pump", "length": 10, "offset": 0, "state": state, "expires_at": "2026-01-02T00:00:00Z",
-                "result": null, "error": null,
-            })
-            .to_string()
-        };
-        let service = Service::start_on(|data| {
-            let folder = data.join("resumable");
-            std::fs::create_dir_all(&folder).unwrap();
-            let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
-            write(&format!("{id}.json"), &description("receiving"));
-            write(&format!("{id}.part"), "123");
-            write(&format!("{id}.new"), "{\"id\":");
-            write("alone.part", "12345");
-            write("cut-short.json", "{\"id\": \"cut");
-            write("cut-short.part", "12345");
-            // May be gone on with by the program that wrote it.
-            write("later.json", &description("of a later version"));
-            write("later.part", "12345");
-            write("notes.txt", "not of an upload");
-        });
-        assert_eq!(offset(&service, &format!("/v1/uploads/{id}")), 3);
-        let folder = service.folder().join("resumable");
-        let (description, part) = (format!("{id}.json"), format!("{id}.part"));
-        assert_eq!(names(&folder), [&description, &part, "later.json", "later.part", "notes.txt"]);
-    }
-
-    #[test]
     fn an_upload_that_nobody_goes_on_with_goes_without_another_request() {
         let service = Service::start();
         service.plain_asset("pump");
         let path = begin(&service, 10);
         patch(&service, &path, 0, b"12345").expect(204);
-        assert_eq!(names(&service.folder().join("resumable")).len(), 2);
+        assert!(pieces(&service, &path).is_dir());
         service.clock.advance(25 * 3600);
         let began = Instant::now();
-        while !names(&service.folder().join("resumable")).is_empty() {
+        while pieces(&service, &path).exists() {
             assert!(began.elapsed() < Duration::from_secs(60));
             std::thread::sleep(Duration::from_millis(100));
         }
         service.get(&path).expect_problem(404, &[]);
-    }
-
-    /// The names in a folder, in order.
-    fn names(folder: &Path) -> Vec<String> {
-        let entries = std::fs::read_dir(folder).unwrap();
-        let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-        names.sort_unstable();
-        names
     }
 }

@@ -119,7 +119,7 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
     first["sensor"]["of"] = json!("third");
     service
         .put_json("/v1/assets/first", &first)
-        .expect_problem(422, &["sensor.of", "hear through this one"]);
+        .expect_problem(422, &["sensor.of", "share the sensor of this one"]);
 
     let body = flankwatch::recording::encode_block(&record("in", 0), flankwatch::recording::BlockEncoding::Json);
     service
@@ -155,7 +155,7 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
             seconds: 1.0,
             ..GridSettings::default()
         };
-        config.ingest.library_wait = Duration::from_secs(600);
+        config.work.library_wait = Duration::from_secs(600);
     });
     let pairs = pairs();
     let plan = |pair: &PairSpec, max_wear_um: f64, wear_exponent: f64| RunPlan {

@@ -95,42 +95,6 @@ fn coded_bodies_are_decoded_and_capped() {
 }
 
 #[test]
-fn a_browsers_form_brings_fields_and_files() {
-    let service = Service::start();
-    service.plain_asset("pump");
-    let mut body = b"--x\r\ncontent-disposition: form-data; name=\"start_time\"\r\n\r\n2026-01-01T00:00:00Z\r\n".to_vec();
-    body.extend(b"--x\r\ncontent-disposition: form-data; name=\"torque_nm\"\r\n\r\n\r\n");
-    for (name, bytes) in [("a.wav", wav(&[samples(1)])), ("b.MCAP", mcap(&[record("2", 1), record("2", 2)]))] {
-        body.extend(format!("--x\r\ncontent-disposition: form-data; name=\"file\"; filename=\"{name}\"\r\n").bytes());
-        body.extend(b"content-type: application/octet-stream\r\n\r\n");
-        body.extend(bytes);
-        body.extend(b"\r\n");
-        if name == "a.wav" {
-            continue;
-        }
-        body.extend(b"--x--\r\n");
-    }
-    let form = "multipart/form-data; boundary=x";
-    // The second file says everything itself, so that the field before is refused for it.
-    service.post(SEGMENTS, form, &body).expect_problem(400, &["start_time"]);
-    let first = service.get(SEGMENTS).expect(200).json();
-    assert_eq!(first["items"][0]["start_time"], "2026-01-01T00:00:00Z");
-    let alone = [
-        &b"--x\r\ncontent-disposition: form-data; name=\"file\"; filename=\"b.mcap\"\r\n\r\n"[..],
-        &mcap(&[record("2", 1)]),
-        b"\r\n--x--\r\n",
-    ]
-    .concat();
-    let answer = service.post(SEGMENTS, form, &alone).expect(201).json();
-    assert_eq!(answer["files"][0]["stored"], 1, "{answer}");
-    service.post(SEGMENTS, form, b"--x--\r\n").expect_problem(422, &["file"]);
-    service.post(SEGMENTS, form, b"--x\r\nbroken").expect_problem(400, &["form"]);
-    service
-        .post(SEGMENTS, "multipart/form-data", b"")
-        .expect_problem(415, &["boundary"]);
-}
-
-#[test]
 fn an_upload_under_a_key_happens_once() {
     let mut service = Service::start();
     service.plain_asset("pump");

@@ -43,10 +43,9 @@ pub(crate) fn expect_read(service: &Service, path: &str, records: u64) {
     assert_eq!((&done["error"], &done["waits_for"]), (&Value::Null, &Value::Null), "{done}");
 }
 
-/// A file of an upload.
-pub(crate) fn file(service: &Service, path: &str, extension: &str) -> PathBuf {
-    let id = path.rsplit('/').next().unwrap();
-    service.folder().join("resumable").join(id).with_extension(extension)
+/// The folder of an upload's pieces.
+pub(crate) fn pieces(service: &Service, path: &str) -> PathBuf {
+    service.folder().join("raw/uploads").join(path.rsplit('/').next().unwrap())
 }
 
 /// A recording of the records `from..to`.

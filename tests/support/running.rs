@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{Duration, Instant};
 
 use flankwatch::http::{RunningService, ServiceConfig, start};
-use flankwatch::ingest::Clock;
 use flankwatch::library::EnsembleSettings;
+use flankwatch::service::Clock;
 use flankwatch::signal::Record;
 use jiff::Timestamp;
 use serde_json::{Value, json};
@@ -97,13 +97,6 @@ impl Service {
         Self::start_in(tempfile::tempdir().unwrap(), None, change)
     }
 
-    /// Starts on a data folder that was filled before.
-    pub(crate) fn start_on(fill: impl FnOnce(&Path)) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        fill(folder.path());
-        Self::start_in(folder, None, |_| {})
-    }
-
     /// Starts with its data in a folder that is somebody else's.
     pub(crate) fn start_at(path: &Path) -> Self {
         Self::start_in(tempfile::tempdir().unwrap(), Some(path.join("data")), |_| {})
@@ -137,7 +130,7 @@ impl Service {
         let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), self.folder());
         config.http.grace = Duration::from_secs(30);
         // What a test sees does not depend on when a build in the background ends.
-        config.ingest.neighbours = EnsembleSettings::described_alone();
+        config.work.neighbours = EnsembleSettings::described_alone();
         #[cfg(feature = "cluster")]
         if let Some(database) = &self.database {
             config.store = Some(flankwatch::store::StoreSettings::Shared(database.settings(self.folder())));
@@ -159,8 +152,8 @@ impl Service {
     }
 
     /// The path of records, for what works inside the process.
-    pub(crate) fn ingest(&self) -> flankwatch::ingest::Ingest {
-        self.running.as_ref().unwrap().ingest().clone()
+    pub(crate) fn service(&self) -> std::sync::Arc<flankwatch::service::Service> {
+        self.running.as_ref().unwrap().service().clone()
     }
 
     /// Runs something on the service's own threads.

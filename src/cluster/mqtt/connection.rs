@@ -12,20 +12,20 @@ use tokio::task::{JoinHandle, JoinSet};
 
 use super::delivery::{Delivered, deliver};
 use super::error::MqttError;
-use super::letters::Letters;
 use super::message::Message;
+use super::pending_refusals::PendingRefusals;
 use super::refusal::Refusal;
 use super::settings::MqttSettings;
 use super::topic;
-use crate::ingest::{Feed, FeedCount, Ingest};
+use crate::service::{Feed, FeedCount, Service};
 
 /// Waits before the next connection: the first and the longest.
 const FIRST_WAIT: Duration = Duration::from_millis(250);
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
 
-/// What may be on the way to the client library: an acknowledgement and a refusal of every message that a broker can send unacknowledged. Giving it
-/// one never waits, because the library may wait for us meanwhile.
-const MOST_REQUESTS: usize = 2 * u16::MAX as usize + 8;
+/// What may be on the way to the client library: an acknowledgement and a refusal of every message that a
+/// broker can send unacknowledged. Giving it one never waits, because the library may wait for us meanwhile.
+const MAX_REQUESTS: usize = 2 * u16::MAX as usize + 8;
 
 /// How often a service that stops looks whether the broker has all refusals.
 const LOOK_AGAIN: Duration = Duration::from_millis(10);
@@ -49,15 +49,16 @@ impl MqttFeed {
     /// Begins to take records in the background; connecting may take as long as it needs.
     ///
     /// Errors: a file that the settings name cannot be used.
-    pub fn start(settings: MqttSettings, ingest: Ingest) -> Result<Self, MqttError> {
+    pub fn start(settings: MqttSettings, service: Arc<Service>) -> Result<Self, MqttError> {
         settings.options()?;
-        let feed = ingest.add_feed("mqtt");
+        let feed = service.feeds.add("mqtt");
         let (stop, stopped) = watch::channel(false);
-        let task = tokio::spawn(keep_connected(settings, ingest, Arc::clone(&feed), stopped));
+        let task = tokio::spawn(keep_connected(settings, service, Arc::clone(&feed), stopped));
         Ok(Self { feed, stop, task })
     }
 
-    /// Takes no more messages, ends within `grace` what was begun, and says goodbye to the broker, which keeps the rest.
+    /// Takes no more messages, ends within `grace` what was begun, and says goodbye to the broker, which
+    /// keeps the rest.
     pub async fn stop(mut self, grace: Duration) {
         // An error says that the task has ended by itself.
         let _ = self.stop.send(true);
@@ -65,14 +66,14 @@ impl MqttFeed {
             self.task.abort();
         }
         if tokio::time::timeout(grace, &mut self.task).await.is_err() {
-            tracing::warn!("messages were still under way at the end of the time of grace; the broker keeps them");
+            tracing::warn!("failed to end all messages within the time of grace: the broker keeps them");
             self.task.abort();
         }
         self.feed.lost("stopped".to_owned());
     }
 }
 
-async fn keep_connected(settings: MqttSettings, ingest: Ingest, feed: Arc<Feed>, mut stop: watch::Receiver<bool>) {
+async fn keep_connected(settings: MqttSettings, service: Arc<Service>, feed: Arc<Feed>, mut stop: watch::Receiver<bool>) {
     let mut wait = FIRST_WAIT;
     let mut connections = 0_u64;
     while !*stop.borrow() {
@@ -80,8 +81,8 @@ async fn keep_connected(settings: MqttSettings, ingest: Ingest, feed: Arc<Feed>,
         let end = match settings.options() {
             Ok(options) => {
                 // Made anew each time: what was under way on the connection before, the broker sends again.
-                let (client, events) = AsyncClient::new(options, MOST_REQUESTS);
-                let connection = Connection::new(&settings, &ingest, &feed, client, stop.clone());
+                let (client, events) = AsyncClient::new(options, MAX_REQUESTS);
+                let connection = Connection::new(&settings, &service, &feed, client, stop.clone());
                 connection.run(events, &mut connections).await
             }
             Err(error) => End::Lost(error.to_string()),
@@ -90,7 +91,7 @@ async fn keep_connected(settings: MqttSettings, ingest: Ingest, feed: Arc<Feed>,
         if connections > before {
             wait = FIRST_WAIT;
         }
-        tracing::warn!(broker = settings.broker(), reason, "no connection to the MQTT broker");
+        tracing::warn!(broker = settings.broker(), reason, "failed to connect to the MQTT broker");
         feed.lost(reason);
         tokio::select! {
             () = tokio::time::sleep(spread(wait)) => {}
@@ -108,7 +109,7 @@ fn spread(wait: Duration) -> Duration {
 
 struct Connection<'a> {
     settings: &'a MqttSettings,
-    ingest: &'a Ingest,
+    service: &'a Arc<Service>,
     feed: &'a Arc<Feed>,
     client: AsyncClient,
     stop: watch::Receiver<bool>,
@@ -116,27 +117,34 @@ struct Connection<'a> {
     places: Arc<Semaphore>,
     /// Messages came for which there was no place: they come again over the next connection.
     has_left_behind: bool,
-    letters: Arc<Letters>,
+    refusals: Arc<PendingRefusals>,
     /// Ends with the connection: nobody could acknowledge for them any more.
     deliveries: JoinSet<()>,
 }
 
 impl<'a> Connection<'a> {
-    fn new(settings: &'a MqttSettings, ingest: &'a Ingest, feed: &'a Arc<Feed>, client: AsyncClient, stop: watch::Receiver<bool>) -> Self {
+    fn new(
+        settings: &'a MqttSettings,
+        service: &'a Arc<Service>,
+        feed: &'a Arc<Feed>,
+        client: AsyncClient,
+        stop: watch::Receiver<bool>,
+    ) -> Self {
         Self {
             settings,
-            ingest,
+            service,
             feed,
             client,
             stop,
             places: Arc::new(Semaphore::new(settings.in_flight.into())),
             has_left_behind: false,
-            letters: Arc::default(),
+            refusals: Arc::default(),
             deliveries: JoinSet::new(),
         }
     }
 
-    /// Works until the connection is lost or the service stops. `connections` counts those that could be used.
+    /// Works until the connection is lost or the service stops. `connections` counts those that could be
+    /// used.
     async fn run(mut self, mut events: EventLoop, connections: &mut u64) -> End {
         self.say_goodbye_when_stopped();
         loop {
@@ -172,12 +180,12 @@ impl<'a> Connection<'a> {
                     self.feed.connected();
                 }
                 Event::Incoming(Packet::Publish(publish)) => self.receive(publish).await,
-                Event::Outgoing(Outgoing::Publish(packet_id)) => self.letters.sent(packet_id),
+                Event::Outgoing(Outgoing::Publish(packet_id)) => self.refusals.sent(packet_id),
                 Event::Incoming(Packet::PubAck(answer)) => {
-                    if let Some((publish, untaken)) = self.letters.answered(&answer) {
+                    if let Some((publish, untaken)) = self.refusals.answered(&answer) {
                         if let Some(reason) = untaken {
                             let topic = String::from_utf8_lossy(&publish.topic);
-                            tracing::error!(%topic, ?reason, "the broker did not take the refusal of a message");
+                            tracing::error!(%topic, ?reason, "the broker rejected the refusal of a message");
                         }
                         acknowledge(&self.client, &publish);
                     }
@@ -207,9 +215,9 @@ impl<'a> Connection<'a> {
 
     /// Deals with a message beside the others.
     ///
-    /// Where all places are taken it waits for one, and nothing further is read meanwhile. Only a broker that sends more than it was told to
-    /// lets it wait: messages at QoS 0, or what a session kept (seen with Mosquitto 2.0.11). The connection would not outlive a long wait, so
-    /// the message is left behind then.
+    /// Where all places are taken it waits for one, and nothing further is read meanwhile. Only a broker that
+    /// sends more than it was told to lets it wait: messages at QoS 0, or what a session kept (seen with
+    /// Mosquitto 2.0.11). The connection would not outlive a long wait, so the message is left behind then.
     async fn receive(&mut self, publish: Publish) {
         if *self.stop.borrow() {
             return;
@@ -222,12 +230,12 @@ impl<'a> Connection<'a> {
             self.has_left_behind |= publish.qos == QoS::AtLeastOnce;
             return;
         };
-        let (ingest, feed, client) = (self.ingest.clone(), Arc::clone(self.feed), self.client.clone());
-        let (letters, stop) = (Arc::clone(&self.letters), self.stop.clone());
+        let (service, feed, client) = (self.service.clone(), Arc::clone(self.feed), self.client.clone());
+        let (refusals, stop) = (Arc::clone(&self.refusals), self.stop.clone());
         let message = Message::read(self.settings, &publish);
         self.deliveries.spawn(async move {
             let delivered = match &message {
-                Ok(message) => deliver(&ingest, &feed, message, stop).await,
+                Ok(message) => deliver(&service, &feed, message, stop).await,
                 Err(refusal) => Delivered::Refused(refusal.clone()),
             };
             match delivered {
@@ -237,7 +245,7 @@ impl<'a> Connection<'a> {
                 }
                 Delivered::Refused(refusal) => {
                     feed.count(FeedCount::Refused);
-                    refuse(&ingest, &client, &letters, refusal, publish).await;
+                    refuse(&service, &client, &refusals, refusal, publish).await;
                 }
                 Delivered::LeftBehind => {}
             }
@@ -256,12 +264,12 @@ impl<'a> Connection<'a> {
 
     fn say_goodbye_when_stopped(&mut self) {
         let (mut stop, client) = (self.stop.clone(), self.client.clone());
-        let (places, letters) = (Arc::clone(&self.places), Arc::clone(&self.letters));
+        let (places, refusals) = (Arc::clone(&self.places), Arc::clone(&self.refusals));
         let all = u32::from(self.settings.in_flight);
         self.deliveries.spawn(async move {
             // An error says that nobody is left who could ask for it.
             if stop.wait_for(|stop| *stop).await.is_ok() && places.acquire_many(all).await.is_ok() {
-                while !letters.is_empty() {
+                while !refusals.is_empty() {
                     tokio::time::sleep(LOOK_AGAIN).await;
                 }
                 let _ = client.try_disconnect();
@@ -271,18 +279,18 @@ impl<'a> Connection<'a> {
 }
 
 /// Tells the sender that its message cannot be used.
-async fn refuse(ingest: &Ingest, client: &AsyncClient, letters: &Letters, refusal: Refusal, mut publish: Publish) {
+async fn refuse(service: &Arc<Service>, client: &AsyncClient, refusals: &PendingRefusals, refusal: Refusal, mut publish: Publish) {
     let topic = String::from_utf8_lossy(&publish.topic).into_owned();
-    tracing::warn!(topic, reason = refusal.detail(), "a message was refused");
+    tracing::warn!(topic, reason = refusal.detail(), "refused a message");
     let payload = std::mem::take(&mut publish.payload);
-    let (received_at, of) = (ingest.now(), topic.clone());
+    let (received_at, of) = (service.now(), topic.clone());
     // The payload's hash takes its time.
     let letter = tokio::task::spawn_blocking(move || refusal.letter(&of, received_at, &payload));
     if let Ok(letter) = letter.await
-        && let Err(error) = letters.send(client, topic::rejected(&topic), letter, publish)
+        && let Err(error) = refusals.send(client, topic::rejected(&topic), letter, publish)
     {
         // Most often the connection is gone. Not acknowledged, the message comes again.
-        tracing::debug!(%error, topic, "the refusal of a message was not sent");
+        tracing::debug!(%error, topic, "failed to send the refusal of a message");
     }
 }
 

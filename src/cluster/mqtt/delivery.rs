@@ -7,7 +7,7 @@ use tokio::sync::watch;
 
 use super::message::{Message, NO_TIME};
 use super::refusal::{Refusal, Verdict};
-use crate::ingest::{Feed, Ingest, IngestError};
+use crate::service::{Feed, Service, ServiceError};
 
 /// Waits before a message that could not be taken is tried again: the first and the longest.
 const FIRST_WAIT: Duration = Duration::from_millis(20);
@@ -28,10 +28,10 @@ pub(super) enum Delivered {
 }
 
 /// Takes a message, however long that needs.
-pub(super) async fn deliver(ingest: &Ingest, feed: &Arc<Feed>, message: &Message, mut stop: watch::Receiver<bool>) -> Delivered {
+pub(super) async fn deliver(service: &Arc<Service>, feed: &Arc<Feed>, message: &Message, mut stop: watch::Receiver<bool>) -> Delivered {
     let (mut wait, mut faults, mut holding) = (FIRST_WAIT, 0, None);
     loop {
-        let reason = match take(ingest, message).await {
+        let reason = match take(service, message).await {
             Ok(()) => return Delivered::Safe,
             Err(Verdict::Never(refusal)) => return Delivered::Refused(refusal),
             Err(Verdict::Fault(refusal)) => {
@@ -44,7 +44,7 @@ pub(super) async fn deliver(ingest: &Ingest, feed: &Arc<Feed>, message: &Message
             Err(Verdict::Later(reason)) => reason,
         };
         if holding.is_none() {
-            tracing::debug!(reason, asset = %message.address.asset, "a message waits");
+            tracing::debug!(reason, asset = %message.address.asset, "failed to store a message: trying again");
         }
         // The new one first: the trouble is not over in between.
         let renewed = feed.hold(reason);
@@ -58,14 +58,16 @@ pub(super) async fn deliver(ingest: &Ingest, feed: &Arc<Feed>, message: &Message
 }
 
 /// The same path that an upload takes.
-async fn take(ingest: &Ingest, message: &Message) -> Result<(), Verdict> {
-    let mut ticket = ingest.workers().admit()?;
+async fn take(service: &Arc<Service>, message: &Message) -> Result<(), Verdict> {
+    let mut ticket = service.workers.admit()?;
     ticket.grow(message.payload.len())?;
     let given = message.given();
-    let taken = ingest.accept(&message.address.asset, message.format, message.payload.clone(), given, ticket);
+    let taken = service
+        .pipeline
+        .accept(&message.address.asset, message.format, message.payload.clone(), given, ticket);
     match taken.await {
         Ok(_) => Ok(()),
-        Err(IngestError::Field {
+        Err(ServiceError::Field {
             field: "start_time",
             value,
             ..

@@ -7,10 +7,10 @@ use rumqttc::v5::mqttbytes::v5::Publish;
 use super::refusal::Refusal;
 use super::settings::MqttSettings;
 use super::topic::{self, Address};
-use crate::ingest::{Given, RecordFormat};
+use crate::service::{RecordFormat, UploadMetadata};
 
-/// Stands for the time of a message that says none: no record can have it, so that one without a time is refused. The time of receipt will
-/// not do, because the same message sent again would be another record.
+/// Stands for the time of a message that says none: no record can have it, so that one without a time is
+/// refused. The time of receipt will not do, because the same message sent again would be another record.
 pub(super) const NO_TIME: Timestamp = Timestamp::MIN;
 
 /// A message that can be decoded.
@@ -48,18 +48,18 @@ impl Message {
     }
 
     /// What is said of the record beside its bytes.
-    pub(super) fn given(&self) -> Given {
-        Given {
+    pub(super) fn given(&self) -> UploadMetadata {
+        UploadMetadata {
             start_time: Some(NO_TIME),
             channel: Some(self.address.point.clone()),
             channel_names: vec![self.address.point.clone()],
-            ..Given::default()
+            ..UploadMetadata::default()
         }
     }
 }
 
-/// How the payload is written. Without a content type its first character tells: no field of a `WaveformBlock` in protobuf begins with white
-/// space or a brace.
+/// How the payload is written. Without a content type its first character tells: no field of a
+/// `WaveformBlock` in protobuf begins with white space or a brace.
 fn format(content_type: Option<&str>, payload: &[u8]) -> Result<RecordFormat, Refusal> {
     let Some(content_type) = content_type.filter(|content_type| !content_type.is_empty()) else {
         let is_json = matches!(payload.first(), Some(b'{' | b' ' | b'\t' | b'\r' | b'\n'));

@@ -1,19 +1,21 @@
-//! Why a message can never be used, as the JSON that its sender gets: problem details after RFC 9457, with what names the message.
+//! Why a message can never be used, as the JSON that its sender gets: problem details after RFC 9457, with
+//! what names the message.
 
 use jiff::Timestamp;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::ingest::IngestError;
+use crate::service::ServiceError;
 use crate::store::StoreError;
 
 /// The media type of a refusal.
 pub(super) const MEDIA_TYPE: &str = "application/problem+json";
 
 /// Longest value of a field that is repeated, in characters.
-const MOST_VALUE: usize = 256;
+const MAX_VALUE: usize = 256;
 
-/// Why a message cannot be used. The statuses are those that an upload of the same record would be answered with.
+/// Why a message cannot be used. The statuses are those that an upload of the same record would be answered
+/// with.
 #[derive(Debug, Clone)]
 pub(super) struct Refusal(Box<Details>);
 
@@ -65,7 +67,7 @@ impl Refusal {
 
     /// A field whose value cannot be used.
     pub(super) fn field(status: u16, field: &str, value: &str, expected: &str) -> Self {
-        let value: String = value.chars().take(MOST_VALUE).collect();
+        let value: String = value.chars().take(MAX_VALUE).collect();
         let mut refusal = Self::new(status, format!("{field} is {value}, expected {expected}"));
         refusal.0.field = Some(field.to_owned());
         refusal.0.value = Some(value);
@@ -86,7 +88,7 @@ impl Refusal {
             topic,
             received_at,
             payload_bytes: payload.len(),
-            payload_sha256: sha256.iter().map(|byte| format!("{byte:02x}")).collect(),
+            payload_sha256: hex::encode(sha256),
         };
         // Strings and numbers of this struct always serialise into memory.
         serde_json::to_vec(&letter).expect("plain fields are JSON")
@@ -104,14 +106,14 @@ pub(super) enum Verdict {
     Later(String),
 }
 
-impl From<IngestError> for Verdict {
-    fn from(error: IngestError) -> Self {
+impl From<ServiceError> for Verdict {
+    fn from(error: ServiceError) -> Self {
         match error {
-            IngestError::Recording(_) => Self::Never(Refusal::new(422, error.to_string())),
-            IngestError::Field { field, value, expected } => Self::Never(Refusal::field(422, field, &value, expected)),
-            IngestError::Store(StoreError::AssetUnknown(_)) => Self::Never(Refusal::new(404, error.to_string())),
-            IngestError::Store(StoreError::Time(_)) => Self::Never(Refusal::new(422, error.to_string())),
-            IngestError::WorkerLost(_) | IngestError::Store(StoreError::NotFinite { .. }) => {
+            ServiceError::Recording(_) => Self::Never(Refusal::new(422, error.to_string())),
+            ServiceError::Field { field, value, expected } => Self::Never(Refusal::field(422, field, &value, expected)),
+            ServiceError::Store(StoreError::AssetUnknown(_)) => Self::Never(Refusal::new(404, error.to_string())),
+            ServiceError::Store(StoreError::Time(_)) => Self::Never(Refusal::new(422, error.to_string())),
+            ServiceError::WorkerLost(_) | ServiceError::Store(StoreError::NotFinite { .. }) => {
                 Self::Fault(Refusal::new(500, error.to_string()))
             }
             error => Self::Later(error.to_string()),
@@ -146,11 +148,11 @@ mod tests {
 
     #[test]
     fn what_passes_is_not_refused() {
-        let busy = IngestError::Busy {
+        let busy = ServiceError::Busy {
             what: "the queue of records is full",
             retry_after_s: 1,
         };
         assert!(matches!(Verdict::from(busy), Verdict::Later(reason) if reason.contains("queue")));
-        assert!(matches!(Verdict::from(IngestError::WorkerLost("decode")), Verdict::Fault(_)));
+        assert!(matches!(Verdict::from(ServiceError::WorkerLost("decode")), Verdict::Fault(_)));
     }
 }

@@ -13,7 +13,8 @@ use serde::Deserialize;
 use super::error::MqttError;
 use super::tls::TlsFiles;
 
-/// Longest packet that MQTT knows: one that is too large as a record is still to be read, so that its sender is told.
+/// Longest packet that MQTT knows: one that is too large as a record is still to be read, so that its sender
+/// is told.
 const LONGEST_PACKET_BYTES: u32 = 268_435_455 + 5;
 
 /// How long a connection may take to be made.
@@ -31,7 +32,8 @@ pub struct MqttTable {
     pub username: Option<String>,
     /// File with the user's password.
     pub password_file: Option<PathBuf>,
-    /// Certificate authorities (PEM) that the broker's certificate must rest on; the system's where not given.
+    /// Certificate authorities (PEM) that the broker's certificate must rest on; the system's where not
+    /// given.
     pub ca_file: Option<PathBuf>,
     /// Certificate (PEM) to show to the broker; goes with `key`.
     pub certificate: Option<PathBuf>,
@@ -93,10 +95,10 @@ enum Password {
 }
 
 impl MqttTable {
-    /// The settings that follow. `most_bytes` is the largest record that the service takes.
+    /// The settings that follow. `max_bytes` is the largest record that the service takes.
     ///
     /// Errors name the setting, its value and what was expected.
-    pub fn resolve(self, credentials: MqttCredentials, most_bytes: usize) -> Result<MqttSettings, MqttError> {
+    pub fn resolve(self, credentials: MqttCredentials, max_bytes: usize) -> Result<MqttSettings, MqttError> {
         let url = self.url.unwrap_or_default();
         let (is_tls, host, port) = address(&url)?;
         let tls = match (self.certificate, self.key) {
@@ -139,17 +141,17 @@ impl MqttTable {
             root: self.root.unwrap_or_else(|| "flankwatch".to_owned()),
             share,
             in_flight: self.in_flight.unwrap_or(16),
-            message_bytes: self.message_bytes.unwrap_or(most_bytes.min(16 << 20)),
+            message_bytes: self.message_bytes.unwrap_or(max_bytes.min(16 << 20)),
             session_expiry_s: self.session_expiry_s.unwrap_or(7 * 24 * 3600),
             keep_alive: Duration::from_secs(self.keep_alive_s.unwrap_or(30).into()),
         };
-        settings.check(most_bytes)?;
+        settings.check(max_bytes)?;
         Ok(settings)
     }
 }
 
 impl MqttSettings {
-    fn check(&self, most_bytes: usize) -> Result<(), MqttError> {
+    fn check(&self, max_bytes: usize) -> Result<(), MqttError> {
         let is_level = |name: &str| !name.is_empty() && !name.contains(['+', '#', '\0']);
         if !is_level(&self.root) || self.root.starts_with('$') {
             return Err(MqttError::setting("root", &self.root, "levels of a topic without + and #"));
@@ -160,7 +162,7 @@ impl MqttSettings {
         if !(1..=1024).contains(&self.in_flight) {
             return Err(MqttError::setting("in_flight", self.in_flight, "1 to 1024 messages"));
         }
-        if !(1..=most_bytes).contains(&self.message_bytes) {
+        if !(1..=max_bytes).contains(&self.message_bytes) {
             let expected = "at least 1 and at most limits.record_bytes";
             return Err(MqttError::setting("message_bytes", self.message_bytes, expected));
         }
@@ -183,7 +185,8 @@ impl MqttSettings {
         format!("{}:{}", self.host, self.port)
     }
 
-    /// How to connect. Reads password and certificates anew, so that a changed file holds from the next connection on.
+    /// How to connect. Reads password and certificates anew, so that a changed file holds from the next
+    /// connection on.
     pub(super) fn options(&self) -> Result<MqttOptions, MqttError> {
         let mut options = MqttOptions::new(&self.client_id, &self.host, self.port);
         let mut properties = ConnectProperties::new();

@@ -1,4 +1,5 @@
-//! Objects in a bucket of an S3-compatible store: `raw/ab/abcdef…`, `libraries/….fwlib` and `uploads/…/abcdef…`.
+//! Objects in a bucket of an S3-compatible store: `raw/ab/abcdef…`, `libraries/….fwlib` and
+//! `uploads/…/abcdef…`.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,7 +19,7 @@ use crate::store::BucketSettings;
 const REQUESTS_AT_ONCE: usize = 8;
 
 /// No recording is longer; what claims to be is not read.
-const MOST_BYTES: u64 = 1 << 30;
+const MAX_BYTES: u64 = 1 << 30;
 
 /// How long one request may take, beyond which it is tried again.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(30);
@@ -37,7 +38,8 @@ pub(super) struct Bucket {
 impl Bucket {
     /// Opens a bucket. To be called inside the runtime, which then does the requests.
     pub(super) fn open(settings: &BucketSettings) -> Result<Self, StoreError> {
-        // The client takes the process's provider, and has none of its own. One that is set already is as good.
+        // The client takes the process's provider, and has none of its own. One that is set already is as
+        // good.
         let _ = tokio_rustls::rustls::crypto::ring::default_provider().install_default();
         let prefix = settings.prefix.trim_matches('/');
         let is_plain = settings.endpoint.as_deref().is_some_and(|endpoint| endpoint.starts_with("http://"));
@@ -71,8 +73,8 @@ impl Bucket {
         })
     }
 
-    /// Stores every object. One that is there already is written again: it then counts as new, so that nobody removes it as an orphan of
-    /// long ago while its results are on their way.
+    /// Stores every object. One that is there already is written again: it then counts as new, so that nobody
+    /// removes it as an orphan of long ago while its results are on their way.
     pub(super) fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
         let puts = objects.iter().map(|(name, bytes)| self.put(self.path(name), bytes.clone()));
         self.runtime.block_on(async {
@@ -182,7 +184,7 @@ impl Bucket {
             Err(Error::NotFound { .. }) => return Ok(None),
             Err(error) => return Err(failed(error)),
         };
-        if found.meta.size > MOST_BYTES {
+        if found.meta.size > MAX_BYTES {
             return Err(StoreError::Unexpected {
                 what: "size of an object in bytes",
                 value: found.meta.size.to_string(),

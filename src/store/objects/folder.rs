@@ -50,7 +50,7 @@ impl Folder {
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
         let mut unguessable = [0; 8];
         getrandom::fill(&mut unguessable).map_err(|source| file_error("name a folder in", &folder, source.into()))?;
-        let temporary = folder.join("tmp").join(super::hexadecimal(&unguessable));
+        let temporary = folder.join("tmp").join(hex::encode(unguessable));
         fs::create_dir_all(&temporary).map_err(|source| file_error("create the folder", &temporary, source))?;
         Ok(Self {
             folder,
@@ -60,7 +60,8 @@ impl Folder {
         })
     }
 
-    /// Stores every object; when this returns they are on disk, and so are their names. One that is there already is left as it is.
+    /// Stores every object; when this returns they are on disk, and so are their names. One that is there
+    /// already is left as it is.
     pub(super) fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
         let mut touched: Vec<PathBuf> = Vec::new();
         for (name, bytes) in objects {

@@ -7,6 +7,7 @@
 mod alarm;
 mod baseline;
 mod belief;
+mod channel;
 mod chart;
 mod depth_grid;
 mod event;
@@ -24,6 +25,7 @@ pub use alarm::{
     ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmError, AlarmPanel, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings,
     AlarmState, PanelAction, PanelChange, Severity,
 };
+pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;

@@ -1,0 +1,25 @@
+//! What handlers work with.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::access::Access;
+use super::event_ring::EventRing;
+use super::limits::HttpLimits;
+use super::line_cache::LineCache;
+use super::measurements::Measurements;
+use super::reading_waits::ReadingWaits;
+use crate::service::Service;
+
+/// The service and what the API keeps beside it; a clone is another handle.
+#[derive(Clone)]
+pub(super) struct App {
+    pub(super) service: Arc<Service>,
+    pub(super) limits: Arc<HttpLimits>,
+    pub(super) measurements: Arc<Measurements>,
+    pub(super) events: Arc<EventRing>,
+    pub(super) access: Arc<Access>,
+    pub(super) reading_waits: Arc<ReadingWaits>,
+    pub(super) uploads: Arc<Path>,
+    pub(super) lines: Arc<LineCache>,
+}

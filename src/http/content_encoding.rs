@@ -1,0 +1,142 @@
+//! Content encodings of bodies: gzip and zstd, taken apart in small steps so that what comes out can be
+//! counted.
+
+use std::io::{self, Write};
+
+use axum::http::{HeaderMap, StatusCode, header};
+use flate2::write::GzDecoder;
+use zstd::stream::raw::{Decoder as ZstdDecoder, Operation};
+
+use super::problem::Problem;
+
+/// Bytes taken at once: at the greatest ratio that the codings have (zstd: 32000) tens of megabytes come out.
+pub(super) const STEP: usize = 1024;
+
+/// Logarithm of the largest window that a zstd body may ask memory for: 8 MiB, what every decoder has to
+/// take.
+const MAX_WINDOW_LOG: u32 = 23;
+
+/// How a body is coded.
+pub(super) enum ContentEncoding {
+    /// Not at all.
+    Identity,
+    /// gzip.
+    Gzip(Box<GzDecoder<Vec<u8>>>),
+    /// Zstandard, and whether it stands at the end of a frame.
+    Zstd(Box<ZstdDecoder<'static>>, bool),
+}
+
+impl ContentEncoding {
+    /// What the header fields say.
+    pub(super) fn of(headers: &HeaderMap) -> Result<Self, Problem> {
+        let Some(coding) = headers.get(header::CONTENT_ENCODING) else {
+            return Ok(Self::Identity);
+        };
+        match coding.to_str().map(|coding| coding.trim().to_ascii_lowercase()).as_deref() {
+            Ok("identity" | "") => Ok(Self::Identity),
+            Ok("gzip" | "x-gzip") => Ok(Self::Gzip(Box::new(GzDecoder::new(Vec::new())))),
+            Ok("zstd") => {
+                let mut decoder = ZstdDecoder::new().map_err(broken)?;
+                decoder
+                    .set_parameter(zstd::stream::raw::DParameter::WindowLogMax(MAX_WINDOW_LOG))
+                    .map_err(broken)?;
+                Ok(Self::Zstd(Box::new(decoder), true))
+            }
+            _ => {
+                let detail = format!("content-encoding is {coding:?}, expected gzip, zstd or none");
+                Err(Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, detail))
+            }
+        }
+    }
+
+    /// Whether there is none.
+    pub(super) fn is_identity(&self) -> bool {
+        matches!(self, Self::Identity)
+    }
+
+    /// What comes out of one step, at most [`STEP`] bytes unless there is no encoding.
+    pub(super) fn decode(&mut self, step: &[u8], out: &mut Vec<u8>) -> Result<(), Problem> {
+        match self {
+            Self::Identity => out.extend_from_slice(step),
+            Self::Gzip(decoder) => {
+                decoder.write_all(step).map_err(broken)?;
+                out.append(decoder.get_mut());
+            }
+            Self::Zstd(decoder, is_whole) => {
+                let mut rest = step;
+                let mut buffer = [0; 16 << 10];
+                loop {
+                    if rest.is_empty() && *is_whole {
+                        break;
+                    }
+                    let status = decoder.run_on_buffers(rest, &mut buffer).map_err(broken)?;
+                    rest = &rest[status.bytes_read..];
+                    out.extend_from_slice(&buffer[..status.bytes_written]);
+                    *is_whole = status.remaining == 0;
+                    if rest.is_empty() && status.bytes_written < buffer.len() {
+                        break;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What comes out at the end; an error where the body is not whole.
+    pub(super) fn finish(mut self, out: &mut Vec<u8>) -> Result<(), Problem> {
+        match &mut self {
+            Self::Identity => Ok(()),
+            Self::Gzip(decoder) => {
+                decoder.try_finish().map_err(broken)?;
+                out.append(decoder.get_mut());
+                Ok(())
+            }
+            Self::Zstd(_, true) => Ok(()),
+            Self::Zstd(_, false) => Err(broken(io::ErrorKind::UnexpectedEof.into())),
+        }
+    }
+}
+
+fn broken(error: io::Error) -> Problem {
+    Problem::new(
+        StatusCode::BAD_REQUEST,
+        format!("the body is not what content-encoding says: {error}"),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::http::HeaderValue;
+
+    fn decode(coding: &'static str, bytes: &[u8]) -> Result<Vec<u8>, Problem> {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::CONTENT_ENCODING, HeaderValue::from_static(coding));
+        let mut coding = ContentEncoding::of(&headers)?;
+        let mut out = Vec::new();
+        for step in bytes.chunks(STEP) {
+            coding.decode(step, &mut out)?;
+        }
+        coding.finish(&mut out)?;
+        Ok(out)
+    }
+
+    fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.write_all(bytes).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    #[test]
+    fn what_was_coded_comes_out_and_what_is_cut_off_is_refused() {
+        let mut bytes: Vec<u8> = (0..300_000_u32).flat_map(|n| n.wrapping_mul(n).to_le_bytes()).collect();
+        bytes.resize(bytes.len() + 500_000, 0);
+        for (coding, coded) in [("gzip", gzip(&bytes)), ("zstd", zstd::bulk::compress(&bytes, 3).unwrap())] {
+            assert!(decode(coding, &coded).unwrap() == bytes, "{coding}");
+            assert!(decode(coding, &coded[..coded.len() - 5]).is_err(), "{coding} cut off");
+            assert!(decode(coding, b"something else entirely").is_err(), "{coding} broken");
+        }
+        assert!(decode("br", b"").is_err());
+        assert_eq!(decode("identity", b"abc").unwrap(), b"abc");
+    }
+}

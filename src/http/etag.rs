@@ -1,0 +1,110 @@
+//! `ETag` and `If-None-Match`: what a client has already is not sent again.
+
+use axum::body::{Body, to_bytes};
+use axum::extract::Request;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use sha2::{Digest, Sha256};
+
+use super::problem::Problem;
+use crate::store::{Asset, ChannelSummary};
+
+/// The entity tag of these bytes.
+pub(super) fn of_bytes(parts: &[&[u8]]) -> HeaderValue {
+    let mut hash = Sha256::new();
+    for part in parts {
+        hash.update((part.len() as u64).to_le_bytes());
+        hash.update(part);
+    }
+    let text = hex::encode(&hash.finalize()[..12]);
+    HeaderValue::from_str(&format!("\"{text}\"")).unwrap_or_else(|_| HeaderValue::from_static("\"0\""))
+}
+
+/// The entity tag of an answer that follows from a channel's records, its asset's description and the
+/// address.
+pub(super) fn of_channel(asset: &Asset, channel: Option<&ChannelSummary>, uri: &Uri, headers: &HeaderMap) -> HeaderValue {
+    let number = |number: i64| number.to_le_bytes();
+    let (channel_no, revision) = channel.map_or((0, 0), ChannelSummary::version);
+    let updated_at = asset.updated_at.as_nanosecond().to_le_bytes();
+    let address = uri.path_and_query().map_or("", |address| address.as_str());
+    let accept = headers.get(header::ACCEPT).map_or(&b""[..], HeaderValue::as_bytes);
+    let version = env!("CARGO_PKG_VERSION").as_bytes();
+    of_bytes(&[
+        version,
+        &number(channel_no),
+        &number(revision),
+        &updated_at,
+        address.as_bytes(),
+        accept,
+    ])
+}
+
+/// Whether the client has what has this tag.
+pub(super) fn is_known(headers: &HeaderMap, etag: &HeaderValue) -> bool {
+    let (Some(known), Ok(etag)) = (headers.get(header::IF_NONE_MATCH), etag.to_str()) else {
+        return false;
+    };
+    let known = known.to_str().unwrap_or_default();
+    known
+        .split(',')
+        .any(|one| one.trim() == "*" || one.trim().trim_start_matches("W/") == etag.trim_start_matches("W/"))
+}
+
+/// The answer to one who has it already.
+pub(super) fn not_modified(etag: HeaderValue) -> Response {
+    (StatusCode::NOT_MODIFIED, [(header::ETAG, etag)]).into_response()
+}
+
+/// Tags JSON answers that their handler has not tagged with the hash of their bytes, and omits those that the
+/// client has.
+pub(super) async fn layer(request: Request, next: Next) -> Response {
+    let is_get = request.method() == Method::GET;
+    let asked = request.headers().get(header::IF_NONE_MATCH).cloned();
+    let response = next.run(request).await;
+    let is_json = response
+        .headers()
+        .get(header::CONTENT_TYPE)
+        .is_some_and(|media_type| media_type.as_bytes().starts_with(b"application/json"));
+    if !is_get || response.status() != StatusCode::OK || !is_json {
+        return response;
+    }
+    let (mut parts, body) = response.into_parts();
+    let caching = HeaderValue::from_static("no-cache");
+    parts.headers.entry(header::CACHE_CONTROL).or_insert(caching);
+    if parts.headers.contains_key(header::ETAG) {
+        return Response::from_parts(parts, body);
+    }
+    // Such an answer is in memory as a whole already.
+    let Ok(bytes) = to_bytes(body, usize::MAX).await else {
+        return Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the answer broke off").into_response();
+    };
+    let etag = of_bytes(&[&bytes]);
+    let mut headers = HeaderMap::new();
+    headers.extend(asked.map(|asked| (header::IF_NONE_MATCH, asked)));
+    if is_known(&headers, &etag) {
+        return not_modified(etag);
+    }
+    parts.headers.insert(header::ETAG, etag);
+    Response::from_parts(parts, Body::from(bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_known_tag_is_recognised_weak_or_in_a_list() {
+        let etag = of_bytes(&[b"abc"]);
+        let mut headers = HeaderMap::new();
+        assert!(!is_known(&headers, &etag));
+        for (known, expected) in [
+            (format!("\"x\", W/{}", etag.to_str().unwrap()), true),
+            ("*".to_string(), true),
+            ("\"x\"".to_string(), false),
+        ] {
+            headers.insert(header::IF_NONE_MATCH, HeaderValue::from_str(&known).unwrap());
+            assert_eq!(is_known(&headers, &etag), expected, "{known}");
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! What operators do to alarms, and the end of shelving, also where no record comes.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::clock::Clock;
+use super::error::ServiceError;
+use super::events::Announcer;
+use super::history::History;
+use super::pipeline::Committer;
+use crate::asset::SegmentId;
+use crate::estimate::{ActionTaken, AlarmAction};
+use crate::store::{AlarmNotice, SegmentKey, Store, StoredAlarm};
+
+/// How often shelvings are looked at.
+const SHELVING_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Shelvings ended at a time.
+const MAX_ENDED: u32 = 64;
+
+/// What an operator does to an alarm.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OperatorAction {
+    /// What is done.
+    pub action: AlarmAction,
+    /// Who does it.
+    pub by: String,
+    /// Their comment.
+    pub comment: String,
+}
+
+/// The alarms of all channels.
+pub struct Alarms {
+    pub(crate) store: Store,
+    pub(crate) history: Arc<History>,
+    pub(crate) committer: Arc<Committer>,
+    pub(crate) clock: Arc<dyn Clock>,
+    pub(crate) events: Announcer,
+}
+
+impl Alarms {
+    /// Does something to an alarm, and answers once it is on the disk.
+    ///
+    /// Errors: [`ServiceError::AlarmUnknown`]; [`ServiceError::Alarm`] where it cannot be done in the alarm's
+    /// state.
+    pub async fn act(&self, id: &str, done: OperatorAction) -> Result<StoredAlarm, ServiceError> {
+        let store = &self.store;
+        let unknown = || ServiceError::AlarmUnknown(id.to_owned());
+        // No records come in meanwhile: the place after the latest one is known.
+        let _pause = self.committer.pause().await;
+        let stored = store.alarm(id).await?.ok_or_else(unknown)?;
+        let slot = self.history.lock(&stored.asset_id, &stored.channel).await;
+        let channel = store.channel(&stored.asset_id, &stored.channel).await?.ok_or_else(unknown)?;
+        let mut commit = store.begin().await?;
+        let mut channel = commit.channel_again(&channel).await?;
+        // Asked again under the lock: a history that was just folded again may have changed it.
+        let mut stored = store.alarm(id).await?.ok_or_else(unknown)?;
+        let now = self.clock.now();
+        stored.alarm.check(now, &done.action)?;
+        let taken = ActionTaken {
+            time: now,
+            after: channel.last_start_time.unwrap_or(now),
+            action: done.action,
+            seen: stored.alarm.severity(),
+            by: done.by,
+            comment: done.comment,
+        };
+        let change = stored.alarm.act(&taken);
+        stored.changed_at = change.time;
+        let place = first_key_after(taken.after);
+        commit.act(&mut channel, place, &stored, &taken, &change).await?;
+        commit.finish().await?;
+        drop(slot);
+        let alarm = stored.clone();
+        self.events.announce_alarms(vec![AlarmNotice { alarm, change }]);
+        Ok(stored)
+    }
+
+    /// Ends shelvings as their time comes, in the background, as long as somebody holds the service.
+    pub(crate) fn end_shelvings_in_background(self: &Arc<Self>) {
+        let alarms = Arc::downgrade(self);
+        tokio::spawn(async move {
+            loop {
+                tokio::time::sleep(SHELVING_INTERVAL).await;
+                let Some(alarms) = alarms.upgrade() else { return };
+                if alarms.store.is_closed() {
+                    return;
+                }
+                if let Err(error) = alarms.end_shelvings().await {
+                    tracing::warn!(%error, "failed to end shelvings");
+                }
+            }
+        });
+    }
+
+    async fn end_shelvings(&self) -> Result<(), ServiceError> {
+        for alarm in self.store.ended_shelvings(self.clock.now(), MAX_ENDED).await? {
+            let over = OperatorAction {
+                action: AlarmAction::ShelvingOver,
+                by: String::new(),
+                comment: String::new(),
+            };
+            match self.act(&alarm, over).await {
+                // Somebody was faster: it is taken up again, shelved anew or gone.
+                Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The first place after all records of a time.
+fn first_key_after(time: Timestamp) -> SegmentKey {
+    SegmentKey {
+        start_time: time.checked_add(SignedDuration::from_nanos(1)).unwrap_or(Timestamp::MAX),
+        id: SegmentId(String::new()),
+    }
+}

@@ -1,0 +1,116 @@
+//! Records of a shared sensor that one of its assets does not have: it was described later, or a process
+//! ended in between.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use super::clock::Clock;
+use super::error::ServiceError;
+use super::pipeline::Pipeline;
+use super::raw::RawObjects;
+use super::record::{IdentifiedRecord, StoredRecord};
+use super::simulations::Simulations;
+use super::work_queue::Role;
+use super::workers::Workers;
+use crate::asset::{AssetId, Segment, SegmentId};
+use crate::store::{ChannelSummary, SegmentFilter, SegmentKey, Store, StoreError};
+
+/// Records analysed in one piece.
+const AT_ONCE: u32 = 32;
+
+/// Analyses earlier records for assets that share another one's sensor.
+pub(crate) struct CatchUp {
+    pub(crate) store: Store,
+    pub(crate) workers: Arc<Workers>,
+    pub(crate) simulations: Arc<Simulations>,
+    pub(crate) pipeline: Arc<Pipeline>,
+    pub(crate) raw: Arc<RawObjects>,
+    pub(crate) clock: Arc<dyn Clock>,
+    pub(crate) role: Role,
+    /// Held while an asset gets what it lacks.
+    pub(crate) turn: tokio::sync::Mutex<()>,
+}
+
+impl CatchUp {
+    /// Gives assets that share another one's sensor what they lack of its records, in the background; on an
+    /// API node nothing happens: workers are notified of the assets.
+    pub(crate) fn in_background(self: &Arc<Self>, members: Vec<AssetId>) {
+        if members.is_empty() || self.role.is_api_node() {
+            return;
+        }
+        let catch_up = Arc::clone(self);
+        tokio::spawn(async move {
+            let _turn = catch_up.turn.lock().await;
+            for member in members {
+                match catch_up.asset(&member).await {
+                    Ok(0) | Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {}
+                    Ok(records) => tracing::info!(asset = %member, records, "analysed earlier records of the sensor"),
+                    Err(error) => tracing::warn!(asset = %member, %error, "failed to analyse earlier records of the sensor"),
+                }
+            }
+        });
+    }
+
+    /// Whether some are being caught up now.
+    pub(crate) fn is_busy(&self) -> bool {
+        self.turn.try_lock().is_err()
+    }
+
+    async fn asset(&self, member: &AssetId) -> Result<usize, ServiceError> {
+        let Some(of) = self.store.asset(member).await?.spec.sensor.of else {
+            return Ok(0);
+        };
+        let mut records = 0;
+        for channel in self.store.channels(&of).await? {
+            let own = self.store.channel(member, &channel.channel).await?;
+            // It has no others than its sensor's, so that as many are all.
+            if own.is_none_or(|own| own.segments < channel.segments) {
+                records += self.channel(member, &channel).await?;
+            }
+        }
+        self.store.caught_up(member, &of).await?;
+        Ok(records)
+    }
+
+    async fn channel(&self, member: &AssetId, channel: &ChannelSummary) -> Result<usize, ServiceError> {
+        let mut filter = SegmentFilter {
+            channel: Some(channel.channel.clone()),
+            ..SegmentFilter::default()
+        };
+        let mut records = 0;
+        loop {
+            let segments = self.store.segments(&channel.asset_id, &filter, AT_ONCE).await?;
+            let Some(last) = segments.last() else { return Ok(records) };
+            filter.after = Some(SegmentKey {
+                start_time: last.start_time,
+                id: last.id.clone(),
+            });
+            let segments = self.missing(member, segments).await?;
+            let spec = self.simulations.ready_for(&self.store, member).await?.0.spec;
+            let _uncommitted = self.raw.uncommitted(Vec::new()).await;
+            let (store, id) = (self.store.clone(), member.clone());
+            let read = move || segments.iter().filter_map(|segment| record_for(&store, &id, segment)).collect();
+            let again: Vec<IdentifiedRecord> = self.workers.run("read records again", read).await?;
+            records += self.pipeline.analyse_for_member(spec, again, self.clock.now()).await?;
+        }
+    }
+
+    /// Those of the segments of its sensor that an asset does not have.
+    async fn missing(&self, member: &AssetId, mut segments: Vec<Segment>) -> Result<Vec<Segment>, ServiceError> {
+        let own_id = |segment: &Segment| SegmentId::derive(member, &segment.channel, segment.start_time, &segment.raw);
+        let ids: Vec<SegmentId> = segments.iter().map(own_id).collect();
+        let known = self.store.segments_by_id(&ids).await?;
+        let known: HashSet<&SegmentId> = known.iter().map(|segment| &segment.id).collect();
+        segments.retain(|segment| !known.contains(&own_id(segment)));
+        Ok(segments)
+    }
+}
+
+/// A stored record for another asset of its sensor; none where its raw bytes are gone.
+fn record_for(store: &Store, member: &AssetId, segment: &Segment) -> Option<IdentifiedRecord> {
+    let record = StoredRecord::from(segment)
+        .read(store)
+        .inspect_err(|error| tracing::debug!(segment = %segment.id, %error, "failed to read a record for another asset of its sensor"))
+        .ok()?;
+    Some(IdentifiedRecord::of_stored(member, record, segment.raw.clone()))
+}

@@ -1,0 +1,257 @@
+//! What new segments do to the history of their channel: folded under the channel's lock, and written.
+
+use std::collections::BTreeMap;
+
+use jiff::Timestamp;
+use tokio::sync::OwnedMutexGuard;
+
+use super::channels::{Revisions, Slot};
+use super::fold::{FoldInput, Folded, RecentPoints, states_of, while_recomputing};
+use super::folding::Folding;
+use crate::asset::{AssetId, Segment};
+use crate::estimate::METHOD;
+use crate::service::error::ServiceError;
+use crate::service::keys::analysis_keys;
+use crate::service::simulations::{KeyedEstimator, Simulations};
+use crate::store::{AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey};
+
+/// Stored records after a late one that are folded again at once. Where there are more, the late record gets
+/// its estimate, and those after it are folded in the background.
+const FOLDED_AT_ONCE: u64 = 512;
+
+/// A channel's new segments with what they become.
+pub(crate) struct Appended<'a> {
+    asset: &'a Asset,
+    /// As it is in the transaction.
+    channel: ChannelSummary,
+    new: BTreeMap<SegmentKey, NewSegment>,
+    slot: OwnedMutexGuard<Slot>,
+    /// Under which keys the channel's history stands.
+    keys: ChannelKeys,
+    fold: Fold,
+}
+
+/// What new segments do to a channel's history.
+enum Fold {
+    /// The estimates after position `after` are these.
+    From {
+        after: u64,
+        folded: Folded,
+        estimator: KeyedEstimator,
+    },
+    /// They have these results for now, and the history after them is to be folded again in the background.
+    Later { results: Vec<(SegmentKey, RunResult)> },
+}
+
+impl Folding {
+    /// Folds the new segments of a channel as far as that is done at once; `current` is the estimator that is
+    /// asked for now.
+    pub(crate) async fn append<'a>(
+        &self,
+        simulations: &Simulations,
+        asset: &'a Asset,
+        current: &KeyedEstimator,
+        channel: ChannelSummary,
+        new: BTreeMap<SegmentKey, NewSegment>,
+        mut slot: OwnedMutexGuard<Slot>,
+    ) -> Result<Appended<'a>, ServiceError> {
+        let wanted = analysis_keys(&asset.spec);
+        if new.values().any(|segment| segment.analysed.keys != wanted) {
+            return Err(ServiceError::DescriptionChanged(asset.spec.id.clone()));
+        }
+        if channel.segments == 0 {
+            // The first records of a channel stand under what is asked for now.
+            let keys = ChannelKeys {
+                analysed: wanted,
+                fold: current.fold_key.clone(),
+            };
+            let timeline = self.timeline(asset, None, &mut slot).await?;
+            let folded = self.fold_first(current, None, inputs_of(&new), &timeline).await?;
+            let estimator = current.clone();
+            return Ok(Appended {
+                asset,
+                channel,
+                new,
+                slot,
+                keys,
+                fold: Fold::From {
+                    after: 0,
+                    folded,
+                    estimator,
+                },
+            });
+        }
+        let keys = channel.keys.clone();
+        let fits = new.values().all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
+        // Records go on under the estimator of the history that is served, until another one is.
+        let estimator = simulations.estimator_of(&keys.fold).filter(|_| fits);
+        let fold = match estimator {
+            Some(estimator) => self.fold_in(&estimator, asset, &channel, &new, &mut slot).await?,
+            None => {
+                let need = asset.spec.baseline.records;
+                let result = || while_recomputing(need, METHOD.to_owned());
+                Fold::Later {
+                    results: new.keys().map(|key| (key.clone(), result())).collect(),
+                }
+            }
+        };
+        Ok(Appended {
+            asset,
+            channel,
+            new,
+            slot,
+            keys,
+            fold,
+        })
+    }
+
+    async fn fold_in(
+        &self,
+        estimator: &KeyedEstimator,
+        asset: &Asset,
+        channel: &ChannelSummary,
+        new: &BTreeMap<SegmentKey, NewSegment>,
+        slot: &mut Slot,
+    ) -> Result<Fold, ServiceError> {
+        let timeline = self.timeline(asset, Some(channel), slot).await?;
+        if slot.points.is_none() {
+            slot.points = Some(RecentPoints::new(self.newest_point(channel).await?));
+        }
+        let points = slot.points.get_or_insert_default();
+        let (Some(first), Some(last)) = (new.keys().next(), new.keys().next_back()) else {
+            return Ok(Fold::Later { results: Vec::new() });
+        };
+        let newest = points.newest().cloned();
+        let from = match points.before(first) {
+            Some(point) => Some(point.clone()),
+            None => self.point_before(channel, first).await?,
+        };
+        let after = from.as_ref().map_or(0, |point| point.position);
+        let stored_after = newest
+            .as_ref()
+            .map_or(channel.segments, |newest| newest.position.saturating_sub(after));
+        let mut inputs = inputs_of(new);
+        let is_latest = newest.as_ref().is_some_and(|newest| newest.last < *first);
+        if is_latest {
+            let folded = self.fold_first(estimator, from, inputs, &timeline).await?;
+            let estimator = estimator.clone();
+            return Ok(Fold::From { after, folded, estimator });
+        }
+        let fold_all = stored_after <= FOLDED_AT_ONCE && newest.is_some();
+        // All that is stored after the state, or only what lies before the last of the new ones.
+        let mut cursor = from.as_ref().map(|point| point.last.clone());
+        loop {
+            let stored = self.store.features(channel, cursor.as_ref(), 1024).await?;
+            let is_end = stored.len() < 1024;
+            cursor = stored.last().map(|stored| stored.key.clone());
+            let beyond = stored.last().is_some_and(|stored| stored.key > *last);
+            let wanted = stored.into_iter().filter(|stored| fold_all || stored.key < *last);
+            inputs.extend(wanted.map(|stored| FoldInput::of(stored, &estimator.feature_key)));
+            if is_end || (beyond && !fold_all) {
+                break;
+            }
+        }
+        inputs.sort_by(|a, b| a.key.cmp(&b.key));
+        let mut folded = self.fold_first(estimator, from, inputs, &timeline).await?;
+        if fold_all {
+            // Those before the first new one are what they were.
+            folded.results.retain(|(key, _)| key >= first);
+            let estimator = estimator.clone();
+            return Ok(Fold::From { after, folded, estimator });
+        }
+        folded.results.retain(|(key, _)| new.contains_key(key));
+        Ok(Fold::Later { results: folded.results })
+    }
+}
+
+impl Appended<'_> {
+    /// What is to be written.
+    pub(crate) fn rows(&mut self) -> Result<ChannelRows<'_>, ServiceError> {
+        self.channel.keys = self.keys.clone();
+        let (wears, states, is_rewritten) = match &self.fold {
+            Fold::From { after, folded, .. } => {
+                let states = Some((*after, states_of(&folded.points)?));
+                (&folded.results, states, folded.results.len() != self.new.len())
+            }
+            Fold::Later { results } => {
+                self.channel.must_fold = true;
+                (results, None, true)
+            }
+        };
+        Ok(ChannelRows {
+            channel: &mut self.channel,
+            new: self.new.values().collect(),
+            wears,
+            states,
+            is_rewritten,
+        })
+    }
+
+    /// Writes what the fold says of the channel's alarms; returns what is new of them.
+    pub(crate) async fn set_alarms(&mut self, commit: &mut Commit, now: Timestamp) -> Result<Vec<AlarmNotice>, ServiceError> {
+        let Fold::From { folded, estimator, .. } = &self.fold else {
+            return Ok(Vec::new());
+        };
+        let is_append = folded.results.len() == self.new.len();
+        let has_alarms = self.slot.timeline.as_ref().is_none_or(|known| known.has_alarms);
+        // Where records were only added and nothing came of it, what is stored stands.
+        if folded.alarms.is_quiet() && (is_append || !has_alarms) {
+            return Ok(Vec::new());
+        }
+        let notices = commit
+            .set_alarms(&self.channel, folded.alarms.folded(estimator, is_append), now)
+            .await?;
+        if !has_alarms {
+            self.slot.timeline = None;
+        }
+        Ok(notices)
+    }
+
+    /// To be called once all is committed: brings the channel's slot up to date, and says what was stored.
+    pub(crate) fn committed(self, simulations: &Simulations) -> Committed {
+        let Self {
+            asset,
+            channel,
+            mut new,
+            mut slot,
+            fold,
+            ..
+        } = self;
+        slot.set_revisions(Revisions::of(asset, Some(&channel)));
+        let (results, is_outdated) = match fold {
+            Fold::From { after, folded, estimator } => {
+                // Of a channel that has just begun nobody else saw that its library's neighbours came
+                // meanwhile.
+                let now = || simulations.estimator_now(&asset.spec);
+                let is_outdated = after == 0 && now().is_ok_and(|now| now.fold_key != estimator.fold_key);
+                slot.points.get_or_insert_default().replace(after, folded.points);
+                (folded.results, is_outdated)
+            }
+            Fold::Later { results } => (results, true),
+        };
+        let stored = results
+            .into_iter()
+            .filter_map(|(key, result)| Some(new.remove(&key)?.with_run(result)));
+        Committed {
+            segments: stored.collect(),
+            outdated: is_outdated.then(|| asset.spec.id.clone()),
+        }
+    }
+}
+
+/// What became of a channel's new segments.
+pub(crate) struct Committed {
+    pub(crate) segments: Vec<Segment>,
+    /// The asset, where its history is to be folded again in the background.
+    pub(crate) outdated: Option<AssetId>,
+}
+
+fn inputs_of(new: &BTreeMap<SegmentKey, NewSegment>) -> Vec<FoldInput> {
+    new.iter()
+        .map(|(key, segment)| FoldInput {
+            key: key.clone(),
+            features: segment.analysed.features.clone(),
+            indicators: segment.analysed.indicators.clone(),
+        })
+        .collect()
+}

@@ -1,0 +1,195 @@
+//! The history of each channel: its records folded in the order of time, late ones too, and folded again
+//! where what they depend on changed.
+
+mod append;
+mod channels;
+mod fold;
+mod folding;
+mod progress;
+mod recompute;
+mod timeline;
+mod waiting;
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::{OwnedMutexGuard, mpsc};
+
+use super::clock::Clock;
+use super::error::ServiceError;
+use super::events::Announcer;
+use super::recomputation::Recomputation;
+use super::simulations::{KeyedEstimator, Simulations};
+use super::work_queue::Role;
+use super::workers::Workers;
+use crate::asset::AssetId;
+use crate::store::{Asset, ChannelSummary, NewSegment, SegmentKey, Store};
+pub(crate) use append::{Appended, Committed};
+pub(crate) use channels::Slot;
+use folding::Folding;
+use progress::Progress;
+use recompute::{Made, Recomputer};
+use waiting::Waiting;
+
+/// When a history that another process makes is looked at again.
+const RETRY_AFTER: Duration = Duration::from_secs(2);
+
+/// The histories of all channels.
+pub struct History {
+    store: Store,
+    simulations: Arc<Simulations>,
+    role: Role,
+    channels: Arc<channels::Channels>,
+    folding: Folding,
+    progress: Arc<Progress>,
+    recomputer: Recomputer,
+    waiting: Mutex<Waiting>,
+}
+
+impl History {
+    pub(crate) fn new(
+        store: Store,
+        workers: Arc<Workers>,
+        simulations: Arc<Simulations>,
+        clock: Arc<dyn Clock>,
+        events: Announcer,
+        role: Role,
+    ) -> Self {
+        let channels = Arc::<channels::Channels>::default();
+        let progress = Arc::new(Progress::new(events.clone()));
+        let folding = Folding {
+            store: store.clone(),
+            workers: Arc::clone(&workers),
+        };
+        let recomputer = Recomputer {
+            store: store.clone(),
+            workers,
+            simulations: Arc::clone(&simulations),
+            clock,
+            events,
+            channels: Arc::clone(&channels),
+            folding: folding.clone(),
+            progress: Arc::clone(&progress),
+        };
+        Self {
+            store,
+            simulations,
+            role,
+            channels,
+            folding,
+            progress,
+            recomputer,
+            waiting: Mutex::default(),
+        }
+    }
+
+    /// The right to change a channel.
+    pub(crate) async fn lock(&self, asset: &AssetId, channel: &str) -> OwnedMutexGuard<Slot> {
+        self.channels.lock(asset, channel).await
+    }
+
+    /// Folds the new segments of a channel into its history; nothing is written yet.
+    pub(crate) async fn append<'a>(
+        &self,
+        asset: &'a Asset,
+        current: &KeyedEstimator,
+        channel: ChannelSummary,
+        new: BTreeMap<SegmentKey, NewSegment>,
+        slot: OwnedMutexGuard<Slot>,
+    ) -> Result<Appended<'a>, ServiceError> {
+        self.folding.append(&self.simulations, asset, current, channel, new, slot).await
+    }
+
+    /// Forgets an asset that is gone.
+    pub(crate) fn forget(&self, asset: &AssetId) {
+        self.channels.forget(asset);
+        self.progress.forget(asset);
+    }
+
+    /// The last recomputation of each channel since the start, of one asset or of all.
+    pub fn recomputations(&self, asset: Option<&AssetId>) -> Vec<Arc<Recomputation>> {
+        self.progress.list(asset)
+    }
+
+    /// Shows a recomputation that another process does.
+    pub fn note_recomputation(&self, done_elsewhere: Recomputation) {
+        self.progress.note(done_elsewhere);
+    }
+
+    /// Brings the histories of assets up to what is asked for now, one after the other, in the background; an
+    /// API node notifies the workers.
+    pub(crate) fn recompute_in_background(self: &Arc<Self>, assets: Vec<AssetId>) {
+        if let Role::ApiNode(queue) = &self.role {
+            assets.iter().for_each(|asset| queue.notify_changed(asset));
+            return;
+        }
+        {
+            let mut waiting = self.waiting();
+            assets.into_iter().for_each(|asset| waiting.push(asset));
+            if waiting.is_running || waiting.is_empty() {
+                return;
+            }
+            waiting.is_running = true;
+        }
+        let history = Arc::clone(self);
+        tokio::spawn(async move {
+            while let Some(asset) = history.next() {
+                match history.recomputer.recompute_asset(&asset).await {
+                    Ok(Made::Here) => {}
+                    // Whoever is at it may end before it is done.
+                    Ok(Made::Elsewhere) => history.retry_later(asset).await,
+                    Err(ServiceError::Store(error)) if error.is_unavailable() || error.is_conflict() => {
+                        tracing::warn!(%asset, %error, "failed to compute a history again: trying again later");
+                        history.retry_later(asset).await;
+                    }
+                    Err(error) => tracing::warn!(%asset, %error, "failed to compute a history again"),
+                }
+            }
+        });
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn next(&self) -> Option<AssetId> {
+        self.waiting().pop()
+    }
+
+    async fn retry_later(&self, asset: AssetId) {
+        self.waiting().push(asset);
+        tokio::time::sleep(RETRY_AFTER).await;
+    }
+
+    /// Computes the histories again, in the background, of assets whose library's neighbours have come, each
+    /// time some have.
+    pub(crate) fn recompute_when_complete(self: &Arc<Self>, mut completed: mpsc::UnboundedReceiver<String>) {
+        // Not held: what waits here must not keep the service alive.
+        let history = Arc::downgrade(self);
+        tokio::spawn(async move {
+            while let Some(library) = completed.recv().await {
+                let Some(history) = history.upgrade() else { return };
+                match history.assets_with(&library).await {
+                    Ok(assets) => history.recompute_in_background(assets),
+                    Err(error) => tracing::warn!(library, %error, "failed to find the histories of a library whose neighbours came"),
+                }
+            }
+        });
+    }
+
+    /// The assets of a library.
+    async fn assets_with(&self, library: &str) -> Result<Vec<AssetId>, ServiceError> {
+        let mut after: Option<String> = None;
+        let mut found = Vec::new();
+        loop {
+            let assets = self.store.assets(after.as_deref(), 500).await?;
+            let Some(last) = assets.last() else { return Ok(found) };
+            after = Some(last.spec.id.to_string());
+            let with = assets
+                .into_iter()
+                .filter(|asset| self.simulations.id_for(&asset.spec).as_deref() == Some(library));
+            found.extend(with.map(|asset| asset.spec.id));
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Maintenance events, added and removed.
+
+use std::sync::Arc;
+
+use super::error::ServiceError;
+use super::events::{Announcer, LiveEvent};
+use super::history::History;
+use super::pipeline::Committer;
+use crate::asset::AssetId;
+use crate::estimate::MaintenanceEvent;
+use crate::store::{Store, StoreError, StoredEvent};
+
+/// What was done to the machines.
+pub struct Maintenance {
+    pub(crate) store: Store,
+    pub(crate) history: Arc<History>,
+    pub(crate) committer: Arc<Committer>,
+    pub(crate) events: Announcer,
+}
+
+impl Maintenance {
+    /// Stores an event, and has the histories that reach it estimated again in the background. The same event
+    /// again is answered as the first time.
+    pub async fn add(&self, asset: &AssetId, event: MaintenanceEvent) -> Result<StoredEvent, ServiceError> {
+        if i64::try_from(event.time.as_nanosecond()).is_err() {
+            return Err(StoreError::Time(event.time).into());
+        }
+        let stored = StoredEvent::new(event)?;
+        self.change(asset, &stored, false).await?;
+        Ok(stored)
+    }
+
+    /// Removes an event as if it had never been added.
+    ///
+    /// Error: [`ServiceError::MaintenanceUnknown`].
+    pub async fn remove(&self, asset: &AssetId, id: &str) -> Result<(), ServiceError> {
+        self.store.asset(asset).await?;
+        let unknown = || ServiceError::MaintenanceUnknown(id.to_owned());
+        let stored = self.store.maintenance_event(asset, id).await?.ok_or_else(unknown)?;
+        if self.change(asset, &stored, true).await? {
+            Ok(())
+        } else {
+            Err(unknown())
+        }
+    }
+
+    async fn change(&self, asset: &AssetId, stored: &StoredEvent, is_removed: bool) -> Result<bool, ServiceError> {
+        let store = &self.store;
+        let _pause = self.committer.pause().await;
+        let mut commit = store.begin().await?;
+        // No channel begins from here on, and nothing is folded.
+        let is_new = if is_removed {
+            commit.remove_maintenance(asset, &stored.id).await?
+        } else {
+            commit.add_maintenance(asset, stored).await?
+        };
+        if !is_new {
+            return Ok(false);
+        }
+        let mut channels = store.channels(asset).await?;
+        channels.sort_by(|a, b| a.channel.cmp(&b.channel));
+        for channel in &channels {
+            commit.fold_again_from(channel, stored.event.time).await?;
+        }
+        commit.finish().await?;
+        self.events.announce(LiveEvent::MaintenanceChanged {
+            asset: asset.clone(),
+            event: stored.clone(),
+            is_removed,
+        });
+        self.history.recompute_in_background(vec![asset.clone()]);
+        Ok(true)
+    }
+}

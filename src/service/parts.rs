@@ -1,0 +1,241 @@
+//! The parts of the service put together.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::alarms::Alarms;
+use super::assets::Assets;
+use super::catch_up::CatchUp;
+use super::clock::Clock;
+use super::error::ServiceError;
+use super::events::Announcer;
+use super::feeds::Feeds;
+use super::history::History;
+use super::limits::{ServiceFolders, WorkLimits};
+use super::maintenance::Maintenance;
+use super::pipeline::{Committer, Pipeline, Waiting};
+use super::raw::{RawObjects, Retention, UploadPieces};
+use super::record::StoredRecords;
+use super::replays::{Replays, prepare_folders};
+use super::simulations::{LibrarySource, Simulations};
+use super::tally::Tally;
+use super::upkeep::Upkeep;
+use super::work_queue::Role;
+use super::workers::Workers;
+use crate::library::{GridSettings, LibraryShelf};
+use crate::store::Store;
+
+/// Everything that works on records, on one store.
+pub struct Service {
+    /// The store, for reading.
+    pub store: Store,
+    /// The threads that compute.
+    pub workers: Arc<Workers>,
+    /// The libraries of the assets.
+    pub simulations: Arc<Simulations>,
+    /// The way of records.
+    pub pipeline: Arc<Pipeline>,
+    /// The histories of all channels.
+    pub history: Arc<History>,
+    /// Stored records, read again.
+    pub records: StoredRecords,
+    /// The assets, for changing.
+    pub assets: Assets,
+    /// The alarms, for changing.
+    pub alarms: Arc<Alarms>,
+    /// Maintenance events, for changing.
+    pub maintenance: Maintenance,
+    /// Recordings that are replayed.
+    pub replays: Replays,
+    /// Pieces of resumable uploads.
+    pub uploads: Arc<UploadPieces>,
+    /// Ways in beside HTTP.
+    pub feeds: Feeds,
+    /// What went through since the start.
+    pub tally: Arc<Tally>,
+    /// What happens.
+    pub events: Announcer,
+    /// What this process does of a record's way.
+    pub role: Role,
+    clock: Arc<dyn Clock>,
+    raw: Arc<RawObjects>,
+    retention: Arc<Retention>,
+    catch_up: Arc<CatchUp>,
+    upkeep_interval: Duration,
+}
+
+impl Service {
+    /// Puts the parts together on a store. To be called inside the runtime. `grid` says how libraries are
+    /// simulated.
+    ///
+    /// Errors: a folder cannot be made, or no threads are to be had.
+    pub fn new(
+        store: Store,
+        folders: ServiceFolders,
+        limits: &WorkLimits,
+        grid: GridSettings,
+        clock: Arc<dyn Clock>,
+        role: Role,
+    ) -> Result<Arc<Self>, ServiceError> {
+        prepare_folders(&folders)?;
+        let events = Announcer::default();
+        let tally = Arc::<Tally>::default();
+        let workers = Arc::new(Workers::new(limits)?);
+        let shelf = Arc::new(LibraryShelf::new(folders.libraries));
+        let source = LibrarySource::new(shelf, &store, &clock, !role.is_api_node());
+        let (complete, completed) = tokio::sync::mpsc::unbounded_channel();
+        let simulations = Arc::new(Simulations::new(source, grid, limits.neighbours, limits.library_wait, complete));
+        let history = Arc::new(History::new(
+            store.clone(),
+            Arc::clone(&workers),
+            Arc::clone(&simulations),
+            Arc::clone(&clock),
+            events.clone(),
+            role.clone(),
+        ));
+        if !role.is_api_node() {
+            history.recompute_when_complete(completed);
+        }
+        let raw = Arc::new(RawObjects::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock)));
+        let retention = Arc::new(Retention::new(store.clone(), Arc::clone(&raw), limits.quotas));
+        let committer = Arc::new(Committer {
+            store: store.clone(),
+            simulations: Arc::clone(&simulations),
+            history: Arc::clone(&history),
+            retention: Arc::clone(&retention),
+            clock: Arc::clone(&clock),
+            events: events.clone(),
+            waiting: Waiting::default(),
+        });
+        let pipeline = Arc::new(Pipeline {
+            store: store.clone(),
+            workers: Arc::clone(&workers),
+            simulations: Arc::clone(&simulations),
+            raw: Arc::clone(&raw),
+            committer: Arc::clone(&committer),
+            clock: Arc::clone(&clock),
+            role: role.clone(),
+            tally: Arc::clone(&tally),
+        });
+        let catch_up = Arc::new(CatchUp {
+            store: store.clone(),
+            workers: Arc::clone(&workers),
+            simulations: Arc::clone(&simulations),
+            pipeline: Arc::clone(&pipeline),
+            raw: Arc::clone(&raw),
+            clock: Arc::clone(&clock),
+            role: role.clone(),
+            turn: tokio::sync::Mutex::default(),
+        });
+        Ok(Arc::new(Self {
+            records: StoredRecords::new(store.clone(), Arc::clone(&workers)),
+            assets: Assets {
+                store: store.clone(),
+                simulations: Arc::clone(&simulations),
+                history: Arc::clone(&history),
+                catch_up: Arc::clone(&catch_up),
+                raw: Arc::clone(&raw),
+                clock: Arc::clone(&clock),
+                events: events.clone(),
+                role: role.clone(),
+                describing: tokio::sync::Mutex::default(),
+            },
+            alarms: Arc::new(Alarms {
+                store: store.clone(),
+                history: Arc::clone(&history),
+                committer: Arc::clone(&committer),
+                clock: Arc::clone(&clock),
+                events: events.clone(),
+            }),
+            maintenance: Maintenance {
+                store: store.clone(),
+                history: Arc::clone(&history),
+                committer,
+                events: events.clone(),
+            },
+            replays: Replays::new(
+                store.clone(),
+                Arc::clone(&workers),
+                Arc::clone(&pipeline),
+                Arc::clone(&clock),
+                events.clone(),
+                role.clone(),
+                folders.recordings,
+            ),
+            uploads: Arc::new(UploadPieces::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock))),
+            feeds: Feeds::default(),
+            upkeep_interval: limits.upkeep_interval,
+            store,
+            workers,
+            simulations,
+            pipeline,
+            history,
+            tally,
+            events,
+            role,
+            clock,
+            raw,
+            retention,
+            catch_up,
+        }))
+    }
+
+    /// The time now, by the clock that the service was started with.
+    pub fn now(&self) -> jiff::Timestamp {
+        self.clock.now()
+    }
+
+    /// Goes on where the process before ended, in the background: starts the library of every asset, computes
+    /// again what was computed under other settings, and removes raw objects that no record refers to. Where
+    /// other processes work on the same store, it also looks after what they leave.
+    ///
+    /// An API node does nothing: workers do.
+    pub async fn resume(&self) -> Result<(), ServiceError> {
+        if self.role.is_api_node() {
+            return Ok(());
+        }
+        let mut after: Option<String> = None;
+        let (mut all, mut members) = (Vec::new(), Vec::new());
+        loop {
+            let assets = self.store.assets(after.as_deref(), 500).await?;
+            let Some(last) = assets.last() else { break };
+            after = Some(last.spec.id.to_string());
+            for asset in assets {
+                self.simulations.prepare(&asset.spec);
+                if asset.spec.sensor.of.is_some() {
+                    members.push(asset.spec.id.clone());
+                }
+                all.push(asset.spec.id);
+            }
+        }
+        self.history.recompute_in_background(all);
+        self.catch_up.in_background(members);
+        self.alarms.end_shelvings_in_background();
+        if self.store.is_shared() {
+            let upkeep = Upkeep {
+                store: self.store.clone(),
+                history: Arc::clone(&self.history),
+                catch_up: Arc::clone(&self.catch_up),
+                raw: Arc::clone(&self.raw),
+                uploads: Arc::clone(&self.uploads),
+                clock: Arc::clone(&self.clock),
+                interval: self.upkeep_interval,
+            };
+            upkeep.in_background();
+            return Ok(());
+        }
+        self.replays.resume().await?;
+        let (raw, retention) = (Arc::clone(&self.raw), Arc::clone(&self.retention));
+        tokio::spawn(async move {
+            match raw.remove_orphans().await {
+                Ok((0, _)) => {}
+                Ok((objects, bytes)) => {
+                    tracing::info!(objects, bytes, "removed raw objects of an earlier run that no record refers to");
+                }
+                Err(error) => tracing::warn!(%error, "failed to remove raw objects that no record refers to"),
+            }
+            retention.apply_in_background();
+        });
+        Ok(())
+    }
+}

@@ -1,0 +1,390 @@
+//! The way of a record, the same for an upload, a recording of many records, a replay and the work queue:
+//!
+//! ```text
+//! decode ─▶ identify ─▶ store raw ┬▶ fold ─▶ commit ─▶ announce
+//!                       analyse ──┘
+//! ```
+//!
+//! | step | where |
+//! | --- | --- |
+//! | decode | `record/decode.rs`; records of a recording come decoded from `read_ahead.rs` |
+//! | identify, and find repeats | `record/identify.rs` |
+//! | store raw | `raw/objects.rs` |
+//! | analyse | `record/analyse.rs` |
+//! | fold | `history/append.rs`, called by the commit under its locks |
+//! | commit | `commit.rs` |
+//! | announce | `events.rs`, called by the commit once all is on the disk |
+//!
+//! On an API node the way ends with the work queue after the raw bytes are stored; a worker goes on from the
+//! analysis.
+
+mod commit;
+mod read_ahead;
+mod recording;
+mod summary;
+
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+use bytes::Bytes;
+use jiff::Timestamp;
+
+use super::clock::Clock;
+use super::error::ServiceError;
+use super::raw::{RawObjects, UncommittedObjects};
+use super::record::{
+    IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, decode_upload, identify_upload, known_to_all, raw_bytes,
+};
+use super::sensor_group::{SensorGroup, described};
+use super::simulations::Simulations;
+use super::tally::{Outcome, Tally};
+use super::work_queue::{QueuedRecord, Role, WorkQueue};
+use super::workers::{Ticket, Workers, detached};
+use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
+use crate::store::{NewSegment, Store, StoreError};
+use commit::CommittedSegment;
+pub(crate) use commit::{Committer, Waiting};
+pub(crate) use read_ahead::{ReadBatch, RecordStream};
+pub(crate) use recording::RecordedBatch;
+pub use summary::{BatchSummary, Refused};
+
+/// How often a record is analysed again because its asset's description changed meanwhile.
+const MAX_ANALYSES: u32 = 5;
+
+/// What became of one record.
+#[derive(Debug)]
+pub enum Accepted {
+    /// It is stored now.
+    Stored(Box<Segment>),
+    /// It was stored before.
+    Repeated(Box<Segment>),
+    /// Its raw bytes are stored, and it is in the queue to be analysed.
+    Queued(Box<QueuedRecord>),
+}
+
+impl Accepted {
+    fn channel_index(&self) -> u32 {
+        match self {
+            Self::Stored(segment) | Self::Repeated(segment) => segment.raw.channel_index,
+            Self::Queued(record) => record.raw.channel_index,
+        }
+    }
+}
+
+/// Takes records through all steps.
+pub struct Pipeline {
+    pub(crate) store: Store,
+    pub(crate) workers: Arc<Workers>,
+    pub(crate) simulations: Arc<Simulations>,
+    pub(crate) raw: Arc<RawObjects>,
+    pub(crate) committer: Arc<Committer>,
+    pub(crate) clock: Arc<dyn Clock>,
+    pub(crate) role: Role,
+    pub(crate) tally: Arc<Tally>,
+}
+
+/// Records whose raw bytes are on the disk, those stored before apart: what is left is their commit, or the
+/// queue.
+pub(crate) struct Batch {
+    known: Vec<Segment>,
+    rest: Rest,
+}
+
+/// What is left to be done for records that were not stored before.
+enum Rest {
+    Nothing,
+    Commit(Box<AnalysedBatch>),
+    Enqueue(Arc<dyn WorkQueue>, Vec<QueuedRecord>),
+}
+
+/// Records that are analysed and whose raw bytes are on the disk.
+struct AnalysedBatch {
+    spec: AssetSpec,
+    records: Arc<Vec<IdentifiedRecord>>,
+    segments: Vec<NewSegment>,
+    received_at: Timestamp,
+    raw: UncommittedObjects,
+}
+
+/// The raw bytes of records, by their names.
+enum RawBytes {
+    New(Vec<(String, Bytes)>),
+    Stored,
+}
+
+impl Pipeline {
+    /// Takes the bytes of one record (or of one recording of several channels), and answers once everything
+    /// is on the disk; on an API node, once the raw bytes are stored and the record is in the queue.
+    ///
+    /// Returns what became of each channel, in the order of the channels. A repeat is answered with what is
+    /// stored.
+    pub async fn accept(
+        self: &Arc<Self>,
+        asset: &AssetId,
+        format: RecordFormat,
+        bytes: Bytes,
+        metadata: UploadMetadata,
+        ticket: Ticket,
+    ) -> Result<Vec<Accepted>, ServiceError> {
+        let (pipeline, asset) = (Arc::clone(self), asset.clone());
+        let upload = async move {
+            let _ticket = ticket;
+            let accepted = pipeline.take_upload(&asset, format, bytes, metadata).await;
+            if matches!(accepted, Err(ServiceError::Recording(_) | ServiceError::Field { .. })) {
+                pipeline.tally.count(Outcome::Refused, 1);
+            }
+            accepted
+        };
+        detached("take a record", upload).await?
+    }
+
+    async fn take_upload(
+        &self,
+        asset: &AssetId,
+        format: RecordFormat,
+        bytes: Bytes,
+        metadata: UploadMetadata,
+    ) -> Result<Vec<Accepted>, ServiceError> {
+        let group = SensorGroup::of(&self.store, asset).await?;
+        let received_at = self.clock.now();
+        let records = {
+            let (spec, bytes) = (group.asset.spec.clone(), bytes.clone());
+            let decode_and_identify = move || {
+                let records = decode_upload(&spec, format, &bytes, &metadata, received_at)?;
+                identify_upload(&spec.id, format, &bytes, records, metadata.reference_wear_um)
+            };
+            self.workers.run("decode a record", decode_and_identify).await??
+        };
+        let name = records.first().map(|record| record.raw.sha256.clone()).unwrap_or_default();
+        let batch = self.begin(group, records, vec![(name, bytes)], received_at).await?;
+        let mut accepted = self.finish(batch).await?;
+        accepted.sort_by_key(Accepted::channel_index);
+        Ok(accepted)
+    }
+
+    /// Takes a record of the queue, from the analysis on; none where its asset was removed. A repeat changes
+    /// nothing.
+    ///
+    /// Errors: those of the store, which may pass; [`ServiceError::Busy`] while the asset's library is
+    /// simulated; a record whose raw bytes are damaged, or are not the record that was enqueued, will never
+    /// do.
+    pub async fn process(self: &Arc<Self>, record: &QueuedRecord, ticket: Ticket) -> Result<Option<Accepted>, ServiceError> {
+        let (pipeline, record) = (Arc::clone(self), record.clone());
+        let work = async move {
+            let _ticket = ticket;
+            match pipeline.take_queued(&record).await {
+                Err(ServiceError::Store(StoreError::AssetUnknown(_))) => Ok(None),
+                accepted => accepted,
+            }
+        };
+        detached("store a record", work).await?
+    }
+
+    async fn take_queued(&self, queued: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
+        let group = SensorGroup::of(&self.store, &queued.asset_id).await?;
+        if group.asset.created_at != queued.asset_created_at {
+            return Ok(None);
+        }
+        let known = known_to_all(&self.store, std::slice::from_ref(queued), &group.members).await?;
+        let rest = if known.is_empty() {
+            self.simulations.wait_for_all(group.specs()).await?;
+            let record = self.identify_queued(queued).await?;
+            self.analyse(group.asset.spec, vec![record], RawBytes::Stored, queued.received_at)
+                .await?
+        } else {
+            Rest::Nothing
+        };
+        Ok(self.finish(Batch { known, rest }).await?.pop())
+    }
+
+    /// All steps up to the commit, which may go on beside the commit of the records before.
+    async fn begin(
+        &self,
+        group: SensorGroup,
+        mut records: Vec<IdentifiedRecord>,
+        mut raws: Vec<(String, Bytes)>,
+        received_at: Timestamp,
+    ) -> Result<Batch, ServiceError> {
+        let stored = known_to_all(&self.store, &records, &group.members).await?;
+        let stored: HashMap<&SegmentId, &Segment> = stored.iter().map(|segment| (&segment.id, segment)).collect();
+        let known = records
+            .iter()
+            .filter_map(|record| stored.get(&record.id))
+            .map(|segment| Segment::clone(segment))
+            .collect();
+        records.retain(|record| !stored.contains_key(&record.id));
+        let names: HashSet<&str> = records.iter().map(|record| record.raw.sha256.as_str()).collect();
+        raws.retain(|(name, _)| names.contains(name.as_str()));
+        let rest = if records.is_empty() {
+            Rest::Nothing
+        } else if let Role::ApiNode(queue) = &self.role {
+            self.raw.put(raws).await?;
+            Rest::Enqueue(Arc::clone(queue), self.queued(&group, &records, received_at).await?)
+        } else {
+            // Before anything is stored: a record that has to come again leaves nothing behind.
+            self.simulations.wait_for_all(group.specs()).await?;
+            self.analyse(group.asset.spec, records, RawBytes::New(raws), received_at).await?
+        };
+        Ok(Batch { known, rest })
+    }
+
+    /// Analyses records while their raw bytes are stored.
+    async fn analyse(
+        &self,
+        spec: AssetSpec,
+        records: Vec<IdentifiedRecord>,
+        raws: RawBytes,
+        received_at: Timestamp,
+    ) -> Result<Rest, ServiceError> {
+        let raws = match raws {
+            RawBytes::New(raws) => raws,
+            RawBytes::Stored => Vec::new(),
+        };
+        let raw = self.raw.uncommitted(raws.iter().map(|(name, _)| name.clone()).collect()).await;
+        let objects = Arc::clone(&self.raw);
+        let put = tokio::spawn(async move { if raws.is_empty() { Ok(()) } else { objects.put(raws).await } });
+        let records = Arc::new(records);
+        let segments = analyse_all(&self.workers, &spec, &records, received_at).await;
+        put.await.map_err(|_| ServiceError::WorkerLost("store raw bytes"))??;
+        Ok(Rest::Commit(Box::new(AnalysedBatch {
+            spec,
+            records,
+            segments: segments?,
+            received_at,
+            raw,
+        })))
+    }
+
+    /// The last steps: the commit with its fold and announcements, or the queue. What is answered is in the
+    /// order of the records, those stored before first.
+    async fn finish(&self, batch: Batch) -> Result<Vec<Accepted>, ServiceError> {
+        let mut accepted: Vec<Accepted> = batch
+            .known
+            .into_iter()
+            .map(|segment| Accepted::Repeated(Box::new(segment)))
+            .collect();
+        match batch.rest {
+            Rest::Nothing => {}
+            Rest::Commit(analysed) => accepted.extend(self.commit(*analysed).await?),
+            Rest::Enqueue(queue, records) => {
+                queue.enqueue(&records).await?;
+                accepted.extend(records.into_iter().map(|record| Accepted::Queued(Box::new(record))));
+            }
+        }
+        for accepted in &accepted {
+            let outcome = match accepted {
+                Accepted::Stored(_) => Outcome::Stored,
+                Accepted::Repeated(_) => Outcome::Repeated,
+                Accepted::Queued(_) => Outcome::Queued,
+            };
+            self.tally.count(outcome, 1);
+        }
+        Ok(accepted)
+    }
+
+    async fn commit(&self, batch: AnalysedBatch) -> Result<impl Iterator<Item = Accepted> + use<>, ServiceError> {
+        let AnalysedBatch {
+            spec,
+            records,
+            segments,
+            received_at,
+            mut raw,
+        } = batch;
+        let asset = spec.id.clone();
+        let committed = self.commit_segments(spec, &records, segments, received_at).await?;
+        raw.are_committed();
+        if committed.iter().any(|committed| committed.shares_sensor) {
+            self.analyse_for_group(&asset, &records, received_at).await?;
+        }
+        let accepted = |CommittedSegment { segment, repeated, .. }| match repeated {
+            false => Accepted::Stored(Box::new(segment)),
+            true => Accepted::Repeated(Box::new(segment)),
+        };
+        Ok(committed.into_iter().map(accepted))
+    }
+
+    /// Commits segments; where the asset's description changed meanwhile, they are analysed again.
+    async fn commit_segments(
+        &self,
+        mut spec: AssetSpec,
+        records: &Arc<Vec<IdentifiedRecord>>,
+        mut segments: Vec<NewSegment>,
+        received_at: Timestamp,
+    ) -> Result<Vec<CommittedSegment>, ServiceError> {
+        let mut analyses = 1;
+        loop {
+            match self.committer.commit(&spec.id, segments).await {
+                Err(ServiceError::DescriptionChanged(_)) if analyses < MAX_ANALYSES => analyses += 1,
+                done => return done,
+            }
+            spec = described(&self.store, &spec.id).await?.spec;
+            self.simulations.estimator(&spec).await?;
+            segments = analyse_all(&self.workers, &spec, records, received_at).await?;
+        }
+    }
+
+    /// Analyses records of an asset for the others of its sensor. Those are asked for after the records are
+    /// stored, so that an asset that is described just now either is among them or finds the records there.
+    /// The caller holds the records' [`UncommittedObjects`].
+    async fn analyse_for_group(&self, asset: &AssetId, records: &[IdentifiedRecord], received_at: Timestamp) -> Result<(), ServiceError> {
+        for member in SensorGroup::of(&self.store, asset).await?.members {
+            let theirs = records.iter().map(|record| record.for_member(&member)).collect();
+            self.analyse_for_member(member, theirs, received_at).await?;
+        }
+        Ok(())
+    }
+
+    /// Stores what an asset that shares another one's sensor does not have yet; returns how many records that
+    /// were. The caller holds their [`UncommittedObjects`].
+    pub(crate) async fn analyse_for_member(
+        &self,
+        member: AssetSpec,
+        mut records: Vec<IdentifiedRecord>,
+        received_at: Timestamp,
+    ) -> Result<usize, ServiceError> {
+        let known = known_to_all(&self.store, &records, &[]).await?;
+        records.retain(|record| !known.iter().any(|segment| segment.id == record.id));
+        if records.is_empty() {
+            return Ok(0);
+        }
+        self.simulations.estimator(&member).await?;
+        let records = Arc::new(records);
+        let segments = analyse_all(&self.workers, &member, &records, received_at).await?;
+        Ok(self.commit_segments(member, &records, segments, received_at).await?.len())
+    }
+
+    /// What the queue takes of records.
+    async fn queued(
+        &self,
+        group: &SensorGroup,
+        records: &[IdentifiedRecord],
+        received_at: Timestamp,
+    ) -> Result<Vec<QueuedRecord>, ServiceError> {
+        let ids: Vec<SegmentId> = records.iter().map(|record| record.id.clone()).collect();
+        let given_up = self.store.dead_letters_of(&ids).await?;
+        let queued = records.iter().map(|record| {
+            let times = given_up.get(&record.id).copied().unwrap_or(0);
+            record.queued(&group.asset, received_at, times)
+        });
+        Ok(queued.collect())
+    }
+
+    /// A record of the queue, read from its raw bytes.
+    async fn identify_queued(&self, queued: &QueuedRecord) -> Result<IdentifiedRecord, ServiceError> {
+        let bytes = raw_bytes(&self.store, &queued.raw.sha256).await?;
+        let queued = queued.clone();
+        let identify = move || {
+            let record = StoredRecord::from(&queued).decode(&bytes)?;
+            let identified = IdentifiedRecord::new(&queued.asset_id, record, queued.raw, queued.reference_wear_um)?;
+            if identified.id == queued.id {
+                Ok(identified)
+            } else {
+                Err(ServiceError::HandedOverOtherwise {
+                    found: identified.id,
+                    expected: queued.id,
+                })
+            }
+        };
+        self.workers.run("read a record", identify).await?
+    }
+}

@@ -1,0 +1,136 @@
+//! Recordings of many records: read on a thread, and taken through the pipeline in batches.
+
+use std::io::{self, BufReader, Read};
+
+use bytes::Bytes;
+use rayon::prelude::*;
+use tokio::sync::OwnedSemaphorePermit;
+
+use super::read_ahead::{ReadBatch, RecordStream};
+use super::summary::BatchSummary;
+use super::{Accepted, Batch, Pipeline};
+use crate::asset::AssetId;
+use crate::recording::McapReader;
+use crate::service::error::ServiceError;
+use crate::service::record::{defaults_of, identify_recorded};
+use crate::service::sensor_group::SensorGroup;
+use crate::service::tally::Outcome;
+
+/// A batch of a recording whose raw bytes are on the disk.
+pub(crate) struct RecordedBatch {
+    batch: Batch,
+    summary: BatchSummary,
+    /// What its records take of their recording's memory, until they are stored.
+    _room: Option<OwnedSemaphorePermit>,
+}
+
+impl Pipeline {
+    /// Takes every record of an MCAP recording, read from where `open` says, and answers once everything is
+    /// on the disk.
+    ///
+    /// A record that cannot be used is listed in the answer and the others are taken; an error is returned
+    /// only where not one could be read, or where the service itself failed.
+    pub async fn accept_recording<R: Read + Send + 'static>(
+        &self,
+        asset: &AssetId,
+        open: impl FnOnce() -> io::Result<R> + Send + 'static,
+    ) -> Result<BatchSummary, ServiceError> {
+        let _turn = self.workers.admit_recording()?;
+        let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
+        let defaults = defaults_of(&spec, self.clock.now());
+        let mut records = RecordStream::spawn(self.workers.recording_bytes(), move || {
+            Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults))
+        });
+        let mut summary = BatchSummary::default();
+        let mut before: Option<RecordedBatch> = None;
+        loop {
+            // While one batch waits for the disk, the next one is analysed.
+            let next = async {
+                let mut batch = records.next_batch().await;
+                let mut first = BatchSummary::default();
+                if matches!(batch.records[..], [(0, Err(_))])
+                    && let Some((number, Err(error))) = batch.records.pop()
+                {
+                    // Nothing but one error: not a recording at all, unless something follows after all.
+                    batch = records.next_batch().await;
+                    if batch.records.is_empty() {
+                        self.tally.count(Outcome::Refused, 1);
+                        return Err(error.into());
+                    }
+                    first.records = 1;
+                    first.refuse(number, None, &error);
+                }
+                if batch.records.is_empty() {
+                    return Ok(None);
+                }
+                let mut begun = self.begin_batch(asset, batch).await?;
+                first.join(begun.summary);
+                begun.summary = first;
+                Ok::<_, ServiceError>(Some(begun))
+            };
+            let (next, stored) = tokio::join!(next, self.finish_batch(before.take(), &mut summary));
+            stored?;
+            before = next?;
+            if before.is_none() {
+                return Ok(summary);
+            }
+        }
+    }
+
+    /// All steps up to the commit for a batch of records of one recording; those that cannot be used are
+    /// listed in its summary.
+    pub(crate) async fn begin_batch(&self, asset: &AssetId, read: ReadBatch) -> Result<RecordedBatch, ServiceError> {
+        let ReadBatch { records, room } = read;
+        let group = SensorGroup::of(&self.store, asset).await?;
+        let received_at = self.clock.now();
+        let identified = {
+            let asset = asset.clone();
+            let identify = move || {
+                let identified = records.into_par_iter().map(|(n, record)| (n, identify_recorded(&asset, record)));
+                identified.collect::<Vec<_>>()
+            };
+            self.workers.run("identify records", identify).await?
+        };
+        let mut summary = BatchSummary::default();
+        let (mut records, mut raws) = (Vec::with_capacity(identified.len()), Vec::with_capacity(identified.len()));
+        for (number, identified) in identified {
+            summary.records += 1;
+            match identified {
+                Ok((record, raw)) => {
+                    summary.add(&record.record);
+                    raws.push((record.raw.sha256.clone(), Bytes::from(raw)));
+                    records.push(record);
+                }
+                Err((channel, error)) => summary.refuse(number, channel.as_deref(), &error),
+            }
+        }
+        Ok(RecordedBatch {
+            batch: self.begin(group, records, raws, received_at).await?,
+            summary,
+            _room: room,
+        })
+    }
+
+    /// Commits a batch, where there is one, in one transaction and adds what became of its records to
+    /// `summary`.
+    pub(crate) async fn finish_batch(&self, begun: Option<RecordedBatch>, summary: &mut BatchSummary) -> Result<(), ServiceError> {
+        let Some(RecordedBatch {
+            batch,
+            summary: mut of_batch,
+            _room,
+        }) = begun
+        else {
+            return Ok(());
+        };
+        for accepted in self.finish(batch).await? {
+            match accepted {
+                Accepted::Stored(_) => of_batch.stored += 1,
+                Accepted::Repeated(_) => of_batch.repeated += 1,
+                Accepted::Queued(_) => of_batch.queued += 1,
+            }
+        }
+        self.tally.count(Outcome::Refused, of_batch.refused_count);
+        summary.join(of_batch);
+        Ok(())
+    }
+}

@@ -1,0 +1,50 @@
+//! Pieces of resumable uploads: removed once nobody goes on with their upload.
+
+use std::sync::Arc;
+
+use crate::service::clock::Clock;
+use crate::service::error::ServiceError;
+use crate::service::workers::Workers;
+use crate::store::{Store, StoreError};
+
+/// Uploads that expire at a time.
+const MAX_EXPIRED: u32 = 100;
+
+/// The pieces of resumable uploads in a store.
+pub struct UploadPieces {
+    store: Store,
+    workers: Arc<Workers>,
+    clock: Arc<dyn Clock>,
+}
+
+impl UploadPieces {
+    pub(crate) fn new(store: Store, workers: Arc<Workers>, clock: Arc<dyn Clock>) -> Self {
+        Self { store, workers, clock }
+    }
+
+    /// Removes resumable uploads that nobody went on with.
+    pub async fn expire(&self) -> Result<(), ServiceError> {
+        let gone = self.store.expire_resumable(self.clock.now(), MAX_EXPIRED).await?;
+        self.remove(gone).await
+    }
+
+    /// Removes pieces of uploads that are gone: what a process brought that did not see that.
+    pub async fn remove_forgotten(&self) -> Result<(), ServiceError> {
+        let store = self.store.clone();
+        let list = move || store.objects().uploads();
+        let uploads = self.workers.run("list uploads", list).await??;
+        let forgotten = self.store.forgotten_uploads(uploads).await?;
+        self.remove(forgotten).await
+    }
+
+    /// Removes all pieces of uploads.
+    pub async fn remove(&self, uploads: Vec<String>) -> Result<(), ServiceError> {
+        if uploads.is_empty() {
+            return Ok(());
+        }
+        let store = self.store.clone();
+        let remove = move || uploads.iter().try_for_each(|upload| store.objects().remove_pieces(upload));
+        let removed: Result<(), StoreError> = self.workers.run("remove uploads", remove).await?;
+        Ok(removed?)
+    }
+}

@@ -1,0 +1,130 @@
+//! The bytes of an upload decoded: one record for each channel.
+
+use jiff::Timestamp;
+
+use crate::asset::AssetSpec;
+use crate::recording::{BlockEncoding, RawLayout, RecordDefaults, RecordingError, decode_block, decode_raw, decode_wav};
+use crate::service::error::ServiceError;
+use crate::signal::{OperatingPoint, Record};
+
+/// How the bytes of one record are written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum RecordFormat {
+    /// A WAV file.
+    Wav,
+    /// A `WaveformBlock` message in protobuf.
+    Protobuf,
+    /// A `WaveformBlock` message in JSON.
+    Json,
+    /// Bare samples.
+    Raw(RawLayout),
+}
+
+/// What the sender says of a record beside its bytes; what the bytes say themselves counts first.
+#[derive(Debug, Clone, Default)]
+pub struct UploadMetadata {
+    /// The time of the first sample; the time of receipt where nobody says.
+    pub start_time: Option<Timestamp>,
+    /// The channel's name, for a recording of one channel.
+    pub channel: Option<String>,
+    /// The channels' names in their order, for a recording of several; empty where it says itself or does not
+    /// matter.
+    pub channel_names: Vec<String>,
+    /// Unit of the samples.
+    pub unit: Option<String>,
+    /// Operating point.
+    pub operating_point: OperatingPoint,
+    /// Wear depth in µm known from elsewhere.
+    pub reference_wear_um: Option<f64>,
+}
+
+impl RecordFormat {
+    /// The media type of such bytes, with everything that is needed to read them.
+    pub fn media_type(self) -> String {
+        match self {
+            Self::Wav => "audio/wav".to_string(),
+            Self::Protobuf => "application/x-protobuf".to_string(),
+            Self::Json => "application/json".to_string(),
+            Self::Raw(layout) => layout.to_string(),
+        }
+    }
+
+    /// The format of a media type: without parameters, or one of bare samples as
+    /// [`media_type`](Self::media_type) wrote it.
+    pub fn from_media_type(media_type: &str) -> Option<Self> {
+        match media_type {
+            "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => Some(Self::Wav),
+            "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
+            "application/json" => Some(Self::Json),
+            _ => RawLayout::from_media_type(media_type).map(Self::Raw),
+        }
+    }
+
+    pub(crate) fn of_block(encoding: BlockEncoding) -> Self {
+        match encoding {
+            BlockEncoding::Protobuf => Self::Protobuf,
+            BlockEncoding::Json => Self::Json,
+        }
+    }
+
+    /// The records in the bytes, one for each channel.
+    pub(crate) fn decode(self, bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+        match self {
+            Self::Wav => decode_wav(bytes, defaults),
+            Self::Protobuf => Ok(vec![decode_block(bytes, BlockEncoding::Protobuf, defaults)?]),
+            Self::Json => Ok(vec![decode_block(bytes, BlockEncoding::Json, defaults)?]),
+            Self::Raw(layout) => decode_raw(bytes, layout, defaults),
+        }
+    }
+}
+
+/// What holds for an asset's records where they do not say.
+pub(crate) fn defaults_of(spec: &AssetSpec, start_time: Timestamp) -> RecordDefaults {
+    RecordDefaults {
+        channel: spec.sensor.channel.clone(),
+        start_time,
+        unit: spec.sensor.unit.clone(),
+        channel_units: spec.channel_units(),
+        ..RecordDefaults::default()
+    }
+}
+
+/// The records of an upload, in the order of their channels.
+pub(crate) fn decode_upload(
+    spec: &AssetSpec,
+    format: RecordFormat,
+    bytes: &[u8],
+    metadata: &UploadMetadata,
+    received_at: Timestamp,
+) -> Result<Vec<Record>, ServiceError> {
+    let mut defaults = RecordDefaults {
+        channel: metadata.channel.clone(),
+        channel_names: metadata.channel_names.clone(),
+        operating_point: metadata.operating_point,
+        ..defaults_of(spec, metadata.start_time.unwrap_or(received_at))
+    };
+    if metadata.unit.is_some() {
+        defaults.unit.clone_from(&metadata.unit);
+        defaults.channel_units.clear();
+    }
+    let records = format.decode(bytes, &defaults)?;
+    check_names(&metadata.channel_names, records.len())?;
+    Ok(records)
+}
+
+fn check_names(names: &[String], channels: usize) -> Result<(), ServiceError> {
+    let refuse = |expected| {
+        Err(ServiceError::Field {
+            field: "channel_names",
+            value: format!("{names:?}"),
+            expected,
+        })
+    };
+    if !names.is_empty() && names.len() != channels {
+        return refuse("as many names as the recording has channels");
+    }
+    if (1..names.len()).any(|n| names[..n].contains(&names[n])) {
+        return refuse("every name once");
+    }
+    Ok(())
+}

@@ -1,0 +1,183 @@
+//! The identity of a record: the hash of its asset, channel, time and raw bytes. The same record again is
+//! found by it.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use jiff::Timestamp;
+
+use super::decode::RecordFormat;
+use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
+use crate::recording::{Recorded, RecordingError};
+use crate::service::error::ServiceError;
+use crate::service::work_queue::QueuedRecord;
+use crate::signal::Record;
+use crate::store::{Asset, Objects, Store};
+
+/// A record with its identifier and its raw bytes' name, before anything is stored.
+pub(crate) struct IdentifiedRecord {
+    pub(crate) id: SegmentId,
+    pub(crate) record: Arc<Record>,
+    pub(crate) raw: RawReference,
+    pub(crate) reference_wear_um: Option<f64>,
+}
+
+/// What has the identity of a record.
+pub(crate) trait Identified {
+    fn id(&self) -> &SegmentId;
+    /// The identifier of the same record for another asset of its sensor.
+    fn id_for(&self, asset: &AssetId) -> SegmentId;
+}
+
+impl IdentifiedRecord {
+    /// Identifies a record; refuses what cannot be stored or addressed.
+    pub(crate) fn new(asset: &AssetId, record: Record, raw: RawReference, reference_wear_um: Option<f64>) -> Result<Self, ServiceError> {
+        check(&record, reference_wear_um)?;
+        Ok(Self {
+            reference_wear_um,
+            ..Self::of_stored(asset, record, raw)
+        })
+    }
+
+    /// One that is stored already, for this asset or for another one of its sensor.
+    pub(crate) fn of_stored(asset: &AssetId, record: Record, raw: RawReference) -> Self {
+        Self {
+            id: SegmentId::derive(asset, record.channel(), record.start_time(), &raw),
+            record: Arc::new(record),
+            raw,
+            reference_wear_um: None,
+        }
+    }
+
+    /// The same record for another asset of its sensor; a depth that is known is not that of its mesh.
+    pub(crate) fn for_member(&self, member: &AssetSpec) -> Self {
+        Self {
+            id: self.id_for(&member.id),
+            record: Arc::clone(&self.record),
+            raw: self.raw.clone(),
+            reference_wear_um: None,
+        }
+    }
+
+    /// What the work queue takes of it.
+    pub(crate) fn queued(&self, asset: &Asset, received_at: Timestamp, given_up: u32) -> QueuedRecord {
+        let record = &self.record;
+        QueuedRecord {
+            id: self.id.clone(),
+            asset_id: asset.spec.id.clone(),
+            asset_created_at: asset.created_at,
+            channel: record.channel().to_owned(),
+            start_time: record.start_time(),
+            received_at,
+            unit: record.unit().to_owned(),
+            operating_point: record.operating_point(),
+            reference_wear_um: self.reference_wear_um,
+            raw: self.raw.clone(),
+            given_up,
+        }
+    }
+
+    pub(crate) fn samples(&self) -> usize {
+        self.record.samples().len()
+    }
+}
+
+impl Identified for IdentifiedRecord {
+    fn id(&self) -> &SegmentId {
+        &self.id
+    }
+
+    fn id_for(&self, asset: &AssetId) -> SegmentId {
+        SegmentId::derive(asset, self.record.channel(), self.record.start_time(), &self.raw)
+    }
+}
+
+impl Identified for QueuedRecord {
+    fn id(&self) -> &SegmentId {
+        &self.id
+    }
+
+    fn id_for(&self, asset: &AssetId) -> SegmentId {
+        SegmentId::derive(asset, &self.channel, self.start_time, &self.raw)
+    }
+}
+
+fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceError> {
+    let refuse = |field, value, expected| Err(ServiceError::Field { field, value, expected });
+    let channel = record.channel();
+    if channel.is_empty() || channel.len() > 200 || channel.chars().any(char::is_control) {
+        let expected = "a name of 1 to 200 bytes without control characters";
+        return refuse("channel", format!("{channel:?}"), expected);
+    }
+    if record.unit().contains('\0') {
+        return refuse("unit", format!("{:?}", record.unit()), "a text without NUL characters");
+    }
+    if i64::try_from(record.start_time().as_nanosecond()).is_err() {
+        let expected = "a time from 1677-09-21 to 2262-04-11";
+        return refuse("start_time", record.start_time().to_string(), expected);
+    }
+    match reference_wear_um {
+        Some(wear) if !(wear >= 0.0 && wear.is_finite()) => refuse("reference_wear_um", wear.to_string(), "a finite depth of at least 0"),
+        _ => Ok(()),
+    }
+}
+
+/// Identifies the records that the bytes of one upload hold, one for each channel.
+pub(crate) fn identify_upload(
+    asset: &AssetId,
+    format: RecordFormat,
+    bytes: &[u8],
+    records: Vec<Record>,
+    reference_wear_um: Option<f64>,
+) -> Result<Vec<IdentifiedRecord>, ServiceError> {
+    let sha256 = Objects::name(bytes);
+    let identified = (0..).zip(records).map(|(channel_index, record)| {
+        let raw = RawReference {
+            sha256: sha256.clone(),
+            bytes: bytes.len() as u64,
+            media_type: format.media_type(),
+            channel_index,
+        };
+        IdentifiedRecord::new(asset, record, raw, reference_wear_um)
+    });
+    identified.collect()
+}
+
+/// An identified record with its raw bytes, or its channel and why it is refused.
+pub(crate) type IdentifiedOrRefused = Result<(IdentifiedRecord, Vec<u8>), (Option<String>, ServiceError)>;
+
+/// Identifies one record of a recording of many.
+pub(crate) fn identify_recorded(asset: &AssetId, record: Result<Recorded, RecordingError>) -> IdentifiedOrRefused {
+    let recorded = record.map_err(|error| (None, error.into()))?;
+    let channel = recorded.record.channel().to_string();
+    let raw = RawReference {
+        sha256: Objects::name(&recorded.raw),
+        bytes: recorded.raw.len() as u64,
+        media_type: RecordFormat::of_block(recorded.encoding).media_type(),
+        channel_index: 0,
+    };
+    match IdentifiedRecord::new(asset, recorded.record, raw, recorded.reference_wear_um) {
+        Ok(identified) => Ok((identified, recorded.raw)),
+        Err(error) => Err((Some(channel), error)),
+    }
+}
+
+/// The segments of records that are stored for their asset already, and for all other assets of its sensor
+/// too.
+pub(crate) async fn known_to_all(store: &Store, records: &[impl Identified], members: &[AssetSpec]) -> Result<Vec<Segment>, ServiceError> {
+    let ids: Vec<SegmentId> = records.iter().map(|record| record.id().clone()).collect();
+    let mut known = store.segments_by_id(&ids).await?;
+    for member in members {
+        let theirs: Vec<SegmentId> = records.iter().map(|record| record.id_for(&member.id)).collect();
+        let found = store.segments_by_id(&theirs).await?;
+        let found: HashSet<&SegmentId> = found.iter().map(|segment| &segment.id).collect();
+        let missing: HashSet<&SegmentId> = theirs
+            .iter()
+            .zip(&ids)
+            .filter(|(theirs, _)| !found.contains(theirs))
+            .map(|(_, id)| id)
+            .collect();
+        known.retain(|segment| !missing.contains(&segment.id));
+    }
+    Ok(known)
+}

@@ -1,0 +1,206 @@
+//! Stored records again: their samples and their spectra, from the raw bytes.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use jiff::Timestamp;
+
+use super::decode::RecordFormat;
+use crate::asset::{RawReference, Segment};
+use crate::recording::RecordDefaults;
+use crate::service::error::ServiceError;
+use crate::service::sensor_group::described;
+use crate::service::work_queue::QueuedRecord;
+use crate::service::workers::{Workers, blocking, with_analyzer};
+use crate::signal::{
+    Analyzer, BandError, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, OperatingPoint, Record, Spectrum,
+};
+use crate::store::{NewSegment, Store, StoreError};
+
+/// What is stored of a record besides its raw bytes, to decode them again.
+pub(crate) struct StoredRecord {
+    channel: String,
+    start_time: Timestamp,
+    unit: String,
+    operating_point: OperatingPoint,
+    raw: RawReference,
+}
+
+macro_rules! stored_record_from {
+    ($($source:ty),+) => {$(
+        impl From<&$source> for StoredRecord {
+            fn from(source: &$source) -> Self {
+                Self {
+                    channel: source.channel.clone(),
+                    start_time: source.start_time,
+                    unit: source.unit.clone(),
+                    operating_point: source.operating_point,
+                    raw: source.raw.clone(),
+                }
+            }
+        }
+    )+};
+}
+
+stored_record_from!(Segment, NewSegment, QueuedRecord);
+
+impl StoredRecord {
+    /// The record, from raw bytes that are checked against their hash. Blocks on the disk.
+    pub(crate) fn read(&self, store: &Store) -> Result<Record, ServiceError> {
+        self.decode(&store.objects().get(&self.raw.sha256)?)
+    }
+
+    /// The record in its raw bytes.
+    pub(crate) fn decode(&self, bytes: &[u8]) -> Result<Record, ServiceError> {
+        let unexpected = |what, value, expected| StoreError::Unexpected { what, value, expected };
+        let media_type = &self.raw.media_type;
+        let format = RecordFormat::from_media_type(media_type)
+            .ok_or_else(|| unexpected("raw_media_type", media_type.clone(), "a media type of one record"))?;
+        let defaults = RecordDefaults {
+            channel: Some(self.channel.clone()),
+            start_time: self.start_time,
+            unit: Some(self.unit.clone()),
+            operating_point: self.operating_point,
+            ..RecordDefaults::default()
+        };
+        let index = self.raw.channel_index;
+        let record = format.decode(bytes, &defaults)?.into_iter().nth(index as usize);
+        let record = record.ok_or_else(|| unexpected("raw_channel_index", index.to_string(), "a channel of the recording"))?;
+        Ok(record.with_channel(&self.channel))
+    }
+}
+
+/// Raw bytes, checked against their hash. No thread that computes waits for the disk or the network.
+pub(crate) async fn raw_bytes(store: &Store, name: &str) -> Result<Bytes, ServiceError> {
+    let (store, name) = (store.clone(), name.to_owned());
+    Ok(blocking("read a record", move || store.objects().get(&name)).await??)
+}
+
+/// Reads stored records and computes their spectra.
+pub struct StoredRecords {
+    store: Store,
+    workers: Arc<Workers>,
+}
+
+impl StoredRecords {
+    /// Those in a store, read and analysed by these workers.
+    pub(crate) fn new(store: Store, workers: Arc<Workers>) -> Self {
+        Self { store, workers }
+    }
+
+    /// The record that a segment was made of, read from its raw bytes and checked against their hash.
+    pub async fn recall(&self, segment: &Segment) -> Result<Record, ServiceError> {
+        let name = &segment.raw.sha256;
+        let bytes = match raw_bytes(&self.store, name).await {
+            Err(ServiceError::Store(StoreError::ObjectMissing(_))) if !self.store.keeps_raw(&segment.asset_id, name).await? => {
+                return Err(ServiceError::RawGivenUp(segment.id.clone()));
+            }
+            read => read.inspect_err(|error| tracing::warn!(segment = %segment.id, %error, "failed to read raw recording"))?,
+        };
+        let stored = StoredRecord::from(segment);
+        self.workers.run("read a record", move || stored.decode(&bytes)).await?
+    }
+
+    /// What `analyse` makes of a segment's record and of what is known of its mesh; `task` names it if it is
+    /// lost.
+    pub async fn analyse_stored<T: Send + 'static>(
+        &self,
+        segment: &Segment,
+        task: &'static str,
+        analyse: impl FnOnce(&mut Analyzer, &Record, &MeshContext) -> T + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let spec = described(&self.store, &segment.asset_id).await?.spec;
+        let record = self.recall(segment).await?;
+        let samples = record.samples().len();
+        let analyse = move || {
+            with_analyzer(samples, |analyzer| {
+                analyse(analyzer, &spec.seen_from_shaft(&record), &spec.mesh_context())
+            })
+        };
+        self.workers.run_analysis(task, samples, analyse).await
+    }
+
+    /// The amplitude spectrum of a segment and its mesh harmonics.
+    pub async fn spectrum(&self, segment: &Segment) -> Result<(Spectrum, Vec<MeshLine>), ServiceError> {
+        let spec = described(&self.store, &segment.asset_id).await?.spec;
+        let record = self.recall(segment).await?;
+        let samples = record.samples().len();
+        let analyse = move || {
+            with_analyzer(samples, |analyzer| {
+                let lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
+                (analyzer.amplitude_spectrum(&record), lines)
+            })
+        };
+        self.workers.run_analysis("compute a spectrum", samples, analyse).await
+    }
+
+    /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found
+    /// in the record.
+    pub async fn envelope(&self, segment: &Segment, choice: BandChoice) -> Result<SegmentEnvelope, ServiceError> {
+        let spec = described(&self.store, &segment.asset_id).await?.spec;
+        let record = self.recall(segment).await?;
+        let speed = segment.shaft_speed;
+        let samples = record.samples().len();
+        let analyse = move || {
+            with_analyzer(samples, |analyzer| {
+                let given = match choice {
+                    BandChoice::Hertz(band_hz) => Some(EnvelopeBand::given(band_hz, BandSource::Query)),
+                    BandChoice::OfAsset => spec.given_envelope_band(),
+                    BandChoice::Search(_) => None,
+                };
+                let search = match choice {
+                    BandChoice::Search(search) => search,
+                    _ => spec.envelope_band,
+                };
+                let band = given.unwrap_or_else(|| analyzer.envelope_band(&record, speed.as_ref(), search));
+                let mesh_lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
+                let [low, high] = band.band_hz;
+                let was_given = matches!(band.source, BandSource::Query | BandSource::Asset);
+                let spectrum = match analyzer.envelope_spectrum(&record, band.band_hz) {
+                    Ok(spectrum) => spectrum,
+                    // Of the band that was looked for nothing is to be had: the record is too short for any.
+                    Err(BandError::TooNarrow { .. }) if !was_given => Spectrum {
+                        amplitude: Vec::new(),
+                        ..analyzer.amplitude_spectrum(&record)
+                    },
+                    Err(error) => {
+                        return Err(ServiceError::Field {
+                            field: "band_hz",
+                            value: format!("[{low}, {high}] ({error})"),
+                            expected: "a band between 0 and half the sampling rate that the record resolves",
+                        });
+                    }
+                };
+                Ok(SegmentEnvelope {
+                    spectrum,
+                    band,
+                    mesh_lines,
+                })
+            })
+        };
+        let workers = &self.workers;
+        workers.run_analysis("compute an envelope spectrum", samples, analyse).await?
+    }
+}
+
+/// The band that an envelope spectrum is asked for in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum BandChoice {
+    /// That of the asset.
+    OfAsset,
+    /// The one that is found so.
+    Search(EnvelopeSearch),
+    /// From the first to the second frequency in hertz.
+    Hertz([f64; 2]),
+}
+
+/// The envelope spectrum of a segment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SegmentEnvelope {
+    /// The spectrum.
+    pub spectrum: Spectrum,
+    /// The band, and how it was chosen.
+    pub band: EnvelopeBand,
+    /// The mesh harmonics of the segment's own spectrum.
+    pub mesh_lines: Vec<MeshLine>,
+}

@@ -1,0 +1,174 @@
+//! A replay: what is asked for, and how far it is.
+
+use std::str::FromStr;
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use crate::asset::AssetId;
+
+/// How fast a recording is replayed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum Pace {
+    /// As fast as it can be processed.
+    Max,
+    /// This many times as fast as it was recorded.
+    Times(f64),
+}
+
+impl FromStr for Pace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "max" => Ok(Self::Max),
+            "realtime" => Ok(Self::Times(1.0)),
+            _ => match text.strip_suffix('x').map(str::parse::<f64>) {
+                Some(Ok(times)) if times > 0.0 && times <= 1e6 => Ok(Self::Times(times)),
+                _ => Err(format!(
+                    "pace is {text:?}, expected \"max\", \"realtime\" or a number above 0 and at most 1000000 with an x, such as \"10x\""
+                )),
+            },
+        }
+    }
+}
+
+impl TryFrom<String> for Pace {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Pace> for String {
+    fn from(pace: Pace) -> Self {
+        match pace {
+            Pace::Max => "max".into(),
+            Pace::Times(1.0) => "realtime".into(),
+            Pace::Times(times) => format!("{times}x"),
+        }
+    }
+}
+
+/// What is to be replayed.
+#[derive(Debug, Clone, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ReplayRequest {
+    /// The asset whose records they become.
+    pub asset: AssetId,
+    /// The recording, relative to the replay folder.
+    #[schema(example = "run.mcap")]
+    pub file: String,
+    /// How fast: `max`, `realtime` or a factor such as `10x`.
+    #[serde(default = "Pace::max")]
+    #[schema(value_type = String, example = "max", pattern = r"^(max|realtime|[0-9.]+x)$")]
+    pub pace: Pace,
+}
+
+impl Pace {
+    fn max() -> Self {
+        Self::Max
+    }
+}
+
+/// What a replay is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ReplayState {
+    /// Under way.
+    Running,
+    /// Came to the end of the recording.
+    Finished,
+    /// Was stopped.
+    Stopped,
+    /// Could not go on.
+    Failed,
+}
+
+/// A replay and how far it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Replay {
+    /// Identifier.
+    pub id: String,
+    /// The asset whose records they become.
+    pub asset: AssetId,
+    /// The recording, relative to the replay folder.
+    pub file: String,
+    /// How fast: `max`, `realtime` or a factor such as `10x`.
+    #[schema(value_type = String, example = "max")]
+    pub pace: Pace,
+    /// What it is doing.
+    pub state: ReplayState,
+    /// Why it failed; or why the first record that was refused was refused.
+    pub error: Option<String>,
+    /// Records in the recording, known at its end.
+    pub records_total: Option<u64>,
+    /// Records that are done, the refused ones too.
+    pub records_done: u64,
+    /// Records stored.
+    pub stored: u64,
+    /// Records that were stored before.
+    pub repeated: u64,
+    /// Records that could not be used.
+    pub refused: u64,
+    /// When it began.
+    pub started_at: Timestamp,
+    /// When it ended.
+    pub finished_at: Option<Timestamp>,
+    /// Start of the earliest record done.
+    pub first_start_time: Option<Timestamp>,
+    /// Start of the latest record done.
+    pub last_start_time: Option<Timestamp>,
+    /// Length of all records done, in seconds.
+    pub record_seconds_done: f64,
+    /// Length of all records done over the time it took.
+    pub times_real_time: Option<f64>,
+}
+
+impl Replay {
+    /// One that begins; its identifier is still to be given.
+    pub(crate) fn begin(request: ReplayRequest, started_at: Timestamp) -> Self {
+        Self {
+            id: String::new(),
+            asset: request.asset,
+            file: request.file,
+            pace: request.pace,
+            state: ReplayState::Running,
+            error: None,
+            records_total: None,
+            records_done: 0,
+            stored: 0,
+            repeated: 0,
+            refused: 0,
+            started_at,
+            finished_at: None,
+            first_start_time: None,
+            last_start_time: None,
+            record_seconds_done: 0.0,
+            times_real_time: None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pace_is_read_and_written_alike() {
+        for (text, pace) in [
+            ("max", Pace::Max),
+            ("realtime", Pace::Times(1.0)),
+            ("10x", Pace::Times(10.0)),
+            ("0.5x", Pace::Times(0.5)),
+        ] {
+            assert_eq!(text.parse(), Ok(pace));
+            assert_eq!(String::from(pace), text);
+        }
+        for text in ["", "x", "10", "-1x", "0x", "NaNx", "infx", "fast"] {
+            assert!(text.parse::<Pace>().is_err(), "{text}");
+        }
+    }
+}

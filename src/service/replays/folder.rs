@@ -1,0 +1,101 @@
+//! The folders on disk, and which recordings may be replayed: only files inside the configured folder.
+
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+
+use crate::service::error::ServiceError;
+use crate::service::limits::ServiceFolders;
+
+/// Makes the folders where they are missing and clears what interrupted uploads left behind.
+pub(crate) fn prepare(folders: &ServiceFolders) -> Result<(), ServiceError> {
+    for folder in [&folders.libraries, &folders.recordings, &folders.uploads] {
+        fs::create_dir_all(folder).map_err(|source| ServiceError::File {
+            action: "create the folder",
+            path: folder.clone(),
+            source,
+        })?;
+    }
+    let stale = fs::read_dir(&folders.uploads).map_err(|source| ServiceError::File {
+        action: "list the folder",
+        path: folders.uploads.clone(),
+        source,
+    })?;
+    for entry in stale.flatten() {
+        if let Err(error) = fs::remove_file(entry.path()) {
+            tracing::warn!(file = %entry.path().display(), %error, "failed to remove an unfinished upload");
+        }
+    }
+    Ok(())
+}
+
+/// The path of a recording inside the folder.
+///
+/// Refused: an absolute path, `..`, a link that leads out of the folder, and anything but a file.
+pub(crate) fn find(folder: &Path, file: &str) -> Result<PathBuf, ServiceError> {
+    let refuse = |reason| ServiceError::ReplayFile {
+        file: file.to_string(),
+        reason,
+    };
+    let relative = Path::new(file);
+    let is_plain = relative.components().all(|part| matches!(part, Component::Normal(_)));
+    if file.is_empty() || file.contains(['\0', '\\']) || !is_plain {
+        return Err(refuse(
+            "is not a path inside the replay folder, expected one without \"..\" and not absolute",
+        ));
+    }
+    let folder = fs::canonicalize(folder).map_err(|_| refuse("is not there: the replay folder cannot be read"))?;
+    let path = fs::canonicalize(folder.join(relative)).map_err(|_| refuse("is not in the replay folder"))?;
+    if !path.starts_with(&folder) {
+        return Err(refuse("leads out of the replay folder"));
+    }
+    if !path.is_file() {
+        return Err(refuse("is not a file"));
+    }
+    Ok(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_files_inside_the_folder_are_found() {
+        let outside = tempfile::tempdir().unwrap();
+        let folder = outside.path().join("recordings");
+        fs::create_dir_all(folder.join("line 1")).unwrap();
+        fs::write(folder.join("line 1/run.mcap"), b"x").unwrap();
+        fs::write(outside.path().join("secret"), b"x").unwrap();
+        assert!(find(&folder, "line 1/run.mcap").is_ok());
+        let absolute = outside.path().join("secret");
+        for file in [
+            "",
+            ".",
+            "..",
+            "../secret",
+            "line 1/../../secret",
+            "line 1",
+            "none.mcap",
+            "a\0b",
+            "..\\secret",
+            absolute.to_str().unwrap(),
+        ] {
+            assert!(matches!(find(&folder, file), Err(ServiceError::ReplayFile { .. })), "{file:?}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_that_leads_out_is_refused_and_one_that_stays_in_is_not() {
+        let outside = tempfile::tempdir().unwrap();
+        let folder = outside.path().join("recordings");
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(outside.path().join("secret"), b"x").unwrap();
+        fs::write(folder.join("run"), b"x").unwrap();
+        std::os::unix::fs::symlink(outside.path().join("secret"), folder.join("out")).unwrap();
+        std::os::unix::fs::symlink(outside.path(), folder.join("up")).unwrap();
+        std::os::unix::fs::symlink(folder.join("run"), folder.join("in")).unwrap();
+        assert!(find(&folder, "out").is_err());
+        assert!(find(&folder, "up/secret").is_err());
+        assert!(find(&folder, "in").is_ok());
+    }
+}

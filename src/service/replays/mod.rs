@@ -1,0 +1,168 @@
+//! Replays: recordings from the replay folder taken through the pipeline as if they happened now.
+
+mod folder;
+mod list;
+mod run;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio::sync::{OwnedSemaphorePermit, watch};
+
+use super::clock::Clock;
+use super::error::ServiceError;
+use super::events::Announcer;
+use super::pipeline::{Pipeline, RecordStream};
+use super::record::defaults_of;
+use super::replay::{Replay, ReplayRequest, ReplayState};
+use super::sensor_group::SensorGroup;
+use super::work_queue::Role;
+use super::workers::Workers;
+use crate::asset::{AssetId, AssetSpec};
+use crate::recording::RecordingFile;
+use crate::store::Store;
+pub(crate) use folder::prepare as prepare_folders;
+use list::ReplayList;
+use run::Run;
+
+/// The replays that a process runs and remembers.
+pub struct Replays {
+    store: Store,
+    workers: Arc<Workers>,
+    pipeline: Arc<Pipeline>,
+    clock: Arc<dyn Clock>,
+    role: Role,
+    folder: PathBuf,
+    list: Arc<ReplayList>,
+    /// The service ends: replays that are stopped now go on at the next start.
+    is_ending: Arc<AtomicBool>,
+}
+
+impl Replays {
+    pub(crate) fn new(
+        store: Store,
+        workers: Arc<Workers>,
+        pipeline: Arc<Pipeline>,
+        clock: Arc<dyn Clock>,
+        events: Announcer,
+        role: Role,
+        folder: PathBuf,
+    ) -> Self {
+        Self {
+            list: Arc::new(ReplayList::new(store.clone(), events)),
+            store,
+            workers,
+            pipeline,
+            clock,
+            role,
+            folder,
+            is_ending: Arc::default(),
+        }
+    }
+
+    /// Starts a replay.
+    ///
+    /// Errors: no such asset, a file outside the replay folder, too many recordings being read; an API node
+    /// has no replay folder.
+    pub async fn start(&self, request: ReplayRequest) -> Result<Arc<Replay>, ServiceError> {
+        if self.role.is_api_node() {
+            return Err(ServiceError::ReplayFile {
+                file: request.file,
+                reason: "is in no folder that all API nodes have: `flankwatch replay` sends recordings to them",
+            });
+        }
+        let found = self.find(&request.asset, &request.file).await?;
+        let mut replay = Replay::begin(request, self.clock.now());
+        let number = self.list.number(&mut replay).await;
+        Ok(self.run_in_background(number, replay, found))
+    }
+
+    /// Goes on with the replays that were running when the process before ended, and remembers those that
+    /// were over.
+    pub(crate) async fn resume(&self) -> Result<(), ServiceError> {
+        for (number, mut replay) in self.list.load().await? {
+            tracing::info!(replay = number, file = replay.file, done = replay.records_done, "resuming a replay");
+            match self.find(&replay.asset, &replay.file).await {
+                Ok(found) => {
+                    self.run_in_background(number, replay, found);
+                }
+                Err(error) => {
+                    tracing::warn!(replay = number, %error, "failed to resume a replay");
+                    replay.state = ReplayState::Failed;
+                    replay.error = Some(error.to_string());
+                    replay.finished_at = Some(self.clock.now());
+                    self.list.save(number, &replay).await;
+                    self.list.update(number, &replay);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What a replay needs: the asset's description, the recording, the right to read it.
+    async fn find(&self, asset: &AssetId, file: &str) -> Result<(AssetSpec, PathBuf, OwnedSemaphorePermit), ServiceError> {
+        let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
+        let path = folder::find(&self.folder, file)?;
+        Ok((spec, path, self.workers.admit_recording()?))
+    }
+
+    fn run_in_background(
+        &self,
+        number: u64,
+        replay: Replay,
+        (spec, path, turn): (AssetSpec, PathBuf, OwnedSemaphorePermit),
+    ) -> Arc<Replay> {
+        let (stop, stopped) = watch::channel(false);
+        let first = Arc::new(replay.clone());
+        self.list.insert_running(number, Arc::clone(&first), stop);
+        let defaults = defaults_of(&spec, replay.started_at);
+        let done = usize::try_from(replay.records_done).unwrap_or(usize::MAX);
+        let records = RecordStream::spawn(self.workers.recording_bytes(), move || {
+            Ok(RecordingFile::open(&path, defaults, None)?.skip(done))
+        });
+        let run = Run {
+            pipeline: Arc::clone(&self.pipeline),
+            list: Arc::clone(&self.list),
+            clock: Arc::clone(&self.clock),
+            is_ending: Arc::clone(&self.is_ending),
+            number,
+        };
+        tokio::spawn(async move {
+            let _turn = turn;
+            run.to_end(replay, records, stopped).await;
+        });
+        first
+    }
+
+    /// All replays, the latest first.
+    pub fn list(&self) -> Vec<Arc<Replay>> {
+        self.list.all()
+    }
+
+    /// A replay.
+    ///
+    /// Error: [`ServiceError::ReplayUnknown`].
+    pub fn get(&self, id: &str) -> Result<Arc<Replay>, ServiceError> {
+        Ok(self.list.get(id)?.0)
+    }
+
+    /// Stops a replay and waits until it has; one that has ended is left as it is.
+    pub async fn stop(&self, id: &str) -> Result<Arc<Replay>, ServiceError> {
+        let (_, stop) = self.list.get(id)?;
+        stop.send_replace(true);
+        // The replay drops its end of the channel when it is over.
+        stop.closed().await;
+        self.get(id)
+    }
+
+    /// Stops all replays, for the end of the service: they go on at its next start.
+    pub async fn stop_all(&self) {
+        self.is_ending.store(true, Ordering::SeqCst);
+        for replay in self.list() {
+            if let Err(error) = self.stop(&replay.id).await {
+                tracing::warn!(replay = replay.id, %error, "failed to stop a replay");
+            }
+        }
+    }
+}

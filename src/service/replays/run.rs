@@ -1,0 +1,163 @@
+//! A replay under way: reading, analysing and storing side by side.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use jiff::Timestamp;
+use tokio::sync::watch;
+
+use super::list::ReplayList;
+use crate::service::clock::Clock;
+use crate::service::error::ServiceError;
+use crate::service::pipeline::{BatchSummary, Pipeline, ReadBatch, RecordStream, RecordedBatch};
+use crate::service::replay::{Pace, Replay, ReplayState};
+
+/// How often a running replay's progress is saved.
+const SAVED_EVERY: Duration = Duration::from_secs(1);
+
+/// What a running replay works with.
+pub(crate) struct Run {
+    pub(crate) pipeline: Arc<Pipeline>,
+    pub(crate) list: Arc<ReplayList>,
+    pub(crate) clock: Arc<dyn Clock>,
+    pub(crate) is_ending: Arc<AtomicBool>,
+    pub(crate) number: u64,
+}
+
+impl Run {
+    /// Runs a replay to its end and notes that.
+    pub(crate) async fn to_end(&self, mut replay: Replay, mut records: RecordStream, mut stopped: watch::Receiver<bool>) {
+        let began = tokio::time::Instant::now();
+        let mut summary = so_far(&replay);
+        let seconds_before = summary.record_seconds;
+        let mut first_start = None;
+        let mut saved = began;
+        let mut before: Option<Box<RecordedBatch>> = None;
+        let (asset, pace) = (replay.asset.clone(), replay.pace);
+        let end = loop {
+            // While one batch waits for the disk, the next one is read and analysed.
+            let next = async {
+                let batch = tokio::select! {
+                    _ = stopped.wait_for(|stopped| *stopped) => return Ok(Next::Stopped),
+                    batch = async {
+                        match pace {
+                            Pace::Max => records.next_batch().await,
+                            Pace::Times(times) => paced(&mut records, times, began, &mut first_start).await,
+                        }
+                    } => batch,
+                };
+                if batch.records.is_empty() {
+                    return Ok(Next::End);
+                }
+                self.pipeline
+                    .begin_batch(&asset, batch)
+                    .await
+                    .map(|batch| Next::Batch(Box::new(batch)))
+            };
+            let store = async {
+                if before.is_none() {
+                    return Ok(());
+                }
+                self.pipeline.finish_batch(before.take().map(|batch| *batch), &mut summary).await?;
+                note(&mut replay, &summary, seconds_before, began.elapsed());
+                self.list.announce(self.number, &replay);
+                if saved.elapsed() > SAVED_EVERY {
+                    saved = tokio::time::Instant::now();
+                    self.list.save(self.number, &replay).await;
+                }
+                Ok::<_, ServiceError>(())
+            };
+            let (next, stored) = tokio::join!(next, store);
+            match stored.and(next) {
+                Ok(Next::Batch(batch)) => before = Some(batch),
+                Ok(Next::Stopped) => break Ok(ReplayState::Stopped),
+                Ok(Next::End) => {
+                    break match summary.refused.first() {
+                        Some(refused) if summary.refused_count == summary.records => Err(refused.reason.clone()),
+                        _ => Ok(ReplayState::Finished),
+                    };
+                }
+                Err(error) => break Err(error.to_string()),
+            }
+        };
+        if matches!(end, Ok(ReplayState::Stopped)) && self.is_ending.load(Ordering::SeqCst) {
+            // Still running, for the next start.
+            self.list.save(self.number, &replay).await;
+            return;
+        }
+        match end {
+            Ok(state) => replay.state = state,
+            Err(error) => {
+                tracing::warn!(replay = replay.id, %error, "replay failed");
+                replay.state = ReplayState::Failed;
+                replay.error = Some(error);
+            }
+        }
+        if replay.state == ReplayState::Finished {
+            replay.records_total = Some(summary.records);
+        }
+        replay.finished_at = Some(self.clock.now());
+        note(&mut replay, &summary, seconds_before, began.elapsed());
+        self.list.save(self.number, &replay).await;
+        self.list.announce(self.number, &replay);
+    }
+}
+
+/// What comes next in a replay.
+enum Next {
+    /// Records.
+    Batch(Box<RecordedBatch>),
+    /// Nothing: the recording is over.
+    End,
+    /// Nothing: the replay is to stop.
+    Stopped,
+}
+
+/// The next record once its time has come: as far after the first one as it was recorded, divided by `times`.
+async fn paced(records: &mut RecordStream, times: f64, began: tokio::time::Instant, first_start: &mut Option<Timestamp>) -> ReadBatch {
+    let batch = records.next().await;
+    if let Some((_, Ok(recorded))) = batch.records.first() {
+        let start = recorded.record.start_time();
+        let first = *first_start.get_or_insert(start);
+        let seconds = (start.as_nanosecond() - first.as_nanosecond()) as f64 / 1e9 / times;
+        if let Ok(wait) = Duration::try_from_secs_f64(seconds) {
+            tokio::time::sleep_until(began + wait).await;
+        }
+    }
+    batch
+}
+
+/// Notes what became of a replay's records so far: `elapsed` is how long those beyond the first
+/// `seconds_before` took.
+fn note(replay: &mut Replay, summary: &BatchSummary, seconds_before: f64, elapsed: Duration) {
+    replay.records_done = summary.records;
+    replay.stored = summary.stored;
+    replay.repeated = summary.repeated;
+    replay.refused = summary.refused_count;
+    replay.first_start_time = summary.first_start_time;
+    replay.last_start_time = summary.last_start_time;
+    replay.record_seconds_done = summary.record_seconds;
+    let seconds = summary.record_seconds - seconds_before;
+    replay.times_real_time = (summary.records > 0).then(|| seconds / elapsed.as_secs_f64().max(1e-9));
+    if replay.error.is_none() {
+        replay.error = summary
+            .refused
+            .first()
+            .map(|refused| format!("record {}: {}", refused.record, refused.reason));
+    }
+}
+
+/// What became of a replay's records, to go on from.
+fn so_far(replay: &Replay) -> BatchSummary {
+    BatchSummary {
+        records: replay.records_done,
+        stored: replay.stored,
+        repeated: replay.repeated,
+        refused_count: replay.refused,
+        first_start_time: replay.first_start_time,
+        last_start_time: replay.last_start_time,
+        record_seconds: replay.record_seconds_done,
+        ..BatchSummary::default()
+    }
+}

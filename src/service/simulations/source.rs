@@ -1,0 +1,165 @@
+//! Where libraries come from: the folder of this process, else, where processes share a store, the one of
+//! them that built it, else a build.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use tokio::runtime::Handle;
+
+use crate::gear::PairSpec;
+use crate::library::{
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, decode, encode, library_id,
+};
+use crate::service::clock::Clock;
+use crate::store::{Store, StoreError};
+
+/// When a library that another process builds, or a store that is away, is asked again.
+const ASKED_AGAIN: Duration = Duration::from_secs(2);
+
+/// How often a process that builds says so.
+const SAID_EVERY: Duration = Duration::from_secs(15);
+
+/// Libraries by the hash of their inputs. Every method blocks: to be called on a thread of its own, not on
+/// one of the runtime.
+#[derive(Clone)]
+pub(crate) struct LibrarySource {
+    shelf: Arc<LibraryShelf>,
+    shared: Option<Shared>,
+}
+
+/// What processes share libraries through.
+#[derive(Clone)]
+struct Shared {
+    store: Store,
+    clock: Arc<dyn Clock>,
+    runtime: Handle,
+    /// Else it waits until another process has built.
+    builds: bool,
+}
+
+impl LibrarySource {
+    /// Of a folder, and of the store where processes share it; there a process that does not build leaves
+    /// that to others. To be called inside the runtime.
+    pub(crate) fn new(shelf: Arc<LibraryShelf>, store: &Store, clock: &Arc<dyn Clock>, builds: bool) -> Self {
+        let shared = store.is_shared().then(|| Shared {
+            store: store.clone(),
+            clock: Arc::clone(clock),
+            runtime: Handle::current(),
+            builds,
+        });
+        Self { shelf, shared }
+    }
+
+    /// The folder.
+    pub(crate) fn shelf(&self) -> &Arc<LibraryShelf> {
+        &self.shelf
+    }
+
+    /// The library of these inputs.
+    pub(crate) fn get_or_build(
+        &self,
+        pair: &PairSpec,
+        grid: &GridSettings,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Arc<Library>, LibraryError> {
+        self.on(&self.shelf, pair, grid, progress)
+    }
+
+    /// A library with its neighbours.
+    pub(crate) fn ensemble(&self, library: Arc<Library>, settings: &EnsembleSettings) -> Result<Ensemble, LibraryError> {
+        let neighbours = self.shelf.neighbours();
+        let get = |pair: &PairSpec, grid: &GridSettings| self.on(&neighbours, pair, grid, &|_, _| {});
+        Ensemble::around(library, settings, &get, &|_, _| {})
+    }
+
+    fn on(
+        &self,
+        shelf: &LibraryShelf,
+        pair: &PairSpec,
+        grid: &GridSettings,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Arc<Library>, LibraryError> {
+        match &self.shared {
+            Some(shared) => shared.get_or_build(shelf, pair, grid, progress),
+            None => shelf.get_or_build(pair, grid, &BuildControl::with_progress(progress)),
+        }
+    }
+}
+
+impl Shared {
+    fn get_or_build(
+        &self,
+        shelf: &LibraryShelf,
+        pair: &PairSpec,
+        grid: &GridSettings,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Arc<Library>, LibraryError> {
+        let id = library_id(pair, grid);
+        let is_it = |library: &Library| library.pair() == pair && library.manifest().grid == *grid;
+        if let Ok(Some(library)) = shelf.get(&id)
+            && is_it(&library)
+        {
+            return Ok(library);
+        }
+        loop {
+            match self.fetch(&id) {
+                Ok(Some(library)) if is_it(&library) => {
+                    shelf.put(&library)?;
+                    return Ok(Arc::new(library));
+                }
+                Ok(_) => match self.begin(&id) {
+                    Ok(true) => break,
+                    // Another process builds it.
+                    Ok(false) => std::thread::sleep(ASKED_AGAIN),
+                    Err(error) => self.wait_for_store(&error),
+                },
+                Err(error) => self.wait_for_store(&error),
+            }
+        }
+        let said = Mutex::new(Instant::now());
+        let progress = |done, total| {
+            progress(done, total);
+            let mut said = said.lock().unwrap_or_else(PoisonError::into_inner);
+            if said.elapsed() >= SAID_EVERY {
+                *said = Instant::now();
+                // Where this is not heard, another process builds the same: the same bits.
+                if let Err(error) = self.runtime.block_on(self.store.go_on_building(&id, self.clock.now())) {
+                    tracing::warn!(%error, "failed to say that a library is being built");
+                }
+            }
+        };
+        let library = shelf.get_or_build(pair, grid, &BuildControl::with_progress(&progress))?;
+        let bytes = encode(&library);
+        while let Err(error) = self.store.objects().put_library(&id, bytes.clone().into()) {
+            self.wait_for_store(&error);
+        }
+        Ok(library)
+    }
+
+    /// The library as another process built it; none where there is none that can be used.
+    fn fetch(&self, id: &str) -> Result<Option<Library>, StoreError> {
+        let Some(bytes) = self.store.objects().library(id)? else {
+            return Ok(None);
+        };
+        match decode(&bytes) {
+            Ok(library) if library.id() == id => Ok(Some(library)),
+            Ok(_) => Ok(None),
+            Err(error) => {
+                tracing::warn!(library = id, %error, "failed to decode the shared library: building it again");
+                Ok(None)
+            }
+        }
+    }
+
+    fn begin(&self, id: &str) -> Result<bool, StoreError> {
+        if !self.builds {
+            return Ok(false);
+        }
+        self.runtime.block_on(self.store.begin_building(id, self.clock.now()))
+    }
+
+    fn wait_for_store(&self, error: &StoreError) {
+        tracing::warn!(%error, "failed to reach the store for a library: trying again");
+        std::thread::sleep(ASKED_AGAIN);
+    }
+}

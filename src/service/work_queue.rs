@@ -1,0 +1,95 @@
+//! Several processes on one store: API nodes take records and put them into a queue, workers analyse, fold
+//! and commit them.
+
+use std::sync::Arc;
+
+use futures_util::future::BoxFuture;
+use jiff::Timestamp;
+use serde::Serialize;
+
+use super::error::ServiceError;
+use crate::asset::{AssetId, RawReference, SegmentId};
+use crate::signal::OperatingPoint;
+
+/// A record that is decoded and identified, whose raw bytes are stored, and that is still to be analysed: all
+/// that it takes besides its raw bytes.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct QueuedRecord {
+    /// Identifier of the segment that it becomes.
+    pub id: SegmentId,
+    /// The asset it belongs to.
+    pub asset_id: AssetId,
+    /// When that asset was made: one of the same name that is made later is another.
+    #[serde(skip)]
+    pub asset_created_at: Timestamp,
+    /// The measuring channel.
+    pub channel: String,
+    /// The time of the first sample.
+    pub start_time: Timestamp,
+    /// When the service took it.
+    pub received_at: Timestamp,
+    /// Unit of the samples.
+    pub unit: String,
+    /// Operating point as given with the record.
+    pub operating_point: OperatingPoint,
+    /// Wear depth in µm known from elsewhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_wear_um: Option<f64>,
+    /// Where the raw bytes are.
+    pub raw: RawReference,
+    /// How often it was given up lately as one that cannot be stored: sent again it is another one to the
+    /// queue.
+    #[serde(skip)]
+    pub given_up: u32,
+}
+
+/// How a part that the service needs is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PartHealth {
+    /// Which part.
+    pub part: &'static str,
+    /// Why it cannot be used; none where it can.
+    pub fault: Option<String>,
+}
+
+/// The queue between API nodes and workers, and the notice of changed assets.
+pub trait WorkQueue: Send + Sync + 'static {
+    /// Puts records into the queue; they are safe once this returns without an error.
+    ///
+    /// Error: [`ServiceError::Busy`] where they cannot be taken now.
+    fn enqueue<'a>(&'a self, records: &'a [QueuedRecord]) -> BoxFuture<'a, Result<(), ServiceError>>;
+
+    /// Notifies the workers that an asset's description or what happened to it changed. A worker that misses
+    /// the notice finds out by itself later.
+    fn notify_changed(&self, asset: &AssetId);
+
+    /// Whether the queue works.
+    fn health(&self) -> BoxFuture<'_, Vec<PartHealth>>;
+}
+
+/// What a process does of a record's way.
+#[derive(Clone, Default)]
+pub enum Role {
+    /// All of it, alone on its store.
+    #[default]
+    Standalone,
+    /// Takes records and puts them into the queue.
+    ApiNode(Arc<dyn WorkQueue>),
+    /// Analyses, folds and commits records of the queue, and computes histories again.
+    Worker(Arc<dyn WorkQueue>),
+}
+
+impl Role {
+    /// The queue between this process and others; none where it is alone.
+    pub fn queue(&self) -> Option<&Arc<dyn WorkQueue>> {
+        match self {
+            Self::Standalone => None,
+            Self::ApiNode(queue) | Self::Worker(queue) => Some(queue),
+        }
+    }
+
+    /// Whether records go into the queue here.
+    pub fn is_api_node(&self) -> bool {
+        matches!(self, Self::ApiNode(_))
+    }
+}

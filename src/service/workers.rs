@@ -1,0 +1,312 @@
+//! The threads that compute, apart from those that serve connections.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+
+use super::error::ServiceError;
+use super::limits::WorkLimits;
+use crate::signal::{AnalysisSettings, Analyzer, MAX_RECORD_SAMPLES};
+
+/// Samples beyond which a record is large. The analysis of one takes some 85 bytes a sample, 1.4 GB for the
+/// largest.
+const LARGE_SAMPLES: usize = 1 << 22;
+
+thread_local! {
+    /// Plans and scratch of this thread.
+    static ANALYZER: RefCell<Analyzer> = RefCell::new(Analyzer::new(AnalysisSettings::default()));
+}
+
+/// Gives the calling thread's analyzer to `f`, for a record of so many samples; where that is a large one a
+/// fresh analyzer, whose work space is not kept.
+pub(crate) fn with_analyzer<T>(samples: usize, f: impl FnOnce(&mut Analyzer) -> T) -> T {
+    if is_large(samples) {
+        return f(&mut Analyzer::new(AnalysisSettings::default()));
+    }
+    ANALYZER.with_borrow_mut(f)
+}
+
+/// Whether a record of so many samples is a large one.
+pub(crate) fn is_large(samples: usize) -> bool {
+    samples > LARGE_SAMPLES
+}
+
+/// A fixed number of threads for computation, and what may wait for them.
+#[derive(Debug)]
+pub struct Workers {
+    pool: rayon::ThreadPool,
+    /// For what is short and others wait for, so that it does not stand behind records.
+    first: rayon::ThreadPool,
+    requests: Arc<Semaphore>,
+    answers: Arc<Semaphore>,
+    recordings: Arc<Semaphore>,
+    kibibytes: Arc<Semaphore>,
+    /// Samples of the large records that may be analysed now.
+    large: Arc<Semaphore>,
+    limits: WorkLimits,
+}
+
+/// The right to hold a request's bytes and have them processed; given back when dropped.
+#[derive(Debug)]
+pub struct Ticket {
+    _request: OwnedSemaphorePermit,
+    kibibytes: Arc<Semaphore>,
+    held: Option<OwnedSemaphorePermit>,
+    bytes: usize,
+}
+
+impl Workers {
+    pub(crate) fn new(limits: &WorkLimits) -> Result<Self, ServiceError> {
+        Ok(Self {
+            pool: threads(limits.workers, "worker")?,
+            first: threads(limits.workers, "first")?,
+            requests: Arc::new(Semaphore::new(limits.requests_at_once)),
+            answers: Arc::new(Semaphore::new(limits.requests_at_once)),
+            recordings: Arc::new(Semaphore::new(limits.recordings_at_once)),
+            kibibytes: Arc::new(Semaphore::new(limits.bytes_at_once / 1024)),
+            large: Arc::new(Semaphore::new(MAX_RECORD_SAMPLES)),
+            limits: limits.clone(),
+        })
+    }
+
+    /// The right to one more request, or [`ServiceError::Busy`] at once.
+    pub fn admit(&self) -> Result<Ticket, ServiceError> {
+        self.admit_to(&self.requests, "the queue of records is full")
+    }
+
+    /// The right to one more answer that is worked out of stored records, or [`ServiceError::Busy`] at once.
+    /// It has a queue of its own: who sends slowly does not keep others from looking.
+    pub fn admit_answer(&self) -> Result<Ticket, ServiceError> {
+        self.admit_to(&self.answers, "too many spectra and recordings are asked for")
+    }
+
+    fn admit_to(&self, queue: &Arc<Semaphore>, what: &'static str) -> Result<Ticket, ServiceError> {
+        let busy = |_| ServiceError::Busy { what, retry_after_s: 1 };
+        let request = Arc::clone(queue).try_acquire_owned().map_err(busy)?;
+        Ok(Ticket {
+            _request: request,
+            kibibytes: Arc::clone(&self.kibibytes),
+            held: None,
+            bytes: 0,
+        })
+    }
+
+    /// The right to read one more whole recording, or [`ServiceError::Busy`] at once.
+    pub(crate) fn admit_recording(&self) -> Result<OwnedSemaphorePermit, ServiceError> {
+        let turn = Arc::clone(&self.recordings).try_acquire_owned();
+        turn.map_err(|_| ServiceError::Busy {
+            what: "too many recordings are being read",
+            retry_after_s: 5,
+        })
+    }
+
+    /// Requests held now, and how many may be.
+    pub fn queue(&self) -> (usize, usize) {
+        let most = self.limits.requests_at_once;
+        (most - self.requests.available_permits().min(most), most)
+    }
+
+    /// Runs `f` on a worker thread; `task` names it if it is lost.
+    pub async fn run<T: Send + 'static>(&self, task: &'static str, f: impl FnOnce() -> T + Send + 'static) -> Result<T, ServiceError> {
+        run_in(&self.pool, task, f).await
+    }
+
+    /// Bytes that the records of one whole recording may take: its share of what all together may.
+    pub(crate) fn recording_bytes(&self) -> usize {
+        self.limits.bytes_at_once / self.limits.recordings_at_once.max(1)
+    }
+
+    /// Runs `f`, which analyses a record of so many samples, on a worker thread. Large records wait for each
+    /// other, so that those analysed at once have no more samples together than the largest has; the others
+    /// wait for none of them.
+    pub(crate) async fn run_analysis<T: Send + 'static>(
+        &self,
+        task: &'static str,
+        samples: usize,
+        f: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        if !is_large(samples) {
+            return self.run(task, f).await;
+        }
+        let samples = samples.min(MAX_RECORD_SAMPLES) as u32;
+        let turn = Arc::clone(&self.large).acquire_many_owned(samples).await;
+        let turn = turn.map_err(|_| ServiceError::WorkerLost(task))?;
+        self.run(task, move || {
+            // Also where the asker has gone the work space is there until the end.
+            let _turn = turn;
+            f()
+        })
+        .await
+    }
+
+    /// Runs `f`, which takes some milliseconds at most, before everything that waits for a worker thread.
+    pub(crate) async fn run_first<T: Send + 'static>(
+        &self,
+        task: &'static str,
+        f: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        run_in(&self.first, task, f).await
+    }
+}
+
+/// Runs `work` to its end also where the caller goes away meanwhile: what is begun must not be left half
+/// done.
+pub(crate) async fn detached<T: Send + 'static>(
+    task: &'static str,
+    work: impl Future<Output = T> + Send + 'static,
+) -> Result<T, ServiceError> {
+    tokio::spawn(work).await.map_err(|_| ServiceError::WorkerLost(task))
+}
+
+/// Runs `f`, which waits for the disk or the network, on a thread for that.
+pub(crate) async fn blocking<T: Send + 'static>(task: &'static str, f: impl FnOnce() -> T + Send + 'static) -> Result<T, ServiceError> {
+    tokio::task::spawn_blocking(f).await.map_err(|_| ServiceError::WorkerLost(task))
+}
+
+fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadPool, ServiceError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(count)
+        .thread_name(move |n| format!("{name}-{n}"))
+        // A panic ends one task, whose asker is told, and not the process.
+        .panic_handler(|_| tracing::error!("a worker's task panicked"))
+        .build()
+        .map_err(|_| ServiceError::WorkerLost("start"))
+}
+
+async fn run_in<T: Send + 'static>(
+    pool: &rayon::ThreadPool,
+    task: &'static str,
+    f: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, ServiceError> {
+    let (sender, receiver) = oneshot::channel();
+    pool.spawn(move || {
+        // The asker may have gone; then nobody wants the answer.
+        let _ = sender.send(f());
+    });
+    receiver.await.map_err(|_| ServiceError::WorkerLost(task))
+}
+
+impl Ticket {
+    /// Takes `bytes` more into memory under this ticket, or [`ServiceError::Busy`] where all requests
+    /// together hold too many.
+    pub fn grow(&mut self, bytes: usize) -> Result<(), ServiceError> {
+        self.bytes += bytes;
+        let held = self.held.as_ref().map_or(0, OwnedSemaphorePermit::num_permits);
+        let needed = self.bytes.div_ceil(1024);
+        if needed > held {
+            let more = u32::try_from(needed - held).unwrap_or(u32::MAX);
+            let more = Arc::clone(&self.kibibytes)
+                .try_acquire_many_owned(more)
+                .map_err(|_| ServiceError::Busy {
+                    what: "too many bytes are being received",
+                    retry_after_s: 2,
+                })?;
+            match &mut self.held {
+                Some(held) => held.merge(more),
+                None => self.held = Some(more),
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn workers() -> Workers {
+        Workers::new(&WorkLimits {
+            workers: 1,
+            requests_at_once: 2,
+            bytes_at_once: 10 * 1024,
+            ..WorkLimits::default()
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn a_full_queue_refuses_and_a_dropped_ticket_makes_room() {
+        let workers = workers();
+        let first = workers.admit().unwrap();
+        let _second = workers.admit().unwrap();
+        assert_eq!(workers.queue(), (2, 2));
+        assert!(matches!(workers.admit(), Err(ServiceError::Busy { .. })));
+        drop(first);
+        assert!(workers.admit().is_ok());
+    }
+
+    #[test]
+    fn bytes_of_all_tickets_count_together() {
+        let workers = workers();
+        let mut first = workers.admit().unwrap();
+        let mut second = workers.admit().unwrap();
+        for _ in 0..6 {
+            first.grow(1024).unwrap();
+        }
+        second.grow(4 * 1024).unwrap();
+        assert!(second.grow(1).is_err());
+        drop(first);
+        assert!(second.grow(1).is_ok());
+    }
+
+    #[tokio::test]
+    async fn a_panicking_task_is_reported_and_the_next_one_runs() {
+        let workers = workers();
+        let lost = workers.run("fail", || panic!("on purpose")).await;
+        assert!(matches!(lost, Err::<(), _>(ServiceError::WorkerLost("fail"))));
+        assert_eq!(workers.run("add", || 1 + 1).await.unwrap(), 2);
+    }
+
+    #[tokio::test]
+    async fn two_of_the_largest_records_are_not_analysed_at_once() {
+        use std::sync::atomic::{AtomicUsize, Ordering};
+        use std::time::Duration;
+
+        let workers = Arc::new(
+            Workers::new(&WorkLimits {
+                workers: 4,
+                ..WorkLimits::default()
+            })
+            .unwrap(),
+        );
+        let samples_now = Arc::new(AtomicUsize::new(0));
+        let most = Arc::new(AtomicUsize::new(0));
+        let analyse = |samples: usize| {
+            let (workers, now, most) = (Arc::clone(&workers), Arc::clone(&samples_now), Arc::clone(&most));
+            tokio::spawn(async move {
+                let analysis = move || {
+                    most.fetch_max(now.fetch_add(samples, Ordering::SeqCst) + samples, Ordering::SeqCst);
+                    std::thread::sleep(Duration::from_millis(20));
+                    now.fetch_sub(samples, Ordering::SeqCst);
+                };
+                workers.run_analysis("analyse", samples, analysis).await.unwrap();
+            })
+        };
+        let half = MAX_RECORD_SAMPLES / 2;
+        let sizes = [MAX_RECORD_SAMPLES, half, half, MAX_RECORD_SAMPLES, LARGE_SAMPLES + 1];
+        let tasks: Vec<_> = sizes.into_iter().map(analyse).collect();
+        for task in tasks {
+            task.await.unwrap();
+        }
+        assert_eq!(most.load(Ordering::SeqCst), MAX_RECORD_SAMPLES);
+    }
+
+    #[tokio::test]
+    async fn a_record_of_ordinary_length_does_not_wait_for_large_ones() {
+        let workers = Workers::new(&WorkLimits {
+            workers: 2,
+            ..WorkLimits::default()
+        });
+        let workers = workers.unwrap();
+        let (done, wait) = std::sync::mpsc::channel();
+        let large = || workers.run_analysis("large", MAX_RECORD_SAMPLES, || ());
+        let first = workers.run_analysis("large", MAX_RECORD_SAMPLES, move || wait.recv());
+        let ordinary = async {
+            workers.run_analysis("ordinary", LARGE_SAMPLES, || ()).await.unwrap();
+            done.send(()).unwrap();
+        };
+        let (first, second, third, ()) = tokio::join!(first, large(), large(), ordinary);
+        assert!(first.unwrap().is_ok() && second.is_ok() && third.is_ok());
+    }
+}
