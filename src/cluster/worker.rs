@@ -260,7 +260,7 @@ fn fault_of(error: &ServiceError) -> Fault {
     match error {
         ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) => Fault::Elsewhere,
         ServiceError::Store(error) if error.is_unavailable() || error.is_conflict() => Fault::Elsewhere,
-        ServiceError::Recording(_) | ServiceError::Field { .. } | ServiceError::HandedOverOtherwise { .. } => Fault::Own,
+        ServiceError::Recording(_) | ServiceError::Field { .. } | ServiceError::QueuedOtherwise { .. } => Fault::Own,
         _ => Fault::Doubtful,
     }
 }

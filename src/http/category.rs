@@ -94,7 +94,7 @@ mod tests {
         let baseline = BaselineProgress { have: 8, need: 8 };
         WearEstimate {
             median_um,
-            ..WearEstimate::without_number(status, String::new(), baseline, String::new())
+            ..WearEstimate::without_number(status, String::new(), baseline)
         }
     }
 

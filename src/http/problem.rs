@@ -202,7 +202,7 @@ impl From<ServiceError> for Problem {
             ServiceError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
-            ServiceError::File { .. } | ServiceError::WorkerLost(_) | ServiceError::HandedOverOtherwise { .. } => Self::internal(&error),
+            ServiceError::File { .. } | ServiceError::WorkerLost(_) | ServiceError::QueuedOtherwise { .. } => Self::internal(&error),
         }
     }
 }

@@ -85,7 +85,7 @@ pub struct RunningService {
 pub struct Node {
     /// The store.
     pub store: Store,
-    /// Who the records are handed over to.
+    /// The queue that records go into.
     pub queue: Arc<dyn WorkQueue>,
     /// What all nodes show.
     pub events: SharedEvents,
@@ -118,7 +118,7 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
         None => TokenPlace::File(Tokens::of(&config.data_dir)),
         Some(node) => {
             let tokens = SharedTokens::of(node.store.clone());
-            tokens.take_over(&config.data_dir).await?;
+            tokens.import(&config.data_dir).await?;
             TokenPlace::Shared(tokens)
         }
     };

@@ -117,8 +117,8 @@ impl SharedTokens {
         }
     }
 
-    /// Takes over what the file of a data folder holds. What was revoked since stays so.
-    pub async fn take_over(&self, data_dir: &Path) -> Result<(), TokenError> {
+    /// Imports the tokens in the file of a data folder. What was revoked since stays so.
+    pub async fn import(&self, data_dir: &Path) -> Result<(), TokenError> {
         for token in Tokens::of(data_dir).list()?.unwrap_or_default().iter() {
             if self.store.insert_token(&token.clone().into()).await? {
                 tracing::info!(token = token.id, "imported a token from the data folder");

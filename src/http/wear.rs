@@ -14,7 +14,7 @@ use super::query::{self, AssetInPath, Parameters};
 use super::{assets, etag, reduction, table};
 use crate::asset::{AssetId, AssetSpec, OperatingBin, SegmentId, WearLimits};
 use crate::estimate::{BaselineProgress, WearEstimate, WearStatus};
-use crate::signal::{PREPROCESSING, ShaftSpeed};
+use crate::signal::ShaftSpeed;
 use crate::store::Trend;
 
 /// Points of a history where the client does not say how many.
@@ -89,12 +89,7 @@ pub(super) async fn latest(
 fn nothing_yet(spec: &AssetSpec) -> WearEstimate {
     let need = spec.baseline.records;
     let reason = format!("no records yet: collecting baseline, 0 of {need}");
-    WearEstimate::without_number(
-        WearStatus::CollectingBaseline,
-        reason,
-        BaselineProgress { have: 0, need },
-        PREPROCESSING.to_string(),
-    )
+    WearEstimate::without_number(WearStatus::CollectingBaseline, reason, BaselineProgress { have: 0, need })
 }
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]

@@ -65,12 +65,12 @@ pub enum ServiceError {
     /// The raw bytes of a record were given up for others.
     #[error("the raw recording of segment {0} is not kept any more: it was the oldest when the quota was reached; its results are")]
     RawGivenUp(SegmentId),
-    /// A record that was handed over is not what its raw bytes say.
-    #[error("the raw bytes are segment {found}, expected {expected}, which was handed over")]
-    HandedOverOtherwise {
+    /// A record of the queue is not what its raw bytes say.
+    #[error("the raw bytes are segment {found}, expected {expected}, which was queued")]
+    QueuedOtherwise {
         /// What the bytes say.
         found: SegmentId,
-        /// What was handed over.
+        /// What was queued.
         expected: SegmentId,
     },
     /// The store refused or failed.

@@ -39,7 +39,7 @@ use std::sync::Arc;
 use jiff::SignedDuration;
 
 use database::Database;
-use recent_wear::CurveShelf;
+use recent_wear::CurveCache;
 use schema::Dialect;
 use trend::TrendShelf;
 
@@ -74,7 +74,7 @@ struct Inner {
     database: Database,
     objects: Objects,
     trends: TrendShelf,
-    curves: CurveShelf,
+    curves: CurveCache,
     /// At which age an object that nothing refers to is removed, where others may be storing what refers to
     /// it.
     orphan_age: Option<SignedDuration>,
@@ -104,7 +104,7 @@ impl Store {
                 database,
                 objects,
                 trends: TrendShelf::default(),
-                curves: CurveShelf::default(),
+                curves: CurveCache::default(),
                 orphan_age,
             }),
         })

@@ -20,11 +20,11 @@ pub(super) use folder::file_error;
 /// Every method blocks on the disk or the network: call from a worker thread, not from an async one.
 #[derive(Debug)]
 pub struct Objects {
-    place: Place,
+    backend: Backend,
 }
 
 #[derive(Debug)]
-enum Place {
+enum Backend {
     Folder(folder::Folder),
     #[cfg(feature = "cluster")]
     Bucket(bucket::Bucket),
@@ -45,7 +45,7 @@ impl Objects {
     /// Opens a folder, making it where it is missing and clearing what an interrupted write left behind.
     pub fn open(folder: impl Into<PathBuf>) -> Result<Self, StoreError> {
         Ok(Self {
-            place: Place::Folder(folder::Folder::open(folder.into())?),
+            backend: Backend::Folder(folder::Folder::open(folder.into())?),
         })
     }
 
@@ -53,7 +53,7 @@ impl Objects {
     #[cfg(feature = "cluster")]
     pub(super) fn open_shared_folder(folder: PathBuf) -> Result<Self, StoreError> {
         Ok(Self {
-            place: Place::Folder(folder::Folder::open_shared(folder)?),
+            backend: Backend::Folder(folder::Folder::open_shared(folder)?),
         })
     }
 
@@ -61,7 +61,7 @@ impl Objects {
     #[cfg(feature = "cluster")]
     pub(super) fn open_bucket(settings: &super::BucketSettings) -> Result<Self, StoreError> {
         Ok(Self {
-            place: Place::Bucket(bucket::Bucket::open(settings)?),
+            backend: Backend::Bucket(bucket::Bucket::open(settings)?),
         })
     }
 
@@ -75,56 +75,56 @@ impl Objects {
     /// Stores every object under the name that [`name`](Self::name) gives its bytes; when this returns they
     /// are durable, and so are their names.
     pub fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
-        match &self.place {
-            Place::Folder(folder) => folder.put_all(objects),
+        match &self.backend {
+            Backend::Folder(folder) => folder.put_all(objects),
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.put_all(objects),
+            Backend::Bucket(bucket) => bucket.put_all(objects),
         }
     }
 
     /// The bytes of an object, checked against its name.
     pub fn get(&self, name: &str) -> Result<Bytes, StoreError> {
-        let bytes = match &self.place {
-            Place::Folder(folder) => folder.get(name)?,
+        let bytes = match &self.backend {
+            Backend::Folder(folder) => folder.get(name)?,
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.get(name)?,
+            Backend::Bucket(bucket) => bucket.get(name)?,
         };
         whole(name, bytes)
     }
 
     /// Removes an object; one that is not there is no error.
     pub fn remove(&self, name: &str) -> Result<(), StoreError> {
-        match &self.place {
-            Place::Folder(folder) => folder.remove(name),
+        match &self.backend {
+            Backend::Folder(folder) => folder.remove(name),
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.remove(name),
+            Backend::Bucket(bucket) => bucket.remove(name),
         }
     }
 
     /// When an object was last written; none where it is not there.
     pub fn written_at(&self, name: &str) -> Result<Option<Timestamp>, StoreError> {
-        match &self.place {
-            Place::Folder(folder) => folder.written_at(name),
+        match &self.backend {
+            Backend::Folder(folder) => folder.written_at(name),
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.written_at(name),
+            Backend::Bucket(bucket) => bucket.written_at(name),
         }
     }
 
     /// Keeps the file of a library under the library's name, for every process.
     pub fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
-        match &self.place {
-            Place::Folder(folder) => folder.put_library(id, &bytes),
+        match &self.backend {
+            Backend::Folder(folder) => folder.put_library(id, &bytes),
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.put_library(id, bytes),
+            Backend::Bucket(bucket) => bucket.put_library(id, bytes),
         }
     }
 
     /// The file of a library that a process keeps under its name; none where there is none.
     pub fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
-        match &self.place {
-            Place::Folder(folder) => folder.library(id),
+        match &self.backend {
+            Backend::Folder(folder) => folder.library(id),
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.library(id),
+            Backend::Bucket(bucket) => bucket.library(id),
         }
     }
 
@@ -132,48 +132,48 @@ impl Objects {
     /// is durable.
     pub fn put_piece(&self, upload: &str, bytes: Bytes) -> Result<String, StoreError> {
         let name = Self::name(&bytes);
-        match &self.place {
-            Place::Folder(folder) => folder.put_piece(upload, &name, &bytes)?,
+        match &self.backend {
+            Backend::Folder(folder) => folder.put_piece(upload, &name, &bytes)?,
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.put_piece(upload, &name, bytes)?,
+            Backend::Bucket(bucket) => bucket.put_piece(upload, &name, bytes)?,
         }
         Ok(name)
     }
 
     /// A piece of an upload, checked against its name.
     pub fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
-        let bytes = match &self.place {
-            Place::Folder(folder) => folder.piece(upload, name)?,
+        let bytes = match &self.backend {
+            Backend::Folder(folder) => folder.piece(upload, name)?,
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.piece(upload, name)?,
+            Backend::Bucket(bucket) => bucket.piece(upload, name)?,
         };
         whole(name, bytes)
     }
 
     /// Removes everything that is kept of an upload.
     pub fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
-        match &self.place {
-            Place::Folder(folder) => folder.remove_pieces(upload),
+        match &self.backend {
+            Backend::Folder(folder) => folder.remove_pieces(upload),
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.remove_pieces(upload),
+            Backend::Bucket(bucket) => bucket.remove_pieces(upload),
         }
     }
 
     /// The uploads of which there are pieces.
     pub fn uploads(&self) -> Result<Vec<String>, StoreError> {
-        match &self.place {
-            Place::Folder(folder) => folder.uploads(),
+        match &self.backend {
+            Backend::Folder(folder) => folder.uploads(),
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.uploads(),
+            Backend::Bucket(bucket) => bucket.uploads(),
         }
     }
 
     /// The objects whose names begin with this byte.
     pub fn list(&self, shard: u8) -> Result<Vec<ListedObject>, StoreError> {
-        match &self.place {
-            Place::Folder(folder) => folder.list(shard),
+        match &self.backend {
+            Backend::Folder(folder) => folder.list(shard),
             #[cfg(feature = "cluster")]
-            Place::Bucket(bucket) => bucket.list(shard),
+            Backend::Bucket(bucket) => bucket.list(shard),
         }
     }
 }

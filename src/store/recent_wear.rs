@@ -15,10 +15,10 @@ const MAX_CHANNELS: usize = 10_000;
 
 /// The curves in memory by channel number.
 #[derive(Debug, Default)]
-pub(super) struct CurveShelf(Mutex<HashMap<i64, Held>>);
+pub(super) struct CurveCache(Mutex<HashMap<i64, CachedCurve>>);
 
 #[derive(Debug)]
-struct Held {
+struct CachedCurve {
     /// The channel's revision when it was read.
     revision: i64,
     curve: Arc<[f64]>,
@@ -76,7 +76,7 @@ impl Store {
         if held.len() >= MAX_CHANNELS {
             held.clear();
         }
-        let entry = Held {
+        let entry = CachedCurve {
             revision: channel.revision,
             curve: Arc::clone(&curve),
         };

@@ -9,7 +9,6 @@ use super::channels::{Revisions, Slot};
 use super::fold::{FoldInput, Folded, RecentPoints, states_of, while_recomputing};
 use super::folding::Folding;
 use crate::asset::{AssetId, Segment};
-use crate::estimate::METHOD;
 use crate::service::error::ServiceError;
 use crate::service::keys::analysis_keys;
 use crate::service::simulations::{KeyedEstimator, Simulations};
@@ -89,7 +88,7 @@ impl Folding {
             Some(estimator) => self.fold_in(&estimator, asset, &channel, &new, &mut slot).await?,
             None => {
                 let need = asset.spec.baseline.records;
-                let result = || while_recomputing(need, METHOD.to_owned());
+                let result = || while_recomputing(need);
                 Fold::Later {
                     results: new.keys().map(|key| (key.clone(), result())).collect(),
                 }

@@ -258,10 +258,10 @@ pub(crate) fn read_point(channel: &ChannelSummary, stored: FoldState) -> Option<
 }
 
 /// The estimate of a record that came while the history before it is being computed again.
-pub(crate) fn while_recomputing(need: u32, method: String) -> RunResult {
+pub(crate) fn while_recomputing(need: u32) -> RunResult {
     let reason = "the records before this one are being computed again, its wear follows".to_owned();
     let baseline = BaselineProgress { have: 0, need };
-    let wear = WearEstimate::without_number(WearStatus::Recomputing, reason, baseline, method);
+    let wear = WearEstimate::without_number(WearStatus::Recomputing, reason, baseline);
     RunResult {
         indicators: Indicators::default(),
         wear,

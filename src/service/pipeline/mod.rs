@@ -379,7 +379,7 @@ impl Pipeline {
             if identified.id == queued.id {
                 Ok(identified)
             } else {
-                Err(ServiceError::HandedOverOtherwise {
+                Err(ServiceError::QueuedOtherwise {
                     found: identified.id,
                     expected: queued.id,
                 })

@@ -29,5 +29,5 @@ pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
-pub use tracker::{EstimatorSettings, KNOWN_SHAPE, METHOD, Tracker, TrackerState, UNKNOWN_SHAPE, shape_deviation};
-pub use wear::{BaselineProgress, BestState, Posterior, WearEstimate, WearStatus};
+pub use tracker::{EstimatorSettings, KNOWN_SHAPE, Tracker, TrackerState, UNKNOWN_SHAPE, shape_deviation};
+pub use wear::{BaselineProgress, BestState, METHOD, Posterior, WearEstimate, WearStatus};

@@ -16,10 +16,7 @@ use super::prognosis::{Now, WearHistory};
 use super::transition::Growth;
 use super::wear::{BaselineProgress, BestState, WearEstimate, WearStatus};
 use crate::library::{Ensemble, Library};
-use flankwatch_signal::{Features, PREPROCESSING};
-
-/// Identifier of the estimator.
-pub const METHOD: &str = "path-filter-2";
+use flankwatch_signal::Features;
 
 /// Fewest lines that a comparison is made on.
 const LEAST_LINES: usize = 3;
@@ -390,7 +387,7 @@ impl Tracker {
         WearEstimate {
             library_id: ensemble.map(|ensemble| ensemble.described().id().to_owned()),
             ensemble_id: ensemble.map(|ensemble| ensemble.id().to_owned()),
-            ..WearEstimate::without_number(status, reason.to_owned(), baseline, format!("{METHOD}/{PREPROCESSING}"))
+            ..WearEstimate::without_number(status, reason.to_owned(), baseline)
         }
     }
 }

@@ -4,7 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use super::novelty::Novelty;
 use super::prognosis::Prognosis;
-use flankwatch_signal::Indicators;
+use flankwatch_signal::{Indicators, PREPROCESSING};
+
+/// Identifier of the estimator.
+pub const METHOD: &str = "path-filter-2";
 
 /// What kind of answer a wear estimate is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -133,7 +136,7 @@ impl WearEstimate {
     }
 
     /// An answer without a wear depth.
-    pub fn without_number(status: WearStatus, reason: String, baseline: BaselineProgress, method: String) -> Self {
+    pub fn without_number(status: WearStatus, reason: String, baseline: BaselineProgress) -> Self {
         Self {
             status,
             reason,
@@ -152,7 +155,7 @@ impl WearEstimate {
             prognosis: None,
             library_id: None,
             ensemble_id: None,
-            method,
+            method: format!("{METHOD}/{PREPROCESSING}"),
             posterior: None,
         }
     }
