@@ -26,7 +26,10 @@ use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use tracing_subscriber::EnvFilter;
+use tracing::level_filters::LevelFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 pub use error::CliError;
 
@@ -66,14 +69,24 @@ enum Command {
     Token(token::TokenArgs),
 }
 
+/// What is logged: levels by module as `FLANKWATCH_LOG` says (`info,flankwatch::store=debug`).
+fn logged() -> Targets {
+    let asked = std::env::var("FLANKWATCH_LOG").ok().filter(|text| !text.is_empty());
+    let usual = || {
+        Targets::new()
+            .with_default(LevelFilter::WARN)
+            .with_target("flankwatch", LevelFilter::INFO)
+    };
+    asked.and_then(|text| text.parse().ok()).unwrap_or_else(usual)
+}
+
 /// Runs the command line of this process.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    tracing_subscriber::fmt()
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(io::stderr)
-        .with_ansi(io::stderr().is_terminal())
-        .with_env_filter(EnvFilter::try_from_env("FLANKWATCH_LOG").unwrap_or_else(|_| EnvFilter::new("warn,flankwatch=info")))
-        .init();
+        .with_ansi(io::stderr().is_terminal());
+    tracing_subscriber::registry().with(lines).with(logged()).init();
     let outcome = match &cli.command {
         Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve::run(args).map_err(CliError::from),

@@ -4,17 +4,16 @@ use std::net::IpAddr;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use governor::clock::{Clock, DefaultClock};
-use governor::state::keyed::HashMapStateStore;
-use governor::{Quota, RateLimiter};
 
 use super::problem::Problem;
+use super::rate::RateLimiter;
 use super::shared_tokens::SharedTokens;
 use super::tokens::{Scope, Token, TokenError, Tokens, find};
 
@@ -57,7 +56,7 @@ pub(super) struct Access {
     policy: AuthPolicy,
     /// Revoking every token does not reopen the service.
     had_tokens: AtomicBool,
-    rate: RateLimiter<String, HashMapStateStore<String>, DefaultClock>,
+    rate: RateLimiter,
 }
 
 impl Access {
@@ -66,7 +65,7 @@ impl Access {
             tokens,
             had_tokens: AtomicBool::new(false),
             policy,
-            rate: RateLimiter::hashmap(Quota::per_second(requests_per_s)),
+            rate: RateLimiter::per_second(requests_per_s),
         }
     }
 
@@ -113,8 +112,7 @@ impl Access {
             );
             return Err(Problem::new(StatusCode::FORBIDDEN, detail));
         }
-        self.rate.check_key(&token.id).map_err(|not_until| {
-            let wait = not_until.wait_time_from(DefaultClock::default().now());
+        self.rate.check(&token.id, Instant::now()).map_err(|wait| {
             let seconds = u32::try_from(wait.as_secs()).unwrap_or(u32::MAX).saturating_add(1);
             Problem::new(
                 StatusCode::TOO_MANY_REQUESTS,

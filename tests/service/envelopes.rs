@@ -3,7 +3,7 @@
 use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
-use crate::command_line::flankwatch;
+use crate::command::flankwatch;
 use crate::running::{Service, minute, plain_asset};
 
 /// Two seconds of a resonance at 1200 Hz struck 23 times a second, with a mesh and noise that hides all of it but

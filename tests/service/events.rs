@@ -1,64 +1,7 @@
 //! Server-sent events and what spares polling.
 
-use std::io::{BufRead, BufReader, Write};
-use std::net::TcpStream;
-use std::time::Duration;
-
+use crate::event_stream::EventStream;
 use crate::running::{Service, record};
-
-/// A stream of events as it comes over the wire.
-pub(crate) struct EventStream(BufReader<TcpStream>);
-
-#[derive(Debug)]
-pub(crate) struct Received {
-    pub(crate) kind: String,
-    pub(crate) id: String,
-    pub(crate) data: serde_json::Value,
-}
-
-impl EventStream {
-    pub(crate) fn open(service: &Service, query: &str, last: Option<&str>) -> Self {
-        Self::open_at(&service.url(""), query, last)
-    }
-
-    /// Of whatever listens at an address.
-    pub(crate) fn open_at(url: &str, query: &str, last: Option<&str>) -> Self {
-        let address = url.trim_start_matches("http://").to_string();
-        let mut stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        let last = last.map_or_else(String::new, |last| format!("last-event-id: {last}\r\n"));
-        write!(stream, "GET /v1/events{query} HTTP/1.1\r\nhost: localhost\r\n{last}\r\n").unwrap();
-        let mut reader = BufReader::new(stream);
-        let mut line = String::new();
-        reader.read_line(&mut line).unwrap();
-        assert!(line.starts_with("HTTP/1.1 200 "), "{line}");
-        while line.trim() != "" {
-            line.clear();
-            reader.read_line(&mut line).unwrap();
-        }
-        Self(reader)
-    }
-
-    pub(crate) fn next(&mut self) -> Received {
-        let (mut kind, mut id, mut data) = (String::new(), String::new(), None);
-        loop {
-            let mut line = String::new();
-            assert!(self.0.read_line(&mut line).unwrap() > 0, "the stream ended");
-            // Lines with the lengths of chunks fall through.
-            if let Some(text) = line.strip_prefix("event: ") {
-                kind = text.trim().to_string();
-            } else if let Some(text) = line.strip_prefix("id: ") {
-                id = text.trim().to_string();
-            } else if let Some(text) = line.strip_prefix("data: ") {
-                data = Some(serde_json::from_str(text).unwrap());
-            } else if line.trim().is_empty()
-                && let Some(data) = data.take()
-            {
-                return Received { kind, id, data };
-            }
-        }
-    }
-}
 
 #[test]
 fn records_are_told_live_and_missed_ones_after_a_lost_connection() {

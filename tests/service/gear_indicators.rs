@@ -7,7 +7,7 @@ use flankwatch::signal::{OperatingPoint, Quality, Record, Tachometer};
 use prost::Message;
 use serde_json::{Value, json};
 
-use crate::command_line::flankwatch;
+use crate::command::flankwatch;
 use crate::running::{Service, minute, plain_asset};
 
 const RATE_HZ: f64 = 4000.0;

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::left_out;
 use crate::running::{Service, record};
+use flankwatch_test_support::needed;
 
 /// A process that ends with the test.
 struct Running(Child);
@@ -28,10 +28,9 @@ fn on_path(name: &str) -> Option<PathBuf> {
 }
 
 #[test]
+#[ignore = "needs prometheus (apt install prometheus)"]
 fn prometheus_scrapes_service_and_assets() {
-    let Some(program) = left_out::unless_absent(on_path("prometheus"), "prometheus (apt install prometheus)") else {
-        return;
-    };
+    let program = needed(on_path("prometheus"), "prometheus (apt install prometheus)");
     let service = Service::start();
     service.plain_asset("pump");
     let segment = service.upload("pump", &record("1", 1));
@@ -99,6 +98,7 @@ with open(sys.argv[1], "rb") as file:
 "#;
 
 #[test]
+#[ignore = "needs Python's MCAP reader (pip install mcap mcap-protobuf-support)"]
 fn pythons_reader_opens_an_exported_history() {
     let python = on_path("python3").filter(|python| {
         let has_reader = Command::new(python)
@@ -106,8 +106,7 @@ fn pythons_reader_opens_an_exported_history() {
             .output();
         has_reader.is_ok_and(|output| output.status.success())
     });
-    let python = left_out::unless_absent(python, "Python's MCAP reader (pip install mcap mcap-protobuf-support)");
-    let Some(python) = python else { return };
+    let python = needed(python, "Python's MCAP reader (pip install mcap mcap-protobuf-support)");
     let service = Service::start();
     service.plain_asset("pump");
     let segments: Vec<Value> = (0..6).map(|n| service.upload("pump", &record("in", n))).collect();

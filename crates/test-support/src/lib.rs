@@ -1,4 +1,4 @@
-//! Where tests find recordings, and what becomes of a test whose recordings or tools a machine does not have.
+//! Where tests find recordings and what else they need.
 
 use std::path::{Path, PathBuf};
 
@@ -8,27 +8,24 @@ pub fn fixtures() -> PathBuf {
     root().join("fixtures")
 }
 
-/// A folder of real recordings, where it is there. `FLANKWATCH_DATA` says where to look.
+/// A folder of real recordings. `FLANKWATCH_DATA` says where to look.
 ///
 /// # Panics
-/// As [`unless_absent`].
+/// Where it is absent: tests that need it are `#[ignore]`d, and whoever asks for them has it.
 #[must_use]
-pub fn recordings(folder: &str) -> Option<PathBuf> {
+pub fn recordings(folder: &str) -> PathBuf {
     let given = std::env::var_os("FLANKWATCH_DATA").map(PathBuf::from);
     let path = given.unwrap_or_else(|| root().join("../shared/data")).join(folder);
-    unless_absent(path.is_dir().then_some(path), &format!("the folder {folder} of real recordings"))
+    needed(path.is_dir().then_some(path), &format!("the folder {folder} of real recordings"))
 }
 
-/// Something that is there; otherwise a line that says what the test is skipped for.
+/// Something that an ignored test needs.
 ///
 /// # Panics
-/// Where it is absent and `FLANKWATCH_LEAVE_NOTHING_OUT` is set.
-pub fn unless_absent<T>(found: Option<T>, what: &str) -> Option<T> {
-    if found.is_none() {
-        assert!(std::env::var_os("FLANKWATCH_LEAVE_NOTHING_OUT").is_none(), "{what} is missing");
-        eprintln!("left out: {what} is missing");
-    }
-    found
+/// Where it is absent.
+#[track_caller]
+pub fn needed<T>(found: Option<T>, what: &str) -> T {
+    found.unwrap_or_else(|| panic!("{what} is missing"))
 }
 
 fn root() -> PathBuf {

@@ -1,0 +1,17 @@
+# Format, lints, documentation.
+check:
+    cargo fmt --all --check
+    cargo clippy --locked --workspace --all-targets -- -D warnings
+    RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
+
+# What needs nothing but the toolchain.
+test:
+    cargo test --locked
+
+# Everything, with every server and tool.
+ci:
+    .ci/run
+
+# The code that is made from proto/.
+generate:
+    FLANKWATCH_GENERATE=1 cargo test --locked --package flankwatch-recording --test generated

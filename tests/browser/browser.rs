@@ -1,0 +1,75 @@
+//! The dashboard in a real browser, fed by a simulated run.
+
+use std::path::Path;
+use std::process::Command;
+
+use flankwatch::gear::PairSpec;
+use flankwatch::recording::{BlockEncoding, encode_block};
+use flankwatch::simulation::{Run, RunPlan};
+use serde_json::json;
+
+use crate::running::{Service, minute};
+use flankwatch_test_support::needed;
+
+const PAIR: &str = include_str!("../../fixtures/pairs/shen2022.toml");
+
+#[test]
+#[ignore = "needs Chromium, Node and npm install in tests/browser"]
+fn the_dashboard_works_in_a_browser() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
+    let chromium = std::env::var("FLANKWATCH_CHROMIUM").unwrap_or_else(|_| "/usr/bin/chromium".to_owned());
+    let ready = Path::new(&chromium).exists() && folder.join("node_modules/playwright-core").is_dir();
+    needed(ready.then_some(()), "Chromium, or `npm install` in tests/browser,");
+    let service = Service::start();
+    let pair = PairSpec::from_toml(PAIR).unwrap();
+    feed(&service, &pair);
+    let output = Command::new("node")
+        .arg(folder.join("dashboard.mjs"))
+        .env("FLANKWATCH_URL", service.url(""))
+        .env("FLANKWATCH_ASSET", "gearbox")
+        .env("FLANKWATCH_CHROMIUM", chromium)
+        .output()
+        .unwrap();
+    let said = format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(output.status.success(), "{said}");
+    println!("{said}");
+}
+
+/// An asset with 60 records of a run to failure.
+fn feed(service: &Service, pair: &PairSpec) {
+    let asset = json!({
+        "id": "gearbox",
+        "name": "Gearbox in a test",
+        "gear": { "teeth": pair.geometry.teeth, "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair },
+        "limits": { "warning_um": 120.0, "danger_um": 200.0 },
+    });
+    service.post_json("/v1/assets", &asset).expect(201);
+    let run = Run::new(RunPlan {
+        pair: pair.clone(),
+        records: 60,
+        seconds: 1.0,
+        sample_rate_hz: 20_000.0,
+        max_wear_um: 245.0,
+        wear_exponent: 1.5,
+        start_time: minute(0),
+        interval_s: 60.0,
+        snr_db: 10.0,
+        speed_variation: 0.005,
+        torque_variation: 0.02,
+        seed: 1,
+        channel: "gearbox/x".to_owned(),
+    })
+    .unwrap();
+    for index in 0..60 {
+        let simulated = run.record(index).unwrap();
+        let path = format!("/v1/assets/gearbox/segments?reference_wear_um={}", simulated.wear_um);
+        let body = encode_block(&simulated.record, BlockEncoding::Protobuf);
+        service.post(&path, "application/x-protobuf", &body).expect(201);
+    }
+    let wear = service.get("/v1/assets/gearbox/wear").expect(200).json();
+    assert_eq!(wear["status"], "estimated", "{wear}");
+}

@@ -1,0 +1,12 @@
+//! The dashboard in a browser.
+#![cfg(test)]
+
+mod browser;
+
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/running.rs"]
+mod running;
+#[cfg(feature = "cluster")]
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/shared_store.rs"]
+mod shared_store;

@@ -1,0 +1,38 @@
+//! Several processes as one service: API nodes, workers, NATS JetStream between them, PostgreSQL behind them; records over MQTT.
+#![cfg(test)]
+
+mod broker;
+mod faults;
+mod many_workers;
+mod mqtt;
+mod mqtt_faults;
+mod nodes;
+mod postgres;
+mod processes;
+mod proxy;
+mod queue;
+mod resumable;
+mod same_bits;
+mod site;
+mod tokens;
+mod upkeep;
+
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/certificate.rs"]
+mod certificate;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/command.rs"]
+mod command;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/event_stream.rs"]
+mod event_stream;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/program.rs"]
+mod program;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/running.rs"]
+mod running;
+#[cfg(feature = "cluster")]
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/shared_store.rs"]
+mod shared_store;

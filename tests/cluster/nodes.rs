@@ -1,0 +1,407 @@
+//! API nodes and workers of a cluster of its own, inside the test's process: each with its own connections, and nothing in common but the
+//! servers.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use flankwatch::cluster::{Cluster, NatsSettings, RunningWorker, WorkerLimits};
+use flankwatch::http::{Node, RunningService, ServiceConfig, SharedEvents, start, start_node};
+use flankwatch::library::{EnsembleSettings, GridSettings};
+use flankwatch::recording::{BlockEncoding, encode_block};
+use flankwatch::service::{Role, Service, ServiceFolders};
+use flankwatch::signal::Record;
+use flankwatch::store::{Store, StoreSettings};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+use tokio::runtime::Runtime;
+
+use crate::running::ManualClock;
+use crate::shared_store::TestDatabase;
+use flankwatch_test_support::needed;
+
+static CLUSTERS: AtomicU32 = AtomicU32::new(0);
+
+/// The NATS server that `FLANKWATCH_TEST_NATS` names.
+pub(super) fn nats() -> String {
+    needed(
+        std::env::var("FLANKWATCH_TEST_NATS").ok(),
+        "FLANKWATCH_TEST_NATS, the address of a NATS server with JetStream,",
+    )
+}
+
+/// The database that `FLANKWATCH_TEST_DATABASE` names.
+pub(super) fn database() -> TestDatabase {
+    needed(
+        TestDatabase::named(),
+        "FLANKWATCH_TEST_DATABASE, the address of a PostgreSQL database,",
+    )
+}
+
+/// A name that no other cluster has.
+pub(super) fn unused_name() -> String {
+    format!("test_{}_{}", std::process::id(), CLUSTERS.fetch_add(1, Ordering::Relaxed))
+}
+
+/// A service that answers at an address.
+pub(super) struct Client {
+    pub(super) url: String,
+    agent: ureq::Agent,
+}
+
+impl Client {
+    pub(super) fn new(url: String) -> Self {
+        let agent = ureq::Agent::config_builder()
+            .http_status_as_error(false)
+            .timeout_global(Some(Duration::from_secs(60)))
+            .build();
+        Self { url, agent: agent.into() }
+    }
+
+    /// Status and body; none where nobody answers.
+    pub(super) fn try_send(&self, method: &str, path: &str, media_type: &str, body: &[u8]) -> Option<(u16, Value)> {
+        let (status, _, answer) = self.try_send_with(method, path, &[("content-type", media_type)], body)?;
+        Some((status, answer))
+    }
+
+    /// Status, header fields and body; none where nobody answers.
+    pub(super) fn try_send_with(
+        &self,
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        body: &[u8],
+    ) -> Option<(u16, ureq::http::HeaderMap, Value)> {
+        let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.url));
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        let mut response = self.agent.run(request.body(body).unwrap()).ok()?;
+        let text = response.body_mut().with_config().limit(64 << 20).read_to_string().ok()?;
+        let body = serde_json::from_str(&text).unwrap_or(Value::String(text));
+        Some((response.status().as_u16(), response.headers().clone(), body))
+    }
+
+    #[track_caller]
+    pub(super) fn send_json(&self, method: &str, path: &str, body: &Value, status: u16) -> Value {
+        let sent = self.try_send(method, path, "application/json", body.to_string().as_bytes());
+        let (found, answer) = sent.unwrap_or_else(|| panic!("nobody answers at {}", self.url));
+        assert_eq!(found, status, "{method} {path}: {answer}");
+        answer
+    }
+
+    #[track_caller]
+    pub(super) fn get(&self, path: &str) -> Value {
+        self.send_json("GET", path, &Value::Null, 200)
+    }
+
+    pub(super) fn try_upload(&self, asset: &str, record: &Record) -> Option<(u16, Value)> {
+        let block = encode_block(record, BlockEncoding::Protobuf);
+        let path = format!("/v1/assets/{asset}/segments");
+        self.try_send("POST", &path, "application/x-protobuf", &block)
+    }
+
+    /// Sends a record until it is taken.
+    #[track_caller]
+    pub(super) fn upload(&self, asset: &str, record: &Record) -> Value {
+        let began = Instant::now();
+        loop {
+            match self.try_upload(asset, record) {
+                Some((201, answer)) => return answer,
+                Some((503, _)) => {}
+                other => panic!("{other:?}"),
+            }
+            assert!(began.elapsed() < Duration::from_secs(60), "never taken");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    #[track_caller]
+    pub(super) fn wait_for(&self, path: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+        let began = Instant::now();
+        loop {
+            let found = self.try_send("GET", path, "application/json", b"");
+            if let Some((200, answer)) = &found
+                && is_wanted(answer)
+            {
+                return answer.clone();
+            }
+            assert!(began.elapsed() < Duration::from_secs(120), "{path} is still {found:?}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Every number of every record in the order of time.
+    pub(super) fn history(&self, asset: &str) -> Vec<Value> {
+        let mut rows = Vec::new();
+        let summary = self.get(&format!("/v1/assets/{asset}"))["summary"].clone();
+        let mut channels: Vec<&str> = summary["channels"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+        channels.sort_unstable();
+        for channel in channels {
+            for path in ["wear/history", "indicators"] {
+                let answer = self.get(&format!("/v1/assets/{asset}/{path}?max_points=200000&channel={channel}"));
+                rows.push(answer["items"].clone());
+            }
+        }
+        rows
+    }
+
+    /// The state of every alarm, and what came of it, without when people saw it.
+    pub(super) fn alarms(&self) -> Vec<Value> {
+        let mut alarms = self.get("/v1/alarms?limit=1000")["items"].as_array().unwrap().clone();
+        for alarm in &mut alarms {
+            alarm.as_object_mut().unwrap().remove("changed_at");
+        }
+        alarms.sort_by_key(|alarm| alarm["id"].to_string());
+        alarms
+    }
+}
+
+/// A cluster.
+pub(super) struct TestCluster {
+    runtime: Runtime,
+    database: TestDatabase,
+    nats: NatsSettings,
+    folder: TempDir,
+    nodes: Vec<RunningService>,
+    workers: Vec<(RunningWorker, Arc<Service>)>,
+    started: u32,
+}
+
+/// How everything here is simulated: quickly.
+fn config(folder: &Path) -> ServiceConfig {
+    let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), folder);
+    config.http.grace = Duration::from_secs(30);
+    config.work.workers = 1;
+    config.work.upkeep_interval = Duration::from_millis(500);
+    config.work.neighbours = EnsembleSettings::described_alone();
+    config.grid = GridSettings {
+        states: 4,
+        seconds: 0.25,
+        ..GridSettings::default()
+    };
+    config
+}
+
+fn runtime() -> Runtime {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .unwrap()
+}
+
+impl TestCluster {
+    pub(super) fn start(nodes: usize, workers: usize) -> Self {
+        let (url, database) = (nats(), database());
+        let mut nats = NatsSettings::new(url, unused_name());
+        nats.ack_wait = Duration::from_secs(2);
+        let mut cluster = Self {
+            runtime: runtime(),
+            database,
+            nats,
+            folder: tempfile::tempdir().unwrap(),
+            nodes: Vec::new(),
+            workers: Vec::new(),
+            started: 0,
+        };
+        (0..nodes).for_each(|_| cluster.start_node());
+        (0..workers).for_each(|_| cluster.start_worker());
+        cluster
+    }
+
+    async fn open(&self) -> (Cluster, Store) {
+        let store = StoreSettings::Shared(self.database.settings(&self.folder.path().join("shared")));
+        (Cluster::join(self.nats.clone()).await.unwrap(), Store::open(&store).await.unwrap())
+    }
+
+    /// Does something with the store that nobody of the cluster is told of.
+    pub(super) fn behind_their_backs<T>(&self, work: impl AsyncFnOnce(&Store) -> T) -> T {
+        self.runtime.block_on(async {
+            let settings = StoreSettings::Shared(self.database.settings(&self.folder.path().join("shared")));
+            let store = Store::open(&settings).await.unwrap();
+            let done = work(&store).await;
+            store.close().await;
+            done
+        })
+    }
+
+    fn own_folder(&mut self) -> std::path::PathBuf {
+        self.started += 1;
+        self.folder.path().join(self.started.to_string())
+    }
+
+    pub(super) fn start_node(&mut self) {
+        let folder = self.own_folder();
+        let node = self.runtime.block_on(async {
+            let (cluster, store) = self.open().await;
+            let subscription = cluster.subscribe().await;
+            let node = Node {
+                store,
+                queue: cluster.queue_of_node(),
+                events: SharedEvents {
+                    run: subscription.run,
+                    backlog: subscription.backlog,
+                    receiver: subscription.receiver,
+                },
+            };
+            let running = start_node(config(&folder), node, Arc::new(ManualClock::default())).await.unwrap();
+            cluster.publish_events(running.service());
+            running
+        });
+        self.nodes.push(node);
+    }
+
+    pub(super) fn start_worker(&mut self) {
+        let folder = self.own_folder();
+        let worker = self.runtime.block_on(async {
+            let (cluster, store) = self.open().await;
+            let config = config(&folder);
+            let folders = ServiceFolders {
+                libraries: folder.join("libraries"),
+                recordings: folder.join("recordings"),
+                uploads: folder.join("uploads"),
+            };
+            let role = Role::Worker(cluster.queue_of_worker());
+            let clock = Arc::new(ManualClock::default());
+            let service = Service::new(store, folders, &config.work, config.grid, clock, role).unwrap();
+            cluster.publish_events(&service);
+            let limits = WorkerLimits {
+                at_once: 6,
+                ..WorkerLimits::default()
+            };
+            (cluster.start_worker(service.clone(), limits), service)
+        });
+        self.workers.push(worker);
+    }
+
+    pub(super) fn stop_worker(&mut self) {
+        let (worker, service) = self.workers.pop().unwrap();
+        self.runtime.block_on(async {
+            worker.stop().await;
+            service.store.close().await;
+        });
+    }
+
+    pub(super) fn client(&self, node: usize) -> Client {
+        Client::new(self.nodes[node].url())
+    }
+
+    /// Records that this worker stored.
+    pub(super) fn stored_by(&self, worker: usize) -> u64 {
+        self.workers[worker].1.tally.stored()
+    }
+
+    /// What every message of the queue held, given out again under other names.
+    pub(super) fn redeliver(&self, subject: &str, run: impl FnOnce()) -> usize {
+        let (url, subject) = (self.nats.urls[0].clone(), format!("{}.{subject}", self.nats.name));
+        let (client, mut heard) = self.runtime.block_on(async {
+            let client = async_nats::connect(url).await.unwrap();
+            let heard = client.subscribe(subject.clone()).await.unwrap();
+            client.flush().await.unwrap();
+            (client, heard)
+        });
+        run();
+        self.runtime.block_on(async {
+            let mut payloads = Vec::new();
+            while let Ok(Some(message)) = tokio::time::timeout(Duration::from_millis(300), futures_util::StreamExt::next(&mut heard)).await
+            {
+                payloads.push(message.payload);
+            }
+            heard.unsubscribe().await.unwrap();
+            for payload in &payloads {
+                client.publish(subject.clone(), payload.clone()).await.unwrap();
+            }
+            client.flush().await.unwrap();
+            payloads.len()
+        })
+    }
+
+    /// Records that wait or are worked on.
+    pub(super) fn waiting(&self) -> u64 {
+        self.runtime.block_on(async {
+            let jetstream = async_nats::jetstream::new(async_nats::connect(&self.nats.urls[0]).await.unwrap());
+            let stream = jetstream.get_stream(format!("{}_work", self.nats.name)).await.unwrap();
+            stream.cached_info().state.messages
+        })
+    }
+}
+
+impl Drop for TestCluster {
+    fn drop(&mut self) {
+        let (workers, nodes) = (std::mem::take(&mut self.workers), std::mem::take(&mut self.nodes));
+        self.runtime.block_on(async {
+            for (worker, service) in workers {
+                worker.stop().await;
+                service.store.close().await;
+            }
+            for node in nodes {
+                let _ = node.stop().await;
+            }
+            remove_streams(&self.nats.urls[0], &self.nats.name).await;
+        });
+    }
+}
+
+/// Takes the streams of a cluster away.
+pub(super) async fn remove_streams(url: &str, name: &str) {
+    let Ok(client) = async_nats::connect(url).await else { return };
+    let jetstream = async_nats::jetstream::new(client);
+    for stream in ["work", "dead", "events"] {
+        let _ = jetstream.delete_stream(format!("{name}_{stream}")).await;
+    }
+}
+
+/// One machine with everything in its folder, as the measure of the others.
+pub(super) struct OneMachine {
+    runtime: Runtime,
+    running: Option<RunningService>,
+    _folder: TempDir,
+}
+
+impl OneMachine {
+    pub(super) fn start() -> Self {
+        let (runtime, folder) = (runtime(), tempfile::tempdir().unwrap());
+        let started = start(config(folder.path()), Arc::new(ManualClock::default()));
+        let running = Some(runtime.block_on(started).unwrap());
+        Self {
+            runtime,
+            running,
+            _folder: folder,
+        }
+    }
+
+    pub(super) fn client(&self) -> Client {
+        Client::new(self.running.as_ref().unwrap().url())
+    }
+}
+
+impl Drop for OneMachine {
+    fn drop(&mut self) {
+        let running = self.running.take().unwrap();
+        let _ = self.runtime.block_on(running.stop());
+    }
+}
+
+/// An asset whose wear is estimated, with alarms.
+pub(super) fn asset(id: &str) -> Value {
+    json!({
+        "id": id,
+        "gear": {
+            "teeth": [31, 62],
+            "shaft_speed_hz": 10.0,
+            "pair": {
+                "name": "test pair",
+                "geometry": { "teeth": [31, 62], "module_mm": 3.0, "face_width_mm": 20.0, "bore_radius_mm": [15.0, 30.0] },
+                "operation": { "torque_nm": 60.0, "shaft_speed_hz": 10.0 },
+            },
+        },
+        "baseline": { "records": 8 },
+        "alarms": [
+            { "quantity": { "indicator": "rms" }, "warning": 1.0, "danger": 1.5, "settings": { "raise": 1, "raise_of": 1, "clear": 1, "clear_of": 1 } },
+            { "quantity": "novelty", "warning": 2 },
+        ],
+    })
+}

@@ -1,0 +1,222 @@
+//! API nodes, workers and servers as processes of their own, which can be killed.
+
+use std::io::{BufRead, BufReader, Read};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use super::nodes::Client;
+use flankwatch_test_support::needed;
+
+/// A process that is killed when it is dropped.
+pub(super) struct Process {
+    child: Child,
+    log: Arc<Mutex<String>>,
+}
+
+impl Process {
+    pub(super) fn spawn(mut command: Command) -> Self {
+        let mut child = command.stdin(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut err = child.stderr.take().unwrap();
+        let log: Arc<Mutex<String>> = Arc::default();
+        let said = Arc::clone(&log);
+        std::thread::spawn(move || {
+            let mut piece = [0; 4096];
+            while let Ok(count) = err.read(&mut piece)
+                && count > 0
+            {
+                said.lock().unwrap().push_str(&String::from_utf8_lossy(&piece[..count]));
+            }
+        });
+        Self { child, log }
+    }
+
+    /// What it said so far.
+    pub(super) fn log(&self) -> String {
+        self.log.lock().unwrap().clone()
+    }
+
+    /// Ends it by a signal, and waits until it has ended; one that has is left alone.
+    pub(super) fn signal(&mut self, name: &str) {
+        if matches!(self.child.try_wait(), Ok(None)) {
+            let id = self.child.id().to_string();
+            let _ = Command::new("kill").args(["-s", name, &id]).status();
+            let _ = self.child.wait();
+        }
+    }
+
+    /// Ends it at once, whatever it is doing.
+    pub(super) fn kill(&mut self) {
+        // SIGKILL
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.kill();
+        if std::thread::panicking() {
+            let log = self.log();
+            let last: Vec<&str> = log.lines().rev().take(40).collect();
+            let last: Vec<&str> = last.into_iter().rev().collect();
+            eprintln!("process {} said last:\n{}\n", self.child.id(), last.join("\n"));
+        }
+    }
+}
+
+/// An API node, or a worker with its health.
+pub(super) struct Program {
+    pub(super) process: Process,
+    pub(super) client: Client,
+}
+
+impl Program {
+    pub(super) fn api(config: &Path, folder: &Path) -> Self {
+        Self::start(&["serve", "--listen", "127.0.0.1:0"], config, folder)
+    }
+
+    pub(super) fn worker(config: &Path, folder: &Path) -> Self {
+        Self::start(&["work", "--health", "127.0.0.1:0"], config, folder)
+    }
+
+    fn start(arguments: &[&str], config: &Path, folder: &Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
+        command
+            .args(arguments)
+            .arg("--config")
+            .arg(config)
+            .arg("--data-dir")
+            .arg(folder)
+            .env("FLANKWATCH_LOG", "info")
+            .env("FLANKWATCH_S3_ACCESS_KEY_ID", "test")
+            .env("FLANKWATCH_S3_SECRET_ACCESS_KEY", "test")
+            .stdout(Stdio::piped());
+        let mut process = Process::spawn(command);
+        let mut out = BufReader::new(process.child.stdout.take().unwrap());
+        let mut line = String::new();
+        while !line.contains("http://") {
+            line.clear();
+            let count = out.read_line(&mut line).unwrap();
+            assert!(count > 0, "did not start: {}", process.log());
+        }
+        let url = line[line.find("http://").unwrap()..].trim().to_owned();
+        Self {
+            process,
+            client: Client::new(url),
+        }
+    }
+
+    /// Waits until it says of itself that it can work, or that it cannot.
+    #[track_caller]
+    pub(super) fn wait_for_readiness(&self, status: u16) -> serde_json::Value {
+        let began = Instant::now();
+        loop {
+            let found = self.client.try_send("GET", "/readyz", "application/json", b"");
+            if let Some((found, answer)) = &found
+                && *found == status
+            {
+                return answer.clone();
+            }
+            assert!(began.elapsed() < Duration::from_secs(60), "still {found:?}, expected {status}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+}
+
+/// A port that nobody listens on.
+pub(super) fn free_port() -> u16 {
+    TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port()
+}
+
+pub(super) fn wait_for_port(address: SocketAddr, process: &Process) {
+    let began = Instant::now();
+    while TcpStream::connect(address).is_err() {
+        assert!(
+            began.elapsed() < Duration::from_secs(60),
+            "nobody listens at {address}: {}",
+            process.log()
+        );
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn program(name: &str) -> PathBuf {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let found = std::env::split_paths(&path)
+        .map(|folder| folder.join(name))
+        .find(|file| file.is_file());
+    needed(found, &format!("the program {name}"))
+}
+
+/// A NATS server with JetStream on a folder of its own.
+pub(super) struct NatsServer {
+    program: PathBuf,
+    folder: PathBuf,
+    port: u16,
+    process: Process,
+}
+
+impl NatsServer {
+    pub(super) fn start(folder: &Path) -> Self {
+        let program = program("nats-server");
+        let (folder, port) = (folder.join("nats"), free_port());
+        let process = Self::spawn(&program, &folder, port);
+        Self {
+            program,
+            folder,
+            port,
+            process,
+        }
+    }
+
+    fn spawn(program: &Path, folder: &Path, port: u16) -> Process {
+        let mut command = Command::new(program);
+        command.args(["-a", "127.0.0.1", "-p", &port.to_string(), "-js", "-sd"]).arg(folder);
+        let process = Process::spawn(command);
+        wait_for_port(SocketAddr::from((Ipv4Addr::LOCALHOST, port)), &process);
+        process
+    }
+
+    pub(super) fn url(&self) -> String {
+        format!("nats://127.0.0.1:{}", self.port)
+    }
+
+    pub(super) fn kill(&mut self) {
+        self.process.kill();
+    }
+
+    pub(super) fn start_again(&mut self) {
+        self.process = Self::spawn(&self.program, &self.folder, self.port);
+    }
+}
+
+/// An S3 server with a bucket `records`, which forgets everything at its end.
+pub(super) struct S3Server {
+    address: SocketAddr,
+    _process: Process,
+}
+
+impl S3Server {
+    pub(super) fn start() -> Self {
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, free_port()));
+        let mut command = Command::new(program("moto_server"));
+        command
+            .args(["-H", "127.0.0.1", "-p", &address.port().to_string()])
+            .stdout(Stdio::null());
+        let process = Process::spawn(command);
+        wait_for_port(address, &process);
+        let bucket = ureq::put(format!("http://{address}/records")).send_empty().unwrap();
+        assert!(bucket.status().is_success());
+        Self {
+            address,
+            _process: process,
+        }
+    }
+
+    pub(super) fn address(&self) -> SocketAddr {
+        self.address
+    }
+}

@@ -1,0 +1,201 @@
+//! A cluster of processes on servers of its own, and records that are sent to it while something fails.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use flankwatch::store::SharedSettings;
+use tempfile::TempDir;
+
+use super::nodes::{Client, OneMachine, database};
+use super::postgres::PostgresServer;
+use super::processes::{NatsServer, Program};
+use super::proxy::Proxy;
+use crate::running::{plain_asset, record};
+use crate::shared_store::TestDatabase;
+
+/// Rounds where nothing else is said.
+const ROUNDS: u32 = 1;
+
+/// Connections that upload side by side.
+const CONNECTIONS: u32 = 3;
+
+/// Records of one round before they come slowly.
+const UNHURRIED: u32 = 60;
+
+/// How often each fault happens.
+pub(super) fn rounds() -> u32 {
+    std::env::var("FLANKWATCH_FAULT_ROUNDS").map_or(ROUNDS, |rounds| rounds.parse().unwrap())
+}
+
+/// The servers of a cluster of its own, and what its processes are started with.
+pub(super) struct Site {
+    folder: TempDir,
+    settings: SharedSettings,
+    _database: TestDatabase,
+    /// The database's server, where it is the site's own.
+    pub(super) postgres: Option<PostgresServer>,
+    pub(super) nats: NatsServer,
+    pub(super) objects: String,
+    started: u32,
+}
+
+impl Site {
+    pub(super) fn start() -> Self {
+        Self::on(database(), None)
+    }
+
+    /// With a database server of its own, which can be ended.
+    pub(super) fn with_own_postgres() -> Self {
+        let postgres = PostgresServer::start();
+        Self::on(TestDatabase::on(postgres.url()), Some(postgres))
+    }
+
+    fn on(database: TestDatabase, postgres: Option<PostgresServer>) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let nats = NatsServer::start(folder.path());
+        let settings = database.settings(folder.path());
+        let objects = format!("folder = {:?}", folder.path().join("objects"));
+        Self {
+            settings,
+            _database: database,
+            postgres,
+            nats,
+            objects,
+            folder,
+            started: 0,
+        }
+    }
+
+    /// The address of the database's server.
+    pub(super) fn database_server(&self) -> SocketAddr {
+        let url = &self.settings.database_url;
+        let host = url.split("://").nth(1).unwrap().split('/').next().unwrap();
+        let host = host.rsplit('@').next().unwrap();
+        host.parse().unwrap()
+    }
+
+    /// A settings file; `database` stands between the process and the database.
+    pub(super) fn config(&self, database: Option<&Proxy>) -> PathBuf {
+        let mut url = self.settings.database_url.clone();
+        if let Some(proxy) = database {
+            url = url.replace(&self.database_server().to_string(), &proxy.address().to_string());
+        }
+        let path = self
+            .folder
+            .path()
+            .join(if database.is_some() { "cut.toml" } else { "cluster.toml" });
+        let text = format!(
+            "[cluster]\nname = \"faults\"\n[cluster.database]\nurl = {url:?}\nconnect_timeout_s = 2\n\
+             [cluster.nats]\nurls = [{:?}]\nack_wait_s = 2\n[cluster.objects]\n{}\n",
+            self.nats.url(),
+            self.objects
+        );
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// The folder that raw recordings are kept in.
+    pub(super) fn objects_folder(&self) -> PathBuf {
+        self.folder.path().join("objects")
+    }
+
+    pub(super) fn own_folder(&mut self) -> PathBuf {
+        self.started += 1;
+        self.folder.path().join(self.started.to_string())
+    }
+
+    pub(super) fn api(&mut self, config: &Path) -> Program {
+        let folder = self.own_folder();
+        Program::api(config, &folder)
+    }
+
+    pub(super) fn worker(&mut self, config: &Path) -> Program {
+        let folder = self.own_folder();
+        Program::worker(config, &folder)
+    }
+}
+
+/// Records that are sent while something fails, and which of them were acknowledged.
+#[derive(Default)]
+pub(super) struct Uploads {
+    next: AtomicU32,
+    acknowledged: Mutex<BTreeMap<u32, String>>,
+}
+
+impl Uploads {
+    /// Sends over some connections, in turn to each of the clients, while `fault` happens.
+    pub(super) fn during(&self, clients: &[&Client], fault: impl FnOnce()) {
+        let (is_over, first) = (AtomicBool::new(false), self.next.load(Ordering::Relaxed));
+        std::thread::scope(|scope| {
+            for _ in 0..CONNECTIONS {
+                scope.spawn(|| {
+                    while !is_over.load(Ordering::Relaxed) {
+                        let n = self.next.fetch_add(1, Ordering::Relaxed);
+                        if n > first + UNHURRIED {
+                            // What takes long is not to be a test of many records.
+                            std::thread::sleep(Duration::from_millis(500));
+                        }
+                        match clients[n as usize % clients.len()].try_upload("pump", &record("1", n)) {
+                            Some((201, answer)) => {
+                                let id = answer["id"].as_str().unwrap().to_owned();
+                                self.acknowledged.lock().unwrap().insert(n, id);
+                            }
+                            // It cannot be taken now, or nobody answers.
+                            Some((503, _)) | None => std::thread::sleep(Duration::from_millis(20)),
+                            other => panic!("record {n}: {other:?}"),
+                        }
+                    }
+                });
+            }
+            fault();
+            is_over.store(true, Ordering::Relaxed);
+        });
+    }
+
+    /// Waits until every record that was acknowledged is there.
+    #[track_caller]
+    pub(super) fn wait_until_stored(&self, client: &Client) {
+        let began = Instant::now();
+        let acknowledged = self.acknowledged.lock().unwrap();
+        for (n, id) in acknowledged.iter() {
+            loop {
+                match client.try_send("GET", &format!("/v1/segments/{id}"), "application/json", b"") {
+                    Some((200, _)) => break,
+                    found => assert!(
+                        began.elapsed() < Duration::from_secs(120),
+                        "record {n} was acknowledged and is not there: {found:?}"
+                    ),
+                }
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        }
+    }
+
+    /// Sends all once more, and compares with one machine that has never been disturbed.
+    #[track_caller]
+    pub(super) fn compare(&self, client: &Client) {
+        let sent = self.next.load(Ordering::Relaxed);
+        let machine = OneMachine::start();
+        let alone = machine.client();
+        alone.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+        for n in 0..sent {
+            client.upload("pump", &record("1", n));
+            alone.upload("pump", &record("1", n));
+        }
+        client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == sent);
+        let expected = alone.history("pump");
+        client.wait_for("/v1/assets/pump/indicators?max_points=200000&channel=1", |rows| {
+            rows["items"] == expected[1]
+        });
+        assert_eq!(client.history("pump"), expected);
+        let acknowledged = self.acknowledged.lock().unwrap().len();
+        eprintln!(
+            "{} rounds: {sent} records sent, {acknowledged} acknowledged, all there once",
+            rounds()
+        );
+    }
+}

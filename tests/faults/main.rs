@@ -1,0 +1,19 @@
+//! What a killed program and a full disk leave behind.
+#![cfg(test)]
+
+mod full_disk;
+mod killed;
+
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/program.rs"]
+mod program;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/resumable_client.rs"]
+mod resumable_client;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/running.rs"]
+mod running;
+#[cfg(feature = "cluster")]
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/shared_store.rs"]
+mod shared_store;

@@ -1,0 +1,239 @@
+//! The commands as a user runs them.
+
+use std::fs::{self, File};
+use std::io::{Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::command::flankwatch;
+
+fn path(folder: &TempDir, name: &str) -> String {
+    folder.path().join(name).display().to_string()
+}
+
+fn wav(path: &str, channels: &[&[f32]]) {
+    let spec = hound::WavSpec {
+        channels: channels.len() as u16,
+        sample_rate: 8000,
+        bits_per_sample: 32,
+        sample_format: hound::SampleFormat::Float,
+    };
+    let mut writer = hound::WavWriter::create(path, spec).unwrap();
+    for k in 0..channels[0].len() {
+        for channel in channels {
+            writer.write_sample(channel[k]).unwrap();
+        }
+    }
+    writer.finalize().unwrap();
+}
+
+fn analyze(words: &[&str]) -> Vec<Value> {
+    let said = flankwatch(&[&["analyze", "--format", "json"], words].concat()).expect_success();
+    serde_json::from_str::<Value>(&said.out()).unwrap().as_array().unwrap().clone()
+}
+
+#[test]
+fn analyze_reads_what_is_whole_and_refuses_the_rest_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| path(&folder, name);
+    wav(&at("one.wav"), &[&[0.5]]);
+    wav(&at("stereo.wav"), &[&[1.0, -1.0, 1.0, -1.0], &[3.0, 3.0, 3.0, 3.0]]);
+    wav(&at("nan.wav"), &[&[0.0, f32::NAN, 1.0]]);
+    fs::write(at("empty.wav"), b"").unwrap();
+    fs::write(at("broken.wav"), b"RIFF\x10\0\0\0WAVEjunk").unwrap();
+    let whole = fs::read(at("stereo.wav")).unwrap();
+    fs::write(at("truncated.wav"), &whole[..whole.len() - 9]).unwrap();
+    fs::write(at("letter.txt"), b"dear reader").unwrap();
+
+    let one = analyze(&[&at("one.wav")]);
+    assert_eq!(
+        (one.len(), &one[0]["samples"], &one[0]["indicators"]["rms"]),
+        (1, &Value::from(1), &Value::from(0.5))
+    );
+    assert_eq!(
+        (&one[0]["wear"], &one[0]["absent"]["kurtosis"]),
+        (&Value::Null, &Value::from("too_short"))
+    );
+    assert!(one[0]["wear_reason"].as_str().unwrap().contains("--asset"));
+
+    let stereo = analyze(&[&at("stereo.wav")]);
+    assert_eq!(stereo.len(), 2);
+    // Closed forms: a square wave has kurtosis 1; a constant has none.
+    assert!((stereo[0]["indicators"]["kurtosis"].as_f64().unwrap() - 1.0).abs() < 1e-12);
+    assert_eq!(
+        (&stereo[1]["channel"], &stereo[1]["absent"]["kurtosis"]),
+        (&Value::from("2"), &Value::from("constant"))
+    );
+
+    for (name, words) in [
+        ("nan.wav", &["nan.wav", "NaN at sample 1"][..]),
+        ("empty.wav", &["empty.wav"]),
+        ("broken.wav", &["broken.wav"]),
+        ("truncated.wav", &["truncated.wav"]),
+        ("letter.txt", &["letter.txt"]),
+        ("absent.wav", &["absent.wav", "No such file"]),
+    ] {
+        flankwatch(&["analyze", &at(name)]).expect_refusal(words);
+    }
+    let mixed = flankwatch(&["analyze", "--format", "json", &at("one.wav"), &at("nan.wav")]).expect_refusal(&["1 of 2 files"]);
+    assert_eq!(serde_json::from_str::<Value>(&mixed.out()).unwrap().as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn a_two_hour_recording_is_cut_into_records() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = path(&folder, "two-hours.wav");
+    let seconds = 2 * 3600;
+    // 16-bit PCM at 2 kHz: the header by hand, the samples a hole in the file.
+    let bytes: u32 = seconds * 2000 * 2;
+    let mut file = File::create(&name).unwrap();
+    file.write_all(b"RIFF").unwrap();
+    file.write_all(&(36 + bytes).to_le_bytes()).unwrap();
+    file.write_all(b"WAVEfmt \x10\0\0\0\x01\0\x01\0").unwrap();
+    file.write_all(&2000u32.to_le_bytes()).unwrap();
+    file.write_all(&4000u32.to_le_bytes()).unwrap();
+    file.write_all(b"\x02\0\x10\0data").unwrap();
+    file.write_all(&bytes.to_le_bytes()).unwrap();
+    file.seek(SeekFrom::Start(44 + u64::from(bytes) - 2)).unwrap();
+    file.write_all(&16384i16.to_le_bytes()).unwrap();
+    drop(file);
+    let records = analyze(&[&name]);
+    assert_eq!(records.len(), 720);
+    assert_eq!(records[719]["start_time"], "1970-01-01T01:59:50Z");
+    // The only sample that is not zero: half of full scale, the last of 20 000.
+    assert!((records[719]["indicators"]["rms"].as_f64().unwrap() - 0.5 / 20_000f64.sqrt()).abs() < 1e-9);
+}
+
+#[test]
+fn a_simulated_run_is_followed_and_every_format_prints_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, asset, data) = (path(&folder, "run.mcap"), asset_file(&folder), path(&folder, "data"));
+    let order = ["simulate", "--out", &run, "--records", "120", "--seconds", "1", "--seed", "3"];
+    flankwatch(&order).expect_success();
+    let records = analyze(&[&run, "--asset", &asset, "--data-dir", &data, "--one-rule"]);
+    assert_eq!(records.len(), 120);
+    assert!(records[..20].iter().all(|record| record["wear"].is_null()));
+    assert_eq!(records[7]["wear_reason"], "collecting baseline, 8 of 20");
+    let mut covered = 0;
+    for record in &records[20..] {
+        let (wear, truth) = (&record["wear"], record["reference_wear_um"].as_f64().unwrap());
+        let um = |name: &str| wear[name].as_f64().unwrap();
+        assert!((um("median_um") - truth).abs() < 15.0, "{wear} at {truth}");
+        covered += usize::from((um("p05_um")..=um("p95_um")).contains(&truth));
+    }
+    assert!(covered >= 95, "{covered} of 100 intervals hold the truth");
+
+    let (table, report) = (flankwatch(&["analyze", &run]).expect_success().out(), path(&folder, "report.html"));
+    assert!(table.lines().count() == 121 && table.starts_with("file"));
+    let words = [
+        "analyze",
+        &run,
+        "--asset",
+        &asset,
+        "--data-dir",
+        &data,
+        "--format",
+        "csv",
+        "--report",
+        &report,
+        "--one-rule",
+    ];
+    let csv = flankwatch(&words).expect_success().out();
+    assert_eq!(csv::Reader::from_reader(csv.as_bytes()).records().map(Result::unwrap).count(), 120);
+    let html = fs::read_to_string(&report).unwrap();
+    // All of it is in the page, so that it can be kept and sent.
+    assert!(html.contains("Wear depth") && html.contains("<polygon class=\"band\""));
+    let html = html.replace(r#"<link rel="icon" href="data:,">"#, "");
+    assert!(!html.contains("<script") && !html.contains("<link") && !html.contains("http"));
+}
+
+#[test]
+fn a_simulated_run_is_the_same_for_the_same_seed_and_as_wav() {
+    let folder = tempfile::tempdir().unwrap();
+    let simulate = |out: &str, seed: &str| {
+        flankwatch(&["simulate", "--out", out, "--records", "3", "--seconds", "0.5", "--seed", seed]).expect_success();
+    };
+    let (a, b, c) = (path(&folder, "a.mcap"), path(&folder, "b.mcap"), path(&folder, "c.mcap"));
+    simulate(&a, "1");
+    simulate(&b, "1");
+    simulate(&c, "2");
+    assert_eq!(fs::read(&a).unwrap(), fs::read(&b).unwrap());
+    assert_ne!(fs::read(&a).unwrap(), fs::read(&c).unwrap());
+    let wav = path(&folder, "run.wav");
+    simulate(&wav, "1");
+    let from_wav = analyze(&[&format!("{wav}/record-00002.wav")]);
+    let from_mcap = analyze(&[&a]);
+    assert_eq!(from_wav[0]["indicators"], from_mcap[2]["indicators"]);
+    let truth = fs::read_to_string(format!("{wav}/reference_wear.csv")).unwrap();
+    assert!(truth.lines().nth(3).unwrap().ends_with(",245"), "{truth}");
+}
+
+#[test]
+fn a_library_is_loaded_when_nothing_changed_and_rebuilt_when_damaged() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = path(&folder, "data");
+    let build = ["library", "build", "--states", "3", "--seconds", "0.2", "--data-dir", &data];
+    let first = flankwatch(&build).expect_success().out();
+    let file = only_file(&folder.path().join("data/libraries"));
+    let (bytes, time) = (fs::read(&file).unwrap(), fs::metadata(&file).unwrap().modified().unwrap());
+
+    assert_eq!(flankwatch(&build).expect_success().out(), first);
+    assert_eq!(fs::metadata(&file).unwrap().modified().unwrap(), time, "loaded, not written again");
+
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2] ^= 1;
+    fs::write(&file, damaged).unwrap();
+    let again = flankwatch(&build).expect_success();
+    assert!(again.err().contains("damaged library file"), "{}", again.err());
+    assert_eq!(fs::read(&file).unwrap(), bytes, "the same inputs give the same bytes");
+
+    let id = file.file_stem().unwrap().to_str().unwrap().to_owned();
+    let shown = flankwatch(&["library", "show", &id, "--data-dir", &data]).expect_success().out();
+    assert!(
+        shown.contains("245.0") && shown.contains("3 wear states × 1300 N·m × 16.64 Hz") && shown.lines().count() == 6,
+        "{shown}"
+    );
+    let other = [&build[..], &["--max-wear-um", "100"]].concat();
+    assert_ne!(flankwatch(&other).expect_success().out(), first);
+    flankwatch(&["library", "show", "nothing", "--data-dir", &data]).expect_refusal(&["nothing"]);
+}
+
+#[test]
+fn wrong_flags_and_files_are_refused_with_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let asset = path(&folder, "asset.toml");
+    fs::write(&asset, "id = \"a\"\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = -1.0\n").unwrap();
+    flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_refusal(&["asset.toml", "gear.shaft_speed_hz", "-1"]);
+    fs::write(&asset, "id = \"a\"\ncolour = 1\n[gear]\nteeth = [24, 26]\nshaft_speed_hz = 1.0\n").unwrap();
+    flankwatch(&["analyze", "x.wav", "--asset", &asset]).expect_refusal(&["colour"]);
+    flankwatch(&["serve", "--port", "1"]).expect_refusal(&["--port"]);
+    flankwatch(&["simulate", "--out", "run.txt"]).expect_refusal(&["run.txt", ".mcap or .wav"]);
+    flankwatch(&["simulate", "--out", "run.mcap", "--seconds", "0"]).expect_refusal(&["seconds", "0"]);
+    flankwatch(&["model", "--contact", "magic"]).expect_refusal(&["magic", "threshold"]);
+    flankwatch(&["model", "--pair", "absent.toml"]).expect_refusal(&["absent.toml"]);
+    flankwatch(&["replay", "x.mcap", "--asset", "Not An Id"]).expect_refusal(&["Not An Id"]);
+}
+
+/// An asset file of the paper's pair.
+fn asset_file(folder: &TempDir) -> String {
+    let pair = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/pairs/shen2022.toml")).unwrap();
+    let pair: toml::Table = pair.parse().unwrap();
+    let mut gear = toml::Table::new();
+    gear.insert("teeth".to_owned(), vec![24, 26].into());
+    gear.insert("shaft_speed_hz".to_owned(), 16.64.into());
+    gear.insert("pair".to_owned(), pair.into());
+    let mut asset = toml::Table::new();
+    asset.insert("id".to_owned(), "gearbox".into());
+    asset.insert("gear".to_owned(), gear.into());
+    let name = path(folder, "asset.toml");
+    fs::write(&name, asset.to_string()).unwrap();
+    name
+}
+
+fn only_file(folder: &Path) -> PathBuf {
+    let files: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert_eq!(files.len(), 1, "{files:?}");
+    files[0].clone()
+}

@@ -1,0 +1,61 @@
+//! `flankwatch evaluate` from end to end, with as few runs as it takes.
+
+use std::fs;
+
+use crate::command::flankwatch;
+
+#[test]
+fn wear_is_followed_and_faults_are_found_and_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let (data, page) = (at("data"), at("evaluation.html"));
+    let few = [
+        "--runs",
+        "2",
+        "--records",
+        "60",
+        "--states",
+        "20",
+        "--one-rule",
+        "--data-dir",
+        &data,
+    ];
+    for (case, name) in [("gain jump", "gain changed"), ("clipping", "clipped"), ("dead sensor", "dead")] {
+        let said = flankwatch(&[&["evaluate", "--cases", "faults", "--case", case, "--out", &page], &few[..]].concat()).expect_success();
+        let table = said.out();
+        let row = table
+            .lines()
+            .find(|line| line.starts_with(case))
+            .unwrap_or_else(|| panic!("{table}"));
+        let found = row[case.len()..].split_whitespace().nth(7);
+        assert_eq!(found, Some("1.000"), "{table}");
+        assert!(row.contains(name), "{table}");
+        let written = fs::read_to_string(&page).unwrap();
+        assert!(written.contains(row.trim_end()), "the page has the table");
+    }
+    // Depths: the aims of the estimate on the library's own physics.
+    let depth = [
+        "evaluate",
+        "--cases",
+        "wear",
+        "--case",
+        "shape known",
+        "--runs",
+        "2",
+        "--records",
+        "300",
+        "--states",
+        "300",
+    ];
+    let said = flankwatch(&[&depth[..], &["--one-rule", "--data-dir", &data]].concat()).expect_success();
+    let table = said.out();
+    let row = table.lines().find(|line| line.starts_with("own physics, shape known")).unwrap();
+    let number = |column: usize| -> f64 {
+        let mut cells = row["own physics, shape known".len()..].split_whitespace();
+        cells.nth(column).unwrap().parse().unwrap()
+    };
+    let (error_um, covered, rank) = (number(0), number(3), number(5));
+    assert!(error_um <= 8.0 && covered >= 0.8 && rank >= 0.98, "{table}");
+    flankwatch(&["evaluate", "--case", "sunshine"]).expect_refusal(&["--case", "sunshine", "gain jump"]);
+    flankwatch(&["evaluate", "--runs", "0"]).expect_refusal(&["--runs is 0"]);
+}

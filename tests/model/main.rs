@@ -1,0 +1,13 @@
+//! The gear model, its libraries and what they are worth, and the commands: nothing here starts a service.
+#![cfg(test)]
+
+mod architecture;
+mod command_line;
+mod dynamics;
+mod evaluation;
+mod figures;
+mod libraries;
+
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/command.rs"]
+mod command;

@@ -1,0 +1,17 @@
+//! Real recordings of gears and bearings through the whole path.
+#![cfg(test)]
+
+mod real_bearing;
+mod real_gearbox;
+mod real_novelty;
+
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/command.rs"]
+mod command;
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/running.rs"]
+mod running;
+#[cfg(feature = "cluster")]
+#[allow(dead_code, reason = "each of the test programs uses a part")]
+#[path = "../support/shared_store.rs"]
+mod shared_store;
