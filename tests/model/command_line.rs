@@ -112,7 +112,7 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
     let (run, asset, data) = (path(&folder, "run.mcap"), asset_file(&folder), path(&folder, "data"));
     let order = ["simulate", "--out", &run, "--records", "120", "--seconds", "1", "--seed", "3"];
     flankwatch(&order).expect_success();
-    let records = analyze(&[&run, "--asset", &asset, "--data-dir", &data, "--one-rule"]);
+    let records = analyze(&[&run, "--asset", &asset, "--data-dir", &data, "--members", "0"]);
     assert_eq!(records.len(), 120);
     assert!(records[..20].iter().all(|record| record["wear"].is_null()));
     assert_eq!(records[7]["wear_reason"], "collecting baseline, 8 of 20");
@@ -138,7 +138,8 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
         "csv",
         "--report",
         &report,
-        "--one-rule",
+        "--members",
+        "0",
     ];
     let csv = flankwatch(&words).expect_success().out();
     assert_eq!(csv::Reader::from_reader(csv.as_bytes()).records().map(Result::unwrap).count(), 120);

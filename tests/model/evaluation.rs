@@ -16,7 +16,8 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         "60",
         "--states",
         "20",
-        "--one-rule",
+        "--members",
+        "24",
         "--data-dir",
         &data,
     ];
@@ -47,7 +48,7 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         "--states",
         "300",
     ];
-    let said = flankwatch(&[&depth[..], &["--one-rule", "--data-dir", &data]].concat()).expect_success();
+    let said = flankwatch(&[&depth[..], &["--members", "40", "--data-dir", &data]].concat()).expect_success();
     let table = said.out();
     let row = table.lines().find(|line| line.starts_with("own physics, shape known")).unwrap();
     let number = |column: usize| -> f64 {
