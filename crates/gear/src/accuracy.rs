@@ -34,7 +34,7 @@ fn features_are_those_of_a_refined_step() {
         let mut worst = (0.0, String::new());
         for (state, (usual, refined)) in usual.iter().zip(&refined).enumerate() {
             let [usual, refined] = [usual, refined].map(|response| analyze(&mut analyzer, pair.gears[0].teeth, &run, response));
-            assert_eq!(usual.features.values.len(), 20);
+            assert_eq!(usual.features.values.len(), 26);
             for (name, value) in &usual.features.values {
                 let error = (value - refined.features.values[name]).exp() - 1.0;
                 worst = greater(worst, error, || format!("{name} of state {state}"));

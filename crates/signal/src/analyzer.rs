@@ -365,7 +365,7 @@ mod tests {
         let record_with_gain = gear(20_000, 0.05, 0.0).samples().iter().map(|x| 8.0 * x).collect();
         let gained = analyze(&record(record_with_gain), MESH).features;
         let moved = analyze(&gear(20_000, 0.05, 3.0), MESH).features;
-        assert_eq!(plain.values.len(), 10 + 4 + 4 + 2);
+        assert_eq!(plain.values.len(), 16 + 4 + 4 + 2);
         for (name, value) in &plain.values {
             let gain = if name == "ln_kurtosis" { 0.0 } else { 8.0_f64.ln() };
             assert!((gained.values[name] - value - gain).abs() < 1e-9, "{name}");
