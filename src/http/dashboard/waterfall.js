@@ -67,7 +67,8 @@ export class WaterfallPage {
     [this.#asset, this.#asked, this.#askedAt] = [asset, asked, Date.now()];
     this.#card.busy(false);
     this.#axis.value = axis ?? "";
-    this.#max.value = max ?? "";
+    // not while somebody types into it: an address that changed a moment ago would take the number away
+    if (document.activeElement !== this.#max) this.#max.value = max ?? "";
     if (answer instanceof Error) return this.#card.say(answer.message);
     this.#shown = answer;
     await this.redraw();
