@@ -105,7 +105,7 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
     Ok(())
 }
 
-fn check_text(name: &'static str, text: Option<&str>) -> Result<(), AssetError> {
+pub(super) fn check_text(name: &'static str, text: Option<&str>) -> Result<(), AssetError> {
     match text {
         Some(text) if text.trim().is_empty() || text.len() > MAX_TEXT || text.chars().any(char::is_control) => {
             Err(field(name, format!("{text:?}"), "1 to 200 bytes without control characters"))

@@ -117,10 +117,6 @@ pub struct GearSpec {
     /// The gear pair for the wear library. Without it indicators are computed, and no wear is claimed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pair: Option<PairSpec>,
-    /// The shape of the wear in `pair` is known, from a measured flank for example. Where it is not, the interval allows for other shapes, whose
-    /// greatest depths are 0.6 to 1.7 times that of the described shape which changes the vibration alike.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub wear_shape_known: bool,
 }
 
 /// The accelerometer of an asset.
@@ -249,6 +245,9 @@ impl AssetSpec {
             return Err(field("gear.speed_tolerance", gear.speed_tolerance, "a fraction from 0 to 0.5"));
         }
         other_mesh::validate(self)?;
+        place::check_text("name", Some(self.name.as_str()).filter(|name| !name.is_empty()))?;
+        place::check_text("sensor.unit", self.sensor.unit.as_deref())?;
+        place::check_text("sensor.channel", self.sensor.channel.as_deref())?;
         self.location.validate()?;
         place::validate(&self.points)?;
         alarm_rules::validate(self.alarms.as_deref().unwrap_or_default())?;
@@ -300,7 +299,7 @@ impl AssetSpec {
             }
         }
         if let Some(pair) = &gear.pair {
-            pair.resolve()?;
+            pair.check()?;
             if pair.geometry.teeth != gear.teeth {
                 return Err(field(
                     "gear.pair.geometry.teeth",

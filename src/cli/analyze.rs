@@ -13,7 +13,8 @@ use serde::Serialize;
 use super::library::kept_ensemble;
 use super::{CliError, output};
 use crate::asset::AssetSpec;
-use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, PanelChange, WearEstimate, shape_deviation};
+use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, PanelChange, WearEstimate};
+use crate::library::EnsembleSettings;
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
 use crate::report::{Report, ReportedAlarm, ReportedRecord, angle_words};
 use crate::signal::{
@@ -55,9 +56,9 @@ pub(super) struct AnalyzeArgs {
     /// Folder of the service's data; libraries are kept in its `libraries`
     #[arg(long, default_value = "flankwatch-data")]
     data_dir: PathBuf,
-    /// Compare with the described contact rule alone: half as long to simulate the first time
-    #[arg(long)]
-    one_rule: bool,
+    /// Pairs like the described one that the estimate is made with; 0 for the described pair alone
+    #[arg(long, default_value_t = EnsembleSettings::default().members)]
+    members: usize,
 }
 
 /// How results are printed.
@@ -352,7 +353,6 @@ impl Analysis<'_> {
         let settings = EstimatorSettings {
             baseline_records: asset.baseline.records,
             limit_um: asset.limits.danger_um.or(asset.limits.warning_um),
-            shape_deviation: shape_deviation(asset.gear.wear_shape_known),
         };
         let longest = self
             .records
@@ -365,7 +365,7 @@ impl Analysis<'_> {
         let needed = longest.values().any(|&count| count > settings.baseline_records);
         let pair = asset.gear.pair.as_ref().filter(|_| needed);
         let ensemble = pair
-            .map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.one_rule))
+            .map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.members))
             .transpose()?;
         let estimator = ChannelEstimator::new(settings, ensemble, asset.alarm_rules());
         let mut order: Vec<usize> = (0..self.records.len()).collect();

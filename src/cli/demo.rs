@@ -13,8 +13,10 @@ use jiff::{SignedDuration, Timestamp};
 use super::serve::asked_to_stop;
 use super::{CliError, output, pair_file};
 use crate::asset::{AssetId, AssetSpec, BaselineSpec, GearSpec, Location, SensorSpec, WearLimits};
+use crate::estimate::{Inspection, MaintenanceEvent, MaintenanceKind};
 use crate::gear::ContactRule;
 use crate::http::{RunningService, ServiceConfig, StartError, start};
+use crate::library::FlankPlace;
 use crate::recording::{BlockEncoding, encode_block};
 use crate::service::{Clock, RecordFormat, Service, ServiceError, SystemClock, UploadMetadata};
 use crate::signal::EnvelopeSearch;
@@ -28,6 +30,9 @@ const INTERVAL_S: f64 = 60.0;
 
 /// Wear depth at the end: past the warning limit and short of the danger limit, so that an alarm and a forecast are there to be seen.
 const MAX_WEAR_UM: f64 = 190.0;
+
+/// Standard error of the inspection half-way, as of a replica under a microscope.
+const INSPECTION_ERROR_UM: f64 = 5.0;
 
 /// Arguments of `flankwatch demo`.
 #[derive(Args)]
@@ -78,7 +83,7 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
     let clock: Arc<dyn Clock> = Arc::new(SystemClock);
     let service = start_anywhere(args.listen, data_dir, clock.clone()).await?;
     output::print(&format!(
-        "dashboard: http://{}/#/assets/{ASSET}\na gearbox wears towards its danger limit for about {:.0} s; Ctrl-C ends\n",
+        "dashboard: http://{}/#/assets/{ASSET}\na gearbox wears towards its danger limit for about {:.0} s, and its teeth are inspected half-way; Ctrl-C ends\n",
         service.address(),
         f64::from(args.records) / args.speed,
     ))?;
@@ -128,7 +133,6 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
             other_meshes: Vec::new(),
             speed_tolerance: 0.05,
             speed_is_exact: false,
-            wear_shape_known: false,
             pair: Some(pair.clone()),
         },
         sensor: SensorSpec::default(),
@@ -176,8 +180,28 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
             ..UploadMetadata::default()
         };
         let bytes = encode_block(&simulated.record, BlockEncoding::Protobuf).into();
+        if index == args.records / 2 {
+            let inspected = inspection(simulated.record.start_time(), simulated.wear_um);
+            service.maintenance.add(&id, inspected).await?;
+        }
         let ticket = service.workers.admit()?;
         service.pipeline.accept(&id, RecordFormat::Protobuf, bytes, given, ticket).await?;
     }
     Ok(())
+}
+
+/// The wear as somebody reads it off the teeth, to a whole micrometre.
+fn inspection(time: Timestamp, wear_um: f64) -> MaintenanceEvent {
+    MaintenanceEvent {
+        time,
+        kind: MaintenanceKind::Inspected,
+        by: "Demonstration".to_owned(),
+        comment: "replica of the flanks, read under a microscope".to_owned(),
+        inspection: Some(Inspection {
+            depth_um: wear_um.round(),
+            error_um: INSPECTION_ERROR_UM,
+            gear: None,
+            place: FlankPlace::Greatest,
+        }),
+    }
 }

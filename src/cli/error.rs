@@ -78,6 +78,12 @@ pub enum CliError {
     /// Tokens could not be read or kept.
     #[error(transparent)]
     Tokens(#[from] crate::http::TokenError),
+    /// A store could not be opened, read or copied.
+    #[error(transparent)]
+    Store(#[from] crate::store::StoreError),
+    /// Something is not as it should be; each was told when it was found.
+    #[error("{0} things are not as they should be")]
+    Findings(u64),
     /// A server could not be reached or refused.
     #[error("{url}: {reason}")]
     Server {

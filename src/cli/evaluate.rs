@@ -8,8 +8,10 @@ use plotly::layout::Axis;
 use plotly::{Layout, Plot, Scatter};
 
 use super::library::{kept_ensemble, progress_bar};
+use super::recorded_runs;
 use super::{CliError, output, pair_file};
-use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, Score, evaluate};
+use crate::evaluation::{Case, CaseGroup, EvaluationSettings, NOMINAL, Score, Trial, evaluate};
+use crate::library::{EnsembleSettings, VARIANTS};
 
 /// Which cases are run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -53,12 +55,32 @@ pub(super) struct EvaluateArgs {
     /// Only cases whose name holds this text
     #[arg(long)]
     case: Option<String>,
-    /// Compare with the described contact rule alone
-    #[arg(long)]
-    one_rule: bool,
+    /// Pairs like the described one that the estimate is made with; 0 for the described pair alone
+    #[arg(long, default_value_t = EnsembleSettings::default().members)]
+    members: usize,
     /// The gear pair; the pair of Shen et al. 2022 where not given
     #[arg(long)]
     pair: Option<PathBuf>,
+    /// Score recorded runs in place of simulated ones: folders with WAV files in the order of their names, one a record, and a truth.csv
+    /// with a column wear_um
+    #[arg(long, num_args = 1.., value_name = "FOLDER")]
+    recorded: Vec<PathBuf>,
+    /// Score the estimate on runs of this many members of the ensemble in place of simulated ones, each with all others
+    #[arg(long, value_name = "MEMBERS", conflicts_with = "recorded")]
+    leave_one_out: Option<usize>,
+    /// With --recorded: leave this many records in the middle of each run out
+    #[arg(long, default_value_t = 0, requires = "recorded")]
+    gap: usize,
+    /// With --recorded: tell the estimator the true depth half-way, as an inspection with this error in µm
+    #[arg(long, requires = "recorded")]
+    inspection_um: Option<f64>,
+    /// With --recorded: score these answers in place of the estimator's: JSON, by run a list of median, 5 % and 95 % quantile in µm, or
+    /// null, one a record
+    #[arg(long, requires = "recorded")]
+    answers: Option<PathBuf>,
+    /// With --recorded: print JSON
+    #[arg(long, requires = "recorded")]
+    json: bool,
     /// Write tables and plots to this HTML file, which needs no other
     #[arg(long)]
     out: Option<PathBuf>,
@@ -76,6 +98,25 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
         )));
     }
     let pair = pair_file::read(args.pair.as_deref())?;
+    if let Some(count) = args.leave_one_out {
+        let ensemble = kept_ensemble(&args.data_dir, &pair, args.members)?;
+        if count == 0 || ensemble.members().len() < 2 * ensemble.variants() {
+            return Err(CliError::Argument(format!(
+                "--leave-one-out is {count} with --members {}, expected at least 1 and {}",
+                args.members,
+                2 * VARIANTS
+            )));
+        }
+        return recorded_runs::run_members(&ensemble, count, Trial::default());
+    }
+    if !args.recorded.is_empty() {
+        let ensemble = || kept_ensemble(&args.data_dir, &pair, args.members);
+        let trial = Trial {
+            gap: args.gap,
+            inspection_um: args.inspection_um,
+        };
+        return recorded_runs::run(&args.recorded, &pair, &ensemble, trial, args.answers.as_deref(), args.json);
+    }
     let settings = EvaluationSettings {
         runs: args.runs,
         records: args.records,
@@ -97,11 +138,11 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             names.join(", ")
         )));
     }
-    let ensemble = kept_ensemble(&args.data_dir, &pair, args.one_rule)?;
     let bar = progress_bar(cases.len() as u64, "cases");
     let mut scores = Vec::with_capacity(cases.len());
     output::print(&header())?;
     for case in &cases {
+        let ensemble = kept_ensemble(&args.data_dir, &case.described, args.members)?;
         let score = evaluate(case, &ensemble, &settings)?;
         bar.suspend(|| output::print(&row(&score)))?;
         scores.push(score);

@@ -45,9 +45,9 @@ struct BuildArgs {
     /// Number of wear states
     #[arg(long, default_value_t = 50)]
     states: usize,
-    /// Greatest wear depth of the last state in µm
-    #[arg(long, default_value_t = 245.0)]
-    max_wear_um: f64,
+    /// Greatest wear depth of the last state in µm; 245 at module 6 mm, in proportion to the module, where not given
+    #[arg(long)]
+    max_wear_um: Option<f64>,
     /// Length of each simulated record in seconds
     #[arg(long, default_value_t = 2.0)]
     seconds: f64,
@@ -100,7 +100,7 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     }
     let grid = GridSettings {
         states: args.states,
-        max_wear_um: args.max_wear_um,
+        max_wear_um: args.max_wear_um.unwrap_or_else(|| pair.usual_wear_um()),
         seconds: args.seconds,
         sample_rate_hz: args.rate,
         torque_factors: args.torques.clone(),
@@ -228,20 +228,18 @@ fn table(library: &Library) -> String {
     text
 }
 
-/// A pair's library and its neighbours from the data folder's `libraries`, simulated where they are not kept yet.
-pub(super) fn kept_ensemble(data_dir: &Path, pair: &PairSpec, one_rule: bool) -> Result<Arc<Ensemble>, CliError> {
+/// A pair's library and the ensemble around it from the data folder's `libraries`, simulated where they are not kept yet.
+pub(super) fn kept_ensemble(data_dir: &Path, pair: &PairSpec, members: usize) -> Result<Arc<Ensemble>, CliError> {
     let shelf = LibraryShelf::new(data_dir.join("libraries"));
-    let grid = GridSettings::default();
+    let grid = GridSettings::default().for_pair(pair);
     let bar = progress_bar(grid.states as u64, "wear states");
     let progress = |done: usize, _| bar.set_position(done as u64);
     let library = shelf.get_or_build(pair, &grid, &BuildControl::with_progress(&progress))?;
     bar.finish_and_clear();
-    let settings = EnsembleSettings {
-        other_rule: !one_rule,
-        ..EnsembleSettings::default()
-    };
-    let bar = progress_bar(settings.libraries() as u64, "libraries around it");
-    let ensemble = shelf.ensemble(library, &settings, &|done, _| bar.set_position(done as u64))?;
+    let settings = EnsembleSettings { members };
+    let bar = progress_bar(members as u64, "pairs like it");
+    let progress = |done: usize, _| bar.set_position(done as u64);
+    let ensemble = shelf.ensemble(library, &settings, &BuildControl::with_progress(&progress))?;
     bar.finish_and_clear();
     Ok(Arc::new(ensemble))
 }

@@ -1,7 +1,9 @@
 //! The commands: each module reads its arguments, calls the rooms, and prints.
 
 mod analyze;
+mod backup;
 mod convert;
+mod delete;
 mod demo;
 mod error;
 mod evaluate;
@@ -15,10 +17,15 @@ mod mqtt;
 mod node;
 mod output;
 mod pair_file;
+mod quarantine;
+mod rebuild;
+mod recorded_runs;
 mod replay;
 mod serve;
 mod simulate;
+mod store_place;
 mod token;
+mod verify;
 mod work;
 
 use std::io::{self, IsTerminal};
@@ -52,6 +59,8 @@ enum Command {
     Analyze(analyze::AnalyzeArgs),
     /// Send recordings to a server
     Replay(replay::ReplayArgs),
+    /// Delete records of an asset on a server
+    Delete(delete::DeleteArgs),
     /// Simulate a run to failure with the true wear known
     Simulate(simulate::SimulateArgs),
     /// What the wear estimate is worth on simulated runs whose true wear is known
@@ -66,6 +75,16 @@ enum Command {
     Convert(convert::ConvertArgs),
     /// Make, list and revoke the tokens of a service
     Token(token::TokenArgs),
+    /// Compare the database with the raw recordings
+    Verify(verify::VerifyArgs),
+    /// Copy a data folder while the service works on it
+    Backup(backup::BackupArgs),
+    /// Put a backup into a data folder
+    Restore(backup::RestoreArgs),
+    /// Make the database again from the raw recordings
+    Rebuild(rebuild::RebuildArgs),
+    /// Raw recordings that nothing refers to, before they are removed
+    Quarantine(quarantine::QuarantineArgs),
 }
 
 /// What is logged: levels by module as `FLANKWATCH_LOG` says (`info,flankwatch::store=debug`).
@@ -92,12 +111,18 @@ pub fn run() -> ExitCode {
         Command::Work(args) => work::run(args).map_err(CliError::from),
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),
+        Command::Delete(args) => delete::run(args),
         Command::Simulate(args) => simulate::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Model(args) => model::run(args),
         Command::Figures(args) => figures::run(args),
         Command::Library(args) => library::run(args),
         Command::Token(args) => token::run(args),
+        Command::Verify(args) => verify::run(args),
+        Command::Backup(args) => backup::back_up_folder(args),
+        Command::Restore(args) => backup::restore(args),
+        Command::Rebuild(args) => rebuild::run(args),
+        Command::Quarantine(args) => quarantine::run(args),
         Command::Convert(args) => convert::run(args).map_err(CliError::from),
     };
     match outcome {

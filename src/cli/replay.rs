@@ -85,7 +85,7 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
 }
 
 /// The certificates of a file, or those that browsers trust.
-fn trusted(file: Option<&Path>) -> Result<RootCerts, CliError> {
+pub(super) fn trusted(file: Option<&Path>) -> Result<RootCerts, CliError> {
     let Some(file) = file else { return Ok(RootCerts::WebPki) };
     let bytes = std::fs::read(file).map_err(CliError::io(file))?;
     let certificates = parse_pem(&bytes).filter_map(|item| match item {

@@ -133,6 +133,7 @@ pub(super) struct Resolved {
 struct RetentionTable {
     raw_bytes: Option<u64>,
     raw_bytes_per_asset: Option<u64>,
+    quarantine_days: Option<u32>,
 }
 
 /// The table `limits` of the settings file.
@@ -157,6 +158,7 @@ struct LimitsTable {
     write_timeout_s: Option<u64>,
     requests_per_s: Option<NonZeroU32>,
     events_kept: Option<usize>,
+    start_time_ahead_s: Option<u64>,
 }
 
 impl ServeArgs {
@@ -193,6 +195,9 @@ impl ServeArgs {
             bytes: file.retention.raw_bytes,
             bytes_per_asset: file.retention.raw_bytes_per_asset,
         };
+        if let Some(days) = file.retention.quarantine_days {
+            config.work.quarantined_for = Duration::from_secs(u64::from(days) * 24 * 3600);
+        }
         #[cfg(not(feature = "cluster"))]
         if file.cluster.is_some() {
             return Err(ServeError::WithoutCluster("the table cluster of the settings file"));
@@ -242,6 +247,7 @@ impl LimitsTable {
         set(&mut config.http.write_timeout, self.write_timeout_s.map(Duration::from_secs));
         set(&mut config.http.requests_per_s, self.requests_per_s);
         set(&mut config.http.events_kept, self.events_kept);
+        set(&mut config.work.start_time_ahead, self.start_time_ahead_s.map(Duration::from_secs));
         set(&mut config.work.bytes_at_once, self.bytes_at_once);
         set(&mut config.work.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
         set(&mut config.work.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));

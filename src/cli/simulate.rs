@@ -40,9 +40,9 @@ pub(super) struct SimulateArgs {
     /// Seed of the transmission path, the noise and the operating points
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Greatest wear depth of the last record in µm
-    #[arg(long, default_value_t = 245.0)]
-    max_wear_um: f64,
+    /// Greatest wear depth of the last record in µm; 245 at module 6 mm, in proportion to the module, where not given
+    #[arg(long)]
+    max_wear_um: Option<f64>,
     /// Wear grows with time to this power
     #[arg(long, default_value_t = 1.5)]
     wear_exponent: f64,
@@ -68,12 +68,13 @@ pub(super) struct SimulateArgs {
 
 /// Runs the command.
 pub(super) fn run(args: &SimulateArgs) -> Result<(), CliError> {
+    let pair = pair_file::read(args.pair.as_deref())?;
     let run = Run::new(RunPlan {
-        pair: pair_file::read(args.pair.as_deref())?,
+        max_wear_um: args.max_wear_um.unwrap_or_else(|| pair.usual_wear_um()),
+        pair,
         records: args.records,
         seconds: args.seconds,
         sample_rate_hz: args.rate,
-        max_wear_um: args.max_wear_um,
         wear_exponent: args.wear_exponent,
         start_time: args.start_time,
         interval_s: args.interval,

@@ -1,10 +1,14 @@
 //! The queue between API nodes and workers: a JetStream work-queue stream.
 
+use std::collections::HashSet;
+
 use async_nats::jetstream::context::{PublishAckFuture, PublishError, PublishErrorKind};
 use async_nats::jetstream::message::PublishMessage;
+use async_nats::jetstream::stream::LastRawMessageErrorKind;
 use futures_util::future::BoxFuture;
 use sha2::{Digest, Sha256};
 
+use super::ClusterError;
 use super::connection::Connection;
 use super::message;
 use crate::asset::AssetId;
@@ -99,6 +103,24 @@ impl WorkQueue for Queue {
         })
     }
 
+    fn objects_waiting(&self) -> BoxFuture<'_, Result<HashSet<String>, ServiceError>> {
+        Box::pin(async move {
+            let connection = &self.connection;
+            let mut objects = HashSet::new();
+            for (stream, subject) in [
+                (connection.work_stream(), connection.work_subject()),
+                (connection.dead_stream(), connection.dead_subject()),
+            ] {
+                let found = objects_of(connection, stream, &subject).await.map_err(|error| {
+                    tracing::warn!(%error, "failed to look through the queue");
+                    AWAY
+                })?;
+                objects.extend(found);
+            }
+            Ok(objects)
+        })
+    }
+
     fn notify_changed(&self, asset: &AssetId) {
         let (client, subject) = (self.connection.client.clone(), self.connection.changes_subject());
         let asset = asset.to_string();
@@ -120,6 +142,28 @@ impl WorkQueue for Queue {
                 fault,
             }]
         })
+    }
+}
+
+/// The raw objects of the records in a stream.
+async fn objects_of(connection: &Connection, stream: String, subject: &str) -> Result<HashSet<String>, ClusterError> {
+    let failed = ClusterError::jetstream("look through a stream");
+    let stream = match connection.jetstream.get_stream(stream).await {
+        Ok(stream) => stream,
+        Err(error) => return Err(failed(error.into())),
+    };
+    let mut objects = HashSet::new();
+    let mut next = stream.cached_info().state.first_sequence.max(1);
+    loop {
+        let found = match stream.get_first_raw_message_by_subject(subject, next).await {
+            Ok(found) => found,
+            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => return Ok(objects),
+            Err(error) => return Err(failed(error.into())),
+        };
+        next = found.sequence + 1;
+        if let Ok(record) = message::decode(&found.payload) {
+            objects.insert(record.raw.sha256);
+        }
     }
 }
 

@@ -137,6 +137,7 @@ fn needed(method: &Method, path: &str) -> Scope {
     let parts: Vec<&str> = path.trim_matches('/').split('/').collect();
     match parts[..] {
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
+        ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
         _ => Scope::Write,
     }
 }
@@ -213,6 +214,8 @@ mod tests {
             (Method::DELETE, "/v1/assets/a", Scope::Admin),
             (Method::DELETE, "/v1/assets/a/", Scope::Admin),
             (Method::POST, "/v1/assets/a/segments", Scope::Write),
+            (Method::DELETE, "/v1/assets/a/segments", Scope::Admin),
+            (Method::DELETE, "/v1/segments/b", Scope::Admin),
             (Method::POST, "/v1/replays", Scope::Write),
         ] {
             assert_eq!(needed(&method, path), scope, "{method} {path}");

@@ -3,14 +3,16 @@
 use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, header};
-use axum::response::IntoResponse;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::Serialize;
+use serde_json::Value;
 
 use super::app::App;
 use super::body;
 use super::category::{AlarmCounts, Category};
+use super::etag;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::{AssetId, AssetSpec, WearLimits};
@@ -94,13 +96,19 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<P
     responses((status = 201, body = AssetView, headers(("location" = String, description = "Its address"))), (status = 409, body = Details, content_type = "application/problem+json", description = "There is one of that id")),
 )]
 pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
-    let spec = description(&app, &headers, body).await?;
+    let spec = description(&app, &headers, body, &[]).await?;
     let asset = app.service.assets.create(&spec).await?;
     let location = format!("/v1/assets/{}", spec.id);
-    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view(&app, asset).await?)))
+    Ok((
+        StatusCode::CREATED,
+        [(header::LOCATION, location)],
+        tagged(&app, asset, None).await?,
+    ))
 }
 
 /// One asset
+///
+/// Its entity tag serves a change that is conditional on the description (`If-Match`), also after further records have come.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}",
@@ -108,57 +116,93 @@ pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Bod
     params(("asset" = AssetId, Path, description = "The asset")),
     responses((status = 200, body = AssetView)),
 )]
-pub(super) async fn show(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<Json<AssetView>, Problem> {
+pub(super) async fn show(State(app): State<App>, AssetInPath(id): AssetInPath, headers: HeaderMap) -> Result<Response, Problem> {
     let asset = app.service.store.asset(&id).await?;
-    Ok(Json(view(&app, asset).await?))
+    tagged(&app, asset, Some(&headers)).await
+}
+
+/// An asset's answer with its entity tag; without the answer where the client that asks has it.
+async fn tagged(app: &App, asset: Asset, asked: Option<&HeaderMap>) -> Result<Response, Problem> {
+    let view = view(app, asset.clone()).await?;
+    let json = serde_json::to_vec(&view).map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    let etag = etag::of_asset(&asset, &json)?;
+    if asked.is_some_and(|headers| etag::is_known(headers, &etag)) {
+        return Ok(etag::not_modified(etag));
+    }
+    Ok((
+        [
+            (header::CONTENT_TYPE, HeaderValue::from_static("application/json")),
+            (header::ETAG, etag),
+        ],
+        json,
+    )
+        .into_response())
 }
 
 /// Replace an asset's description
 ///
-/// Its wear history is estimated anew in the background where it depends on what changed.
+/// Its wear history is estimated anew in the background where it depends on what changed. What `GET` answers can be sent back: the fields beside the
+/// description are left out.
 #[utoipa::path(
     put,
     path = "/v1/assets/{asset}",
     tag = "assets",
-    params(("asset" = AssetId, Path, description = "The asset")),
+    params(
+        ("asset" = AssetId, Path, description = "The asset"),
+        ("if-match" = Option<String>, Header, description = "Entity tags one of which its description must have"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags of which its description must have none"),
+    ),
     request_body(content((AssetSpec = "application/json"), (String = "application/toml")), description = "The asset's description"),
-    responses((status = 200, body = AssetView)),
+    responses((status = 200, body = AssetView), (status = 412, body = Details, content_type = "application/problem+json", description = "Its description is another one")),
 )]
 pub(super) async fn replace(
     State(app): State<App>,
     AssetInPath(id): AssetInPath,
     headers: HeaderMap,
     body: Body,
-) -> Result<Json<AssetView>, Problem> {
-    let spec = description(&app, &headers, body).await?;
+) -> Result<Response, Problem> {
+    let spec = description(&app, &headers, body, &ANSWERED).await?;
     if spec.id != id {
         return Err(Problem::content("id", &spec.id, &format!("{id}, as in the address")));
     }
-    let asset = app.service.assets.update(&spec).await?;
-    Ok(Json(view(&app, asset).await?))
+    let asset = app.service.assets.update(&spec, &etag::precondition(&headers)).await?;
+    tagged(&app, asset, None).await
 }
 
 /// Delete an asset
 ///
-/// Its records, estimates and raw recordings go with it. One whose sensor others share cannot go before
+/// Its records and estimates go with it, its raw recordings into quarantine. One whose sensor others share cannot go before
 /// those.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}",
     tag = "assets",
-    params(("asset" = AssetId, Path, description = "The asset")),
-    responses((status = 204, description = "Gone"), (status = 409, body = Details, content_type = "application/problem+json", description = "Others hear through its measuring points")),
+    params(
+        ("asset" = AssetId, Path, description = "The asset"),
+        ("if-match" = Option<String>, Header, description = "Entity tags one of which its description must have"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags of which its description must have none"),
+    ),
+    responses((status = 204, description = "Gone"), (status = 412, body = Details, content_type = "application/problem+json", description = "Its description is another one"), (status = 409, body = Details, content_type = "application/problem+json", description = "Others hear through its measuring points")),
 )]
-pub(super) async fn remove(State(app): State<App>, AssetInPath(id): AssetInPath) -> Result<StatusCode, Problem> {
-    app.service.assets.delete(&id).await?;
+pub(super) async fn remove(State(app): State<App>, AssetInPath(id): AssetInPath, headers: HeaderMap) -> Result<StatusCode, Problem> {
+    app.service.assets.delete(&id, &etag::precondition(&headers)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
-async fn description(app: &App, headers: &HeaderMap, body: Body) -> Result<AssetSpec, Problem> {
+/// What an answer holds beside the description.
+const ANSWERED: [&str; 3] = ["created_at", "updated_at", "summary"];
+
+/// The description in a body; its fields of these names are left out.
+async fn description(app: &App, headers: &HeaderMap, body: Body, left_out: &[&str]) -> Result<AssetSpec, Problem> {
     let media_type = body::media_type(headers);
     match media_type.as_deref() {
         Some("application/json") => {
             let bytes = body::read_description(headers, body, &app.limits).await?;
+            let mut fields: Value = body::from_json(&bytes)?;
+            let had = fields
+                .as_object_mut()
+                .map_or(0, |fields| left_out.iter().filter(|name| fields.remove(**name).is_some()).count());
+            let bytes = if had > 0 { fields.to_string().into_bytes().into() } else { bytes };
             let spec: AssetSpec = body::from_json(&bytes)?;
             spec.validate()?;
             Ok(spec)

@@ -65,6 +65,8 @@ const FILES: &[StaticFile] = files![
     "gear-drawing.js",
     "icon.svg",
     "index.html",
+    "inspection-fields.js",
+    "inspection.js",
     "libraries.js",
     "library.js",
     "life-events.js",

@@ -2,12 +2,13 @@
 
 use axum::body::{Body, to_bytes};
 use axum::extract::Request;
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use sha2::{Digest, Sha256};
 
 use super::problem::Problem;
+use crate::service::{Precondition, description_tag};
 use crate::store::{Asset, ChannelSummary};
 
 /// The entity tag of these bytes.
@@ -38,6 +39,33 @@ pub(super) fn of_channel(asset: &Asset, channel: Option<&ChannelSummary>, uri: &
         address.as_bytes(),
         accept,
     ])
+}
+
+/// The entity tag of an asset: that of its description, and behind it that of the whole answer.
+pub(super) fn of_asset(asset: &Asset, body: &[u8]) -> Result<HeaderValue, Problem> {
+    let description = description_tag(asset)?;
+    let whole = of_bytes(&[body]);
+    let whole = whole.to_str().unwrap_or_default().trim_matches('"');
+    let tag = HeaderValue::from_str(&format!("\"{description}-{whole}\""));
+    tag.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))
+}
+
+/// What a change of an asset is conditional on. Only descriptions are compared: what else an answer holds changes with every record.
+pub(super) fn precondition(headers: &HeaderMap) -> Precondition {
+    let tags = |name: HeaderName| {
+        let given: Vec<&str> = headers.get_all(name).iter().filter_map(|value| value.to_str().ok()).collect();
+        (!given.is_empty()).then(|| given.iter().flat_map(|list| list.split(',')).map(description_in).collect())
+    };
+    Precondition {
+        matches: tags(header::IF_MATCH),
+        matches_none: tags(header::IF_NONE_MATCH),
+    }
+}
+
+/// The part of an asset's tag that is its description's.
+fn description_in(tag: &str) -> String {
+    let tag = tag.trim().trim_start_matches("W/").trim_matches('"');
+    tag.split_once('-').map_or(tag, |(description, _)| description).to_owned()
 }
 
 /// Whether the client has what has this tag.

@@ -34,8 +34,10 @@ pub(super) struct Alive {
 pub(super) struct Ready {
     /// `ok` or `unavailable`.
     status: &'static str,
-    /// `ok`, or why the database does not answer.
+    /// `ok`, or why the database does not answer, or what is damaged of it.
     database: String,
+    /// `ok`, or why nothing is removed from the raw recordings: the database does not know them.
+    raw_recordings: String,
     /// Records being processed or waiting.
     queue: Queue,
     /// Of a node of a cluster: `ok`, or why another part that it needs cannot be used.
@@ -120,6 +122,7 @@ async fn readiness(service: &Service) -> (StatusCode, Json<Ready>) {
     let parts = Ready {
         status: if is_ready { "ok" } else { "unavailable" },
         database: or_ok(database),
+        raw_recordings: or_ok(service.store.held()),
         queue: Queue { used, limit },
         parts: health.into_iter().map(|part| (part.part, or_ok(part.fault))).collect(),
         feeds: feeds(service),

@@ -15,7 +15,7 @@ use super::body;
 use super::problem::Problem;
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::AssetId;
-use crate::estimate::{MaintenanceEvent, MaintenanceKind};
+use crate::estimate::{Inspection, MaintenanceEvent, MaintenanceKind};
 use crate::store::StoredEvent;
 
 /// Something that was done.
@@ -36,6 +36,9 @@ pub(super) struct Done {
     #[serde(default)]
     #[schema(example = "new pair, same drawing")]
     comment: String,
+    /// What was measured, for the kind `inspected`.
+    #[serde(default)]
+    inspection: Option<Inspection>,
 }
 
 /// A maintenance event.
@@ -76,10 +79,23 @@ pub(super) async fn add(
     headers: HeaderMap,
     body: Body,
 ) -> Result<impl IntoResponse, Problem> {
-    let Done { time, kind, by, comment } = body::described(&app.limits, &headers, body).await?;
+    let Done {
+        time,
+        kind,
+        by,
+        comment,
+        inspection,
+    } = body::described(&app.limits, &headers, body).await?;
     check_signature(&by, &comment)?;
     let time = time.unwrap_or_else(|| app.service.now());
-    let event = MaintenanceEvent { time, kind, by, comment };
+    check_inspection(kind, inspection.as_ref())?;
+    let event = MaintenanceEvent {
+        time,
+        kind,
+        by,
+        comment,
+        inspection,
+    };
     let stored = app.service.maintenance.add(&asset, event).await?;
     let location = format!("/v1/assets/{asset}/maintenance/{}", stored.id);
     let view = EventView::new(asset, stored);
@@ -144,5 +160,19 @@ impl<S: Send + Sync> FromRequestParts<S> for EventInPath {
         let Path((asset, event)) = parsed.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
         let asset = AssetId::new(asset).map_err(|error| Problem::not_found(format!("there is no such asset: {error}")))?;
         Ok(Self { asset, event })
+    }
+}
+
+/// Refuses an inspection without its numbers, and numbers without an inspection.
+fn check_inspection(kind: MaintenanceKind, inspection: Option<&Inspection>) -> Result<(), Problem> {
+    let refused = |detail: String| Err(Problem::new(StatusCode::BAD_REQUEST, detail));
+    match (kind, inspection) {
+        (MaintenanceKind::Inspected, None) => refused("inspection is missing, expected its depth_um for the kind inspected".into()),
+        (MaintenanceKind::Inspected, Some(inspection)) => match inspection.fault() {
+            Some((field, value, expected)) => refused(format!("{field} is {value}, expected {expected}")),
+            None => Ok(()),
+        },
+        (_, Some(_)) => refused("inspection is given, expected it only for the kind inspected".into()),
+        (_, None) => Ok(()),
     }
 }

@@ -15,6 +15,7 @@ mod cepstra;
 mod chosen;
 mod connections;
 mod content_encoding;
+mod damage;
 mod dashboard;
 mod drain;
 mod etag;

@@ -44,7 +44,13 @@ pub(super) struct Details {
     expected: Option<String>,
     #[serde(skip)]
     retry_after_s: Option<u32>,
+    #[serde(skip)]
+    is_damage: bool,
 }
+
+/// Goes with an answer that the database's file is damaged.
+#[derive(Debug, Clone)]
+pub(super) struct DamageFound(pub(super) String);
 
 fn as_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_u16(status.as_u16())
@@ -61,6 +67,7 @@ impl Problem {
             value: None,
             expected: None,
             retry_after_s: None,
+            is_damage: false,
         }))
     }
 
@@ -145,9 +152,13 @@ impl Problem {
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let body = self.body();
+        let damage = self.0.is_damage.then(|| DamageFound(self.0.detail.clone()));
         let mut response = (self.0.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
         if let Some(seconds) = self.0.retry_after_s {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+        }
+        if let Some(damage) = damage {
+            response.extensions_mut().insert(damage);
         }
         response
     }
@@ -159,6 +170,12 @@ impl From<StoreError> for Problem {
             StoreError::AssetExists(_) => StatusCode::CONFLICT,
             StoreError::AssetUnknown(_) => StatusCode::NOT_FOUND,
             StoreError::Time(_) => StatusCode::UNPROCESSABLE_ENTITY,
+            StoreError::DatabaseDamaged { .. } => StatusCode::SERVICE_UNAVAILABLE,
+            error if error.is_damage() => {
+                let mut problem = Self::internal(error);
+                problem.0.is_damage = true;
+                return problem;
+            }
             error if error.is_full() => {
                 tracing::error!(%error, "disk full");
                 StatusCode::INSUFFICIENT_STORAGE
@@ -182,6 +199,7 @@ impl From<ServiceError> for Problem {
             // The description of the asset can be mended, or the cause may pass.
             ServiceError::Library { .. } => Self::busy(error.to_string(), 60),
             ServiceError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
+            ServiceError::Precondition(_) => Self::new(StatusCode::PRECONDITION_FAILED, error.to_string()),
             ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
             ServiceError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
             ServiceError::Recording(ref source) if source.is_full() => Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string()),

@@ -45,6 +45,9 @@ const MAX_WAIT: Duration = Duration::from_secs(60);
 
 /// Goes on with what an earlier process has left, and looks after uploads in the background.
 pub(super) async fn start(app: &App) -> Result<(), ServiceError> {
+    if app.service.store.damage().is_some() {
+        return Ok(());
+    }
     if !app.service.store.is_shared() {
         app.service.store.resume_resumable(app.service.now() + KEPT).await?;
         app.service.uploads.remove_forgotten().await?;

@@ -15,7 +15,7 @@ use utoipa_axum::routes;
 use super::app::App;
 use super::problem::Problem;
 use super::{
-    access, alarms, angle, assets, cepstra, dashboard, drain, etag, events, export, health, indicators, libraries, library_states,
+    access, alarms, angle, assets, cepstra, damage, dashboard, drain, etag, events, export, health, indicators, libraries, library_states,
     maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
@@ -30,14 +30,14 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(assets::show, assets::replace, assets::remove))
         .routes(routes!(maintenance::list, maintenance::add))
         .routes(routes!(maintenance::remove))
-        .routes(routes!(segments::list, uploads::upload))
+        .routes(routes!(segments::list, uploads::upload, segments::remove_range))
         .routes(routes!(indicators::trend))
         .routes(routes!(wear::latest))
         .routes(routes!(wear::history))
         .routes(routes!(export::export))
         .routes(routes!(waterfall::show))
         .routes(routes!(reports::show))
-        .routes(routes!(segments::show))
+        .routes(routes!(segments::show, segments::remove))
         .routes(routes!(waveforms::waveform))
         .routes(routes!(waveforms::spectrum))
         .routes(routes!(waveforms::envelope))
@@ -79,6 +79,7 @@ pub(super) fn router(app: App) -> Router {
         .fallback(no_such_path)
         .method_not_allowed_fallback(no_such_method)
         .layer(from_fn(etag::layer))
+        .layer(from_fn_with_state(app.clone(), damage::layer))
         .layer(from_fn_with_state(Arc::clone(&app.access), access::guard))
         .layer(from_fn_with_state(app.clone(), traffic::time_out))
         .layer(CatchPanicLayer::custom(traffic::panicked))

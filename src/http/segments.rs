@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use axum::Json;
 use axum::extract::State;
+use axum::http::StatusCode;
 use axum::response::IntoResponse;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -15,7 +16,7 @@ use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
 use crate::asset::{AssetId, OperatingBin, RawReference, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Indicators, OperatingPoint, ShaftSpeed};
-use crate::store::{Order, SegmentFilter, SegmentKey, Store, StoreError};
+use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreError};
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -188,6 +189,75 @@ async fn of_bin(
 )]
 pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<Segment>, Problem> {
     Ok(Json(find(&app, &id).await?))
+}
+
+/// Delete one segment
+///
+/// It is as if its record had never come, also for the other assets of its sensor: the histories that it was part of are
+/// estimated anew in the background. Its raw recording goes into quarantine. Sent again it is stored again.
+#[utoipa::path(
+    delete,
+    path = "/v1/segments/{segment}",
+    tag = "records",
+    params(("segment" = String, Path, description = "The segment")),
+    responses((status = 204, description = "Gone"), (status = 409, body = Details, content_type = "application/problem+json", description = "It came for another asset, whose sensor this one shares")),
+)]
+pub(super) async fn remove(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<StatusCode, Problem> {
+    let segment = find(&app, &id).await?;
+    app.service.removals.remove_one(&segment).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Which records are deleted; at least one of `from` and `to` is needed.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RangeParameters {
+    /// Only those of this channel.
+    channel: Option<String>,
+    /// Only records that start at this time or later.
+    from: Option<Timestamp>,
+    /// Only records that start before this time.
+    to: Option<Timestamp>,
+}
+
+/// How many records were deleted.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct Deleted {
+    /// Records of the asset.
+    deleted: u64,
+}
+
+/// Delete the segments of a range of time
+///
+/// As each of them by itself.
+#[utoipa::path(
+    delete,
+    path = "/v1/assets/{asset}/segments",
+    tag = "records",
+    params(("asset" = AssetId, Path, description = "The asset"), RangeParameters),
+    responses((status = 200, body = Deleted), (status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 409, body = Details, content_type = "application/problem+json", description = "They come for another asset, whose sensor this one shares")),
+)]
+pub(super) async fn remove_range(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<RangeParameters>,
+) -> Result<Json<Deleted>, Problem> {
+    if asked.from.is_none() && asked.to.is_none() {
+        return Err(Problem::query(
+            "from",
+            "missing",
+            "a time here or in to: delete the asset to delete all",
+        ));
+    }
+    let range = RecordRange {
+        channel: asked.channel,
+        from: asked.from,
+        to: asked.to,
+        raw_sha256: None,
+    };
+    let deleted = app.service.removals.remove(&asset, &range).await?;
+    Ok(Json(Deleted { deleted }))
 }
 
 /// The segment, or the problem that there is none.

@@ -48,7 +48,7 @@ pub struct ServiceConfig {
     pub http: HttpLimits,
     /// Limits on work.
     pub work: WorkLimits,
-    /// How libraries are simulated.
+    /// How libraries are simulated, with depths for module 6 mm, which go with a pair's module.
     pub grid: GridSettings,
 }
 

@@ -8,8 +8,9 @@ use super::Report;
 use super::chart::Mark;
 use super::page::escape;
 use crate::estimate::{
-    AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, MaintenanceEvent, MaintenanceKind, PanelChange, Severity,
+    AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Inspection, MaintenanceEvent, MaintenanceKind, PanelChange, Severity,
 };
+use crate::library::FlankPlace;
 
 /// Entries of an alarm's history in the report; the latest ones where there are more.
 const MAX_ENTRIES: usize = 50;
@@ -86,7 +87,10 @@ pub(super) fn marks(report: &Report, channel: &str) -> Vec<Mark> {
     let of_maintenance = report.maintenance.iter().map(|event| Mark {
         x: seconds(event.time),
         class: "maintenance",
-        name: kind_words(event.kind).to_owned(),
+        name: event.inspection.as_ref().map_or_else(
+            || kind_words(event.kind).to_owned(),
+            |inspection| format!("{}: {}", kind_words(event.kind), measured(inspection)),
+        ),
     });
     of_alarms.chain(of_maintenance).collect()
 }
@@ -153,7 +157,31 @@ fn reading_words(value: f64) -> String {
 }
 
 fn maintenance_row(event: &MaintenanceEvent) -> String {
-    row(event.time, &[kind_words(event.kind), &event.by, &event.comment])
+    let what = event.inspection.as_ref().map_or_else(
+        || kind_words(event.kind).to_owned(),
+        |inspection| format!("{}: {}", kind_words(event.kind), inspection_words(inspection)),
+    );
+    row(event.time, &[&what, &event.by, &event.comment])
+}
+
+/// Depth with its standard error, gear and place.
+fn inspection_words(inspection: &Inspection) -> String {
+    let gear = match inspection.gear {
+        Some(1) => "driving gear",
+        Some(_) => "driven gear",
+        None => "deeper of both gears",
+    };
+    let place = match inspection.place {
+        FlankPlace::Greatest => "where it is deepest",
+        FlankPlace::Root => "at the root",
+        FlankPlace::Pitch => "at the pitch point",
+        FlankPlace::Tip => "at the tip",
+    };
+    format!("{}, {gear}, {place}", measured(inspection))
+}
+
+fn measured(inspection: &Inspection) -> String {
+    format!("{} ± {} µm", inspection.depth_um, inspection.error_um)
 }
 
 fn row(time: Timestamp, cells: &[&str]) -> String {
@@ -178,6 +206,7 @@ fn kind_words(kind: MaintenanceKind) -> &'static str {
         MaintenanceKind::GearReplaced => "gear replaced",
         MaintenanceKind::SensorReplaced => "sensor replaced",
         MaintenanceKind::RegimeChanged => "other speed or load",
+        MaintenanceKind::Inspected => "wear measured",
     }
 }
 
@@ -228,12 +257,27 @@ mod tests {
         ];
         let report = Report {
             alarms: ReportedAlarm::of_changes("in", &[quiet, rule], &changes),
-            maintenance: vec![MaintenanceEvent {
-                time: Timestamp::from_second(30).unwrap(),
-                kind: MaintenanceKind::GearReplaced,
-                by: "Ada".to_owned(),
-                comment: "new <pair>".to_owned(),
-            }],
+            maintenance: vec![
+                MaintenanceEvent {
+                    time: Timestamp::from_second(30).unwrap(),
+                    kind: MaintenanceKind::GearReplaced,
+                    by: "Ada".to_owned(),
+                    comment: "new <pair>".to_owned(),
+                    inspection: None,
+                },
+                MaintenanceEvent {
+                    time: Timestamp::from_second(40).unwrap(),
+                    kind: MaintenanceKind::Inspected,
+                    by: "Ada".to_owned(),
+                    comment: String::new(),
+                    inspection: Some(Inspection {
+                        depth_um: 62.5,
+                        error_um: 5.0,
+                        gear: Some(2),
+                        place: FlankPlace::Root,
+                    }),
+                },
+            ],
             ..Report::default()
         };
         let mut body = String::new();
@@ -245,6 +289,7 @@ mod tests {
             "warning raised",
             ">101.2<",
             "gear replaced",
+            "wear measured: 62.5 ± 5 µm, driven gear, at the root",
             "new &lt;pair&gt;",
         ] {
             assert!(body.contains(words), "{words} in {body}");
@@ -256,7 +301,7 @@ mod tests {
                 .iter()
                 .map(|mark| ((mark.x * 1e6).round() * 1e-6, mark.class))
                 .collect::<Vec<_>>(),
-            [(60.0, "warning"), (30.0, "maintenance")]
+            [(60.0, "warning"), (30.0, "maintenance"), (40.0, "maintenance")]
         );
     }
 }

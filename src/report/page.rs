@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use super::chart::{Chart, Horizontal, Level, Series};
 use super::{Report, ReportedRecord, angle_words, occurrences};
+use crate::estimate::{Interval, WearEstimate, WearStatus};
 
 /// Indicators that are drawn: name, heading and caption.
 const INDICATORS: [(&str, &str, &str); 7] = [
@@ -85,7 +86,9 @@ fn verdict(report: &Report, body: &mut String) {
         .iter()
         .rev()
         .find(|record| record.wear.is_some() || !record.wear_words.is_empty());
+    let error = latest.and_then(|record| record.wear.as_ref()?.transmission_error_um.as_ref().map(transmission_words));
     let mut facts: Vec<(&str, &str)> = latest.iter().map(|record| ("Wear", record.wear_words.as_str())).collect();
+    facts.extend(error.iter().map(|words| ("Transmission error due to wear", words.as_str())));
     facts.extend(report.facts.iter().map(|(term, words)| (term.as_str(), words.as_str())));
     if facts.is_empty() {
         return;
@@ -95,6 +98,22 @@ fn verdict(report: &Report, body: &mut String) {
         .map(|(term, words)| format!("<div><dt>{}</dt><dd>{}</dd></div>", escape(term), escape(words)))
         .collect();
     let _ = write!(body, "<dl>{facts}</dl>");
+}
+
+/// Peak to peak along the line of action, with its interval.
+fn transmission_words(error: &Interval) -> String {
+    let Interval { median, p05, p95 } = error;
+    format!("{median:.1} µm peak to peak, between {p05:.1} and {p95:.1} µm with 90 % probability")
+}
+
+/// The wear of a record in a cell of the table; none where there is no depth.
+fn depth_words(wear: &WearEstimate) -> Option<String> {
+    let (median, low, high) = (wear.median_um?, wear.p05_um?, wear.p95_um?);
+    let known_least = wear.at_least_um.filter(|_| wear.status == WearStatus::Estimated);
+    Some(known_least.map_or_else(
+        || format!("{median:.0} ({low:.0} to {high:.0})"),
+        |least| format!("at least {least:.0}"),
+    ))
 }
 
 fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], body: &mut String) {
@@ -226,11 +245,9 @@ fn table(report: &Report, body: &mut String) {
 
 fn row(record: &ReportedRecord) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.4}"));
-    let wear = record.wear.as_ref();
-    let depths = wear.and_then(|wear| Some((wear.median_um?, wear.p05_um?, wear.p95_um?)));
-    let wear = depths.map_or_else(
+    let wear = record.wear.as_ref().and_then(depth_words).map_or_else(
         || format!("<td class=\"words\">{}</td>", escape(&record.wear_words)),
-        |(median, low, high)| format!("<td>{median:.0} ({low:.0} to {high:.0})</td>"),
+        |depths| format!("<td>{depths}</td>"),
     );
     format!(
         "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>{wear}<td>{}</td><td class=\"name\">{}</td></tr>",
@@ -266,4 +283,51 @@ pub(super) fn escape(text: &str) -> String {
         .replace('<', "&lt;")
         .replace('>', "&gt;")
         .replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::BaselineProgress;
+
+    fn record(wear: WearEstimate) -> ReportedRecord {
+        ReportedRecord {
+            name: "a".to_owned(),
+            channel: "in".to_owned(),
+            start_time: jiff::Timestamp::UNIX_EPOCH,
+            unit: "m/s2".to_owned(),
+            shaft_speed_hz: None,
+            indicators: crate::signal::Indicators::default(),
+            shaft_angle: None,
+            wear_words: wear.reason.clone(),
+            wear: Some(wear),
+            reference_wear_um: None,
+        }
+    }
+
+    #[test]
+    fn the_least_depth_and_the_transmission_error_are_told() {
+        let baseline = BaselineProgress { have: 20, need: 20 };
+        let mut wear = WearEstimate::without_number(WearStatus::Estimated, "wear".to_owned(), baseline);
+        (wear.p05_um, wear.median_um, wear.p95_um) = (Some(180.0), Some(220.0), Some(250.0));
+        wear.transmission_error_um = Some(Interval {
+            median: 3.21,
+            p05: 2.5,
+            p95: 4.0,
+        });
+        let page = |wear: &WearEstimate| {
+            let records = vec![record(wear.clone())];
+            html(&Report {
+                records,
+                ..Report::default()
+            })
+        };
+        let told = page(&wear);
+        let words = "Transmission error due to wear</dt><dd>3.2 µm peak to peak, between 2.5 and 4.0 µm with 90 % probability";
+        assert!(told.contains(words), "{told}");
+        assert!(told.contains("<td>220 (180 to 250)</td>"), "{told}");
+        wear.at_least_um = Some(180.0);
+        let told = page(&wear);
+        assert!(told.contains("<td>at least 180</td>"), "{told}");
+    }
 }

@@ -8,6 +8,7 @@ use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::{Announcer, LiveEvent};
 use super::history::History;
+use super::precondition::Precondition;
 use super::raw::RawObjects;
 use super::sensor_group::{check_sensor, ids_beside, ids_of_sensor};
 use super::simulations::Simulations;
@@ -69,6 +70,7 @@ impl Assets {
                 None => break inserted?,
             }
         };
+        self.raw.note_changed_asset(&spec.id).await;
         self.simulations.prepare(spec);
         if let Role::ApiNode(queue) = &self.role {
             queue.notify_changed(&spec.id);
@@ -94,17 +96,20 @@ impl Assets {
 
     /// Replaces an asset's description; its history is computed again in the background where it depends on
     /// what changed.
-    pub async fn update(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
+    ///
+    /// Error: [`ServiceError::Precondition`].
+    pub async fn update(&self, spec: &AssetSpec, precondition: &Precondition) -> Result<Asset, ServiceError> {
         let _turn = self.describing.lock().await;
         let beside = ids_of_sensor(&self.store, &spec.id).await?;
         let mut tries = Tries::default();
         let asset = loop {
-            let updated = self.update_checked(spec).await;
+            let updated = self.update_checked(spec, precondition).await;
             match tries.wait_after(&updated) {
                 Some(wait) => tokio::time::sleep(wait).await,
                 None => break updated?,
             }
         };
+        self.raw.note_changed_asset(&spec.id).await;
         self.simulations.prepare(spec);
         self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
         self.history.recompute_in_background(beside);
@@ -115,42 +120,46 @@ impl Assets {
         Ok(asset)
     }
 
-    async fn update_checked(&self, spec: &AssetSpec) -> Result<Asset, ServiceError> {
+    async fn update_checked(&self, spec: &AssetSpec, precondition: &Precondition) -> Result<Asset, ServiceError> {
         let store = &self.store;
         let mark = store.descriptions_mark().await?;
-        let before = store.asset(&spec.id).await?.spec;
+        let before = store.asset(&spec.id).await?;
+        precondition.check(&before)?;
+        let before = before.spec;
         check_sensor(store, spec, Some(&before)).await?;
-        let is_alone = spec.sensor.of.is_none() && before.sensor.of.is_none();
+        let is_alone = spec.sensor.of.is_none() && before.sensor.of.is_none() && precondition.is_none();
         let checked = (!is_alone).then_some(mark);
         Ok(store.update_asset(spec, checked, self.clock.now()).await?)
     }
 
-    /// Removes an asset, its rows, and the raw recordings that no other asset has.
+    /// Removes an asset and its rows; the raw recordings that no other asset has go into quarantine.
     ///
-    /// Error: [`ServiceError::SensorShared`].
-    pub async fn delete(&self, id: &AssetId) -> Result<(), ServiceError> {
+    /// Errors: [`ServiceError::SensorShared`]; [`ServiceError::Precondition`].
+    pub async fn delete(&self, id: &AssetId, precondition: &Precondition) -> Result<(), ServiceError> {
         let _turn = self.describing.lock().await;
         let _exclusive = self.raw.exclusive().await;
         let mut tries = Tries::default();
         let (beside, orphans) = loop {
-            let deleted = self.delete_checked(id).await;
+            let deleted = self.delete_checked(id, precondition).await;
             match tries.wait_after(&deleted) {
                 Some(wait) => tokio::time::sleep(wait).await,
                 None => break deleted?,
             }
         };
+        self.raw.note_changed_asset(id).await;
         self.history.recompute_in_background(beside);
         self.history.forget(id);
         self.events.announce(LiveEvent::AssetRemoved(id.clone()));
         if let Some(queue) = self.role.queue() {
             queue.notify_changed(id);
         }
-        self.raw.remove(orphans).await
+        self.raw.quarantine(orphans).await
     }
 
     /// Returns the other assets of the sensor, and the objects that nothing refers to any more.
-    async fn delete_checked(&self, id: &AssetId) -> Result<(Vec<AssetId>, Vec<String>), ServiceError> {
+    async fn delete_checked(&self, id: &AssetId, precondition: &Precondition) -> Result<(Vec<AssetId>, Vec<String>), ServiceError> {
         let mark = self.store.descriptions_mark().await?;
+        precondition.check(&self.store.asset(id).await?)?;
         let beside = ids_beside(&self.store, id).await?;
         Ok((beside, self.store.delete_asset(id, mark).await?))
     }

@@ -46,6 +46,9 @@ pub enum ServiceError {
     /// The asset's description changed again and again while a record was analysed.
     #[error("the description of asset {0} changed while the record was analysed: try again")]
     DescriptionChanged(AssetId),
+    /// An asset is not as a change of it is conditional on.
+    #[error("asset {0} was changed meanwhile: its description is not the one that the request is for")]
+    Precondition(AssetId),
     /// Records of an asset come with those of another one.
     #[error("asset {asset} shares the sensor of {of}: send its records there")]
     SensorOfOther {

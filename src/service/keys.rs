@@ -52,7 +52,6 @@ pub(crate) fn fold_key(settings: &EstimatorSettings, feature_key: &str, ensemble
         ensemble.map_or("", Ensemble::id),
         &settings.baseline_records.to_string(),
         &format!("{:?}", settings.limit_um),
-        &settings.shape_deviation.to_bits().to_string(),
         &serde_json::to_string(rules).unwrap_or_default(),
     ])
 }

@@ -23,6 +23,10 @@ pub struct WorkLimits {
     pub neighbours: EnsembleSettings,
     /// How many raw bytes are kept.
     pub quotas: RawQuotas,
+    /// How long raw bytes that nothing refers to are kept in quarantine.
+    pub quarantined_for: Duration,
+    /// How far a record's time may be ahead of the clock.
+    pub start_time_ahead: Duration,
     /// Where processes share a store: how often each looks for work that another left undone.
     pub upkeep_interval: Duration,
 }
@@ -37,6 +41,8 @@ impl Default for WorkLimits {
             library_wait: Duration::from_secs(120),
             neighbours: EnsembleSettings::default(),
             quotas: RawQuotas::default(),
+            quarantined_for: Duration::from_secs(30 * 24 * 3600),
+            start_time_ahead: Duration::from_secs(24 * 3600),
             upkeep_interval: Duration::from_secs(30),
         }
     }

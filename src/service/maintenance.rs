@@ -6,6 +6,7 @@ use super::error::ServiceError;
 use super::events::{Announcer, LiveEvent};
 use super::history::History;
 use super::pipeline::Committer;
+use super::raw::RawObjects;
 use crate::asset::AssetId;
 use crate::estimate::MaintenanceEvent;
 use crate::store::{Store, StoreError, StoredEvent};
@@ -15,6 +16,7 @@ pub struct Maintenance {
     pub(crate) store: Store,
     pub(crate) history: Arc<History>,
     pub(crate) committer: Arc<Committer>,
+    pub(crate) raw: Arc<RawObjects>,
     pub(crate) events: Announcer,
 }
 
@@ -63,6 +65,7 @@ impl Maintenance {
             commit.fold_again_from(channel, stored.event.time).await?;
         }
         commit.finish().await?;
+        self.raw.note_changed_asset(asset).await;
         self.events.announce(LiveEvent::MaintenanceChanged {
             asset: asset.clone(),
             event: stored.clone(),

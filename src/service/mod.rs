@@ -7,7 +7,7 @@
 //! | [`Simulations`] | has the libraries simulated, and gives each asset its estimator |
 //! | [`Replays`] | takes recordings from a folder through the pipeline |
 //! | [`StoredRecords`] | reads stored records again, with their spectra |
-//! | [`Assets`], [`Alarms`], [`Maintenance`] | change what people describe and do |
+//! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`] | change what people describe and do |
 //! | `Retention`, `CatchUp`, `Upkeep` | work in the background |
 //!
 //! Time comes from the [`Clock`] that the service is started with.
@@ -38,9 +38,12 @@ mod limits;
 mod maintenance;
 mod parts;
 mod pipeline;
+mod precondition;
 mod raw;
+mod rebuild;
 mod recomputation;
 mod record;
+mod removal;
 mod replay;
 mod replays;
 mod sensor_group;
@@ -61,9 +64,12 @@ pub use limits::{RawQuotas, ServiceFolders, WorkLimits};
 pub use maintenance::Maintenance;
 pub use parts::Service;
 pub use pipeline::{Accepted, BatchSummary, Pipeline, Refused};
+pub use precondition::{Precondition, description_tag};
 pub use raw::UploadPieces;
+pub use rebuild::Rebuilt;
 pub use recomputation::{Recomputation, RecomputationState};
 pub use record::{BandChoice, RecordFormat, SegmentEnvelope, StoredRecords, UploadMetadata};
+pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::Replays;
 pub use simulations::{Readiness, Simulations};

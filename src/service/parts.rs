@@ -16,14 +16,19 @@ use super::maintenance::Maintenance;
 use super::pipeline::{Committer, Pipeline, Waiting};
 use super::raw::{RawObjects, Retention, UploadPieces};
 use super::record::StoredRecords;
+use super::removal::Removals;
 use super::replays::{Replays, prepare_folders};
 use super::simulations::{LibrarySource, Simulations};
 use super::tally::Tally;
 use super::upkeep::Upkeep;
 use super::work_queue::Role;
 use super::workers::Workers;
+use crate::asset::AssetId;
 use crate::library::{GridSettings, LibraryShelf};
 use crate::store::Store;
+
+/// Minutes between two searches for raw objects that nothing refers to.
+const SWEPT_EVERY_MINUTES: u32 = 24 * 60;
 
 /// Everything that works on records, on one store.
 pub struct Service {
@@ -45,6 +50,8 @@ pub struct Service {
     pub alarms: Arc<Alarms>,
     /// Maintenance events, for changing.
     pub maintenance: Maintenance,
+    /// Removes records.
+    pub removals: Removals,
     /// Recordings that are replayed.
     pub replays: Replays,
     /// Pieces of resumable uploads.
@@ -96,7 +103,12 @@ impl Service {
         if !role.is_api_node() {
             history.recompute_when_complete(completed);
         }
-        let raw = Arc::new(RawObjects::new(store.clone(), Arc::clone(&workers), Arc::clone(&clock)));
+        let raw = Arc::new(RawObjects::new(
+            store.clone(),
+            Arc::clone(&workers),
+            role.clone(),
+            limits.quarantined_for,
+        ));
         let retention = Arc::new(Retention::new(store.clone(), Arc::clone(&raw), limits.quotas));
         let committer = Arc::new(Committer {
             store: store.clone(),
@@ -116,6 +128,7 @@ impl Service {
             clock: Arc::clone(&clock),
             role: role.clone(),
             tally: Arc::clone(&tally),
+            start_time_ahead: limits.start_time_ahead,
         });
         let catch_up = Arc::new(CatchUp {
             store: store.clone(),
@@ -150,7 +163,16 @@ impl Service {
             maintenance: Maintenance {
                 store: store.clone(),
                 history: Arc::clone(&history),
+                committer: Arc::clone(&committer),
+                raw: Arc::clone(&raw),
+                events: events.clone(),
+            },
+            removals: Removals {
+                store: store.clone(),
                 committer,
+                raw: Arc::clone(&raw),
+                history: Arc::clone(&history),
+                clock: Arc::clone(&clock),
                 events: events.clone(),
             },
             replays: Replays::new(
@@ -186,12 +208,13 @@ impl Service {
     }
 
     /// Goes on where the process before ended, in the background: starts the library of every asset, computes
-    /// again what was computed under other settings, and removes raw objects that no record refers to. Where
+    /// again what was computed under other settings, and moves raw objects that no record refers to into
+    /// quarantine. Where
     /// other processes work on the same store, it also looks after what they leave.
     ///
-    /// An API node does nothing: workers do.
+    /// An API node does nothing: workers do. On a damaged database nothing is done.
     pub async fn resume(&self) -> Result<(), ServiceError> {
-        if self.role.is_api_node() {
+        if self.role.is_api_node() || self.store.damage().is_some() {
             return Ok(());
         }
         let mut after: Option<String> = None;
@@ -208,6 +231,7 @@ impl Service {
                 all.push(asset.spec.id);
             }
         }
+        self.note_in_background(all.clone());
         self.history.recompute_in_background(all);
         self.catch_up.in_background(members);
         self.alarms.end_shelvings_in_background();
@@ -225,17 +249,40 @@ impl Service {
             return Ok(());
         }
         self.replays.resume().await?;
-        let (raw, retention) = (Arc::clone(&self.raw), Arc::clone(&self.retention));
-        tokio::spawn(async move {
-            match raw.remove_orphans().await {
-                Ok((0, _)) => {}
-                Ok((objects, bytes)) => {
-                    tracing::info!(objects, bytes, "removed raw objects of an earlier run that no record refers to");
-                }
-                Err(error) => tracing::warn!(%error, "failed to remove raw objects that no record refers to"),
-            }
-            retention.apply_in_background();
-        });
+        self.sweep_in_background();
         Ok(())
+    }
+
+    /// Notes beside the raw objects what a process that ended had not noted of assets.
+    fn note_in_background(&self, assets: Vec<AssetId>) {
+        let raw = Arc::clone(&self.raw);
+        tokio::spawn(async move {
+            for asset in assets {
+                raw.note_changed_asset(&asset).await;
+            }
+        });
+    }
+
+    /// Keeps the raw objects of a process that has its store to itself: searches for those that nothing
+    /// refers to now and every day, and says how far the database has come.
+    fn sweep_in_background(&self) {
+        let (raw, retention, store) = (Arc::clone(&self.raw), Arc::clone(&self.retention), self.store.clone());
+        tokio::spawn(async move {
+            while !store.is_closed() {
+                if let Err(error) = raw.sweep().await {
+                    tracing::warn!(%error, "failed to look for raw objects that no record refers to");
+                }
+                retention.apply_in_background();
+                for _ in 0..SWEPT_EVERY_MINUTES {
+                    tokio::time::sleep(Duration::from_secs(60)).await;
+                    if store.is_closed() {
+                        return;
+                    }
+                    if let Err(error) = store.raise_generation_if_changed().await {
+                        tracing::warn!(%error, "failed to mark how far the database has come");
+                    }
+                }
+            }
+        });
     }
 }

@@ -45,12 +45,10 @@ impl Upkeep {
         if !self.catch_up.is_busy() {
             self.catch_up.in_background(self.store.late_members(MAX_ASSETS).await?);
         }
+        self.store.raise_generation_if_changed().await?;
         self.uploads.expire().await?;
-        if self.store.begin_sweep(self.clock.now()).await? {
-            let (objects, bytes) = self.raw.remove_orphans().await?;
-            if objects > 0 {
-                tracing::info!(objects, bytes, "removed raw objects that no record refers to");
-            }
+        if self.store.begin_sweep(self.store.now(self.clock.now()).await?).await? {
+            self.raw.sweep().await?;
             self.uploads.remove_forgotten().await?;
         }
         Ok(())

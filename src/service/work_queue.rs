@@ -1,6 +1,7 @@
 //! Several processes on one store: API nodes take records and put them into a queue, workers analyse, fold
 //! and commit them.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use futures_util::future::BoxFuture;
@@ -10,6 +11,7 @@ use serde::Serialize;
 use super::error::ServiceError;
 use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::signal::OperatingPoint;
+use crate::store::RecordNote;
 
 /// A record that is decoded and identified, whose raw bytes are stored, and that is still to be analysed: all
 /// that it takes besides its raw bytes.
@@ -43,6 +45,41 @@ pub struct QueuedRecord {
     pub given_up: u32,
 }
 
+impl From<&QueuedRecord> for RecordNote {
+    fn from(record: &QueuedRecord) -> Self {
+        Self {
+            id: record.id.clone(),
+            asset_id: record.asset_id.clone(),
+            channel: record.channel.clone(),
+            start_time: record.start_time,
+            received_at: record.received_at,
+            unit: record.unit.clone(),
+            operating_point: record.operating_point,
+            reference_wear_um: record.reference_wear_um,
+            raw: record.raw.clone(),
+        }
+    }
+}
+
+impl QueuedRecord {
+    /// A record as it is noted beside its raw bytes, for an asset that was made at a time.
+    pub(crate) fn noted(note: RecordNote, asset_created_at: Timestamp) -> Self {
+        Self {
+            id: note.id,
+            asset_id: note.asset_id,
+            asset_created_at,
+            channel: note.channel,
+            start_time: note.start_time,
+            received_at: note.received_at,
+            unit: note.unit,
+            operating_point: note.operating_point,
+            reference_wear_um: note.reference_wear_um,
+            raw: note.raw,
+            given_up: 0,
+        }
+    }
+}
+
 /// How a part that the service needs is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PartHealth {
@@ -58,6 +95,10 @@ pub trait WorkQueue: Send + Sync + 'static {
     ///
     /// Error: [`ServiceError::Busy`] where they cannot be taken now.
     fn enqueue<'a>(&'a self, records: &'a [QueuedRecord]) -> BoxFuture<'a, Result<(), ServiceError>>;
+
+    /// The names of the raw objects of all records that wait: in the queue, and among those that could not be
+    /// stored.
+    fn objects_waiting(&self) -> BoxFuture<'_, Result<HashSet<String>, ServiceError>>;
 
     /// Notifies the workers that an asset's description or what happened to it changed. A worker that misses
     /// the notice finds out by itself later.

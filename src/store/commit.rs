@@ -1,6 +1,7 @@
 //! Writing: one transaction on assets and channels, and whose rows it has to itself.
 
 use std::collections::HashMap;
+use std::sync::atomic::Ordering;
 
 use jiff::Timestamp;
 use sqlx::{Any, Transaction};
@@ -32,6 +33,8 @@ pub struct Commit {
 impl Store {
     /// Begins a transaction; waits for a connection that writes.
     pub async fn begin(&self) -> Result<Commit, StoreError> {
+        self.check_whole()?;
+        self.inner.is_changed.store(true, Ordering::Relaxed);
         Ok(Commit {
             transaction: self.write().begin().await?,
             dialect: self.dialect(),

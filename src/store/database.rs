@@ -1,7 +1,7 @@
 //! Opening the database: where it is, how safely it writes, who may use it.
 
 use std::fs::{self, File, TryLockError};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use sqlx::AnyPool;
 #[cfg(feature = "cluster")]
@@ -9,6 +9,7 @@ use sqlx::Executor;
 use sqlx::any::AnyPoolOptions;
 
 use super::StoreError;
+use super::integrity::{self, Damage};
 use super::objects::file_error;
 use super::schema::{self, Dialect};
 
@@ -25,6 +26,10 @@ pub(super) struct Database {
     pub(super) read: AnyPool,
     /// Held while the process lives, so that no second one works on the folder.
     lock: Option<File>,
+    /// The database's file, where it is one.
+    pub(super) path: Option<PathBuf>,
+    /// What is known to be damaged of it.
+    pub(super) damage: Damage,
 }
 
 impl Database {
@@ -54,10 +59,15 @@ impl Database {
             .map_err(|source| file_error("find the data folder", folder, source))?
             .join("flankwatch.db");
         sqlx::any::install_default_drivers();
-        let url = sqlite_url(&path);
+        let url = sqlite_url(&path, "rwc");
+        integrity::check_header(&path)?;
+        integrity::check_schema(&path, &url).await?;
+        let damage = integrity::check_pages(&path, url.clone()).await?;
         let write = pool(&url, 1).await?;
         let mut connection = write.acquire().await?;
-        schema::migrate(&mut connection, Dialect::Sqlite).await?;
+        schema::migrate(&mut connection, Dialect::Sqlite)
+            .await
+            .map_err(|error| integrity::named(&path, error))?;
         drop(connection);
         let read = pool(&url, 4).await?;
         Ok(Self {
@@ -65,6 +75,30 @@ impl Database {
             write,
             read,
             lock: Some(lock),
+            path: Some(path),
+            damage,
+        })
+    }
+
+    /// Opens `flankwatch.db` in the folder to read it, also while another process works on it.
+    pub(super) async fn open_folder_to_read(folder: &Path) -> Result<Self, StoreError> {
+        let path = folder.join("flankwatch.db");
+        let path = fs::canonicalize(&path).map_err(|source| file_error("find the database", &path, source))?;
+        sqlx::any::install_default_drivers();
+        integrity::check_header(&path)?;
+        integrity::check_schema(&path, &sqlite_url(&path, "ro")).await?;
+        let read = AnyPoolOptions::new()
+            .max_connections(2)
+            .acquire_timeout(std::time::Duration::from_secs(10))
+            .connect(&sqlite_url(&path, "ro"))
+            .await?;
+        Ok(Self {
+            dialect: Dialect::Sqlite,
+            write: read.clone(),
+            read,
+            lock: None,
+            path: Some(path),
+            damage: Damage::default(),
         })
     }
 
@@ -85,6 +119,8 @@ impl Database {
             write,
             read,
             lock: None,
+            path: None,
+            damage: Damage::default(),
         })
     }
 }
@@ -149,7 +185,7 @@ async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
 }
 
 /// The path as a URL, with every byte escaped that means something in one.
-fn sqlite_url(path: &Path) -> String {
+pub(super) fn sqlite_url(path: &Path, mode: &str) -> String {
     let mut url = String::from("sqlite://");
     for byte in path.to_string_lossy().bytes() {
         if byte.is_ascii_alphanumeric() || b"/-._~".contains(&byte) {
@@ -158,7 +194,8 @@ fn sqlite_url(path: &Path) -> String {
             url.push_str(&format!("%{byte:02X}"));
         }
     }
-    url.push_str("?mode=rwc");
+    url.push_str("?mode=");
+    url.push_str(mode);
     url
 }
 
@@ -190,6 +227,25 @@ mod tests {
                 .unwrap();
             assert_eq!(mode, "wal");
         }
+    }
+
+    #[tokio::test]
+    async fn what_is_no_database_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("flankwatch.db"), [7_u8; 8192]).unwrap();
+        let began = std::time::Instant::now();
+        let error = error_of(folder.path()).await;
+        assert!(matches!(error, StoreError::DatabaseDamaged { .. }), "{error}");
+        assert!(error.to_string().contains("flankwatch.db"), "{error}");
+        // The header alone is right.
+        fs::write(
+            folder.path().join("flankwatch.db"),
+            [b"SQLite format 3\0".as_slice(), &[7_u8; 8192]].concat(),
+        )
+        .unwrap();
+        let error = error_of(folder.path()).await;
+        assert!(matches!(error, StoreError::DatabaseDamaged { .. }), "{error}");
+        assert!(began.elapsed().as_secs() < 10);
     }
 
     #[tokio::test]
@@ -225,6 +281,8 @@ mod tests {
                 read: write.clone(),
                 write,
                 lock: None,
+                path: None,
+                damage: Damage::default(),
             });
         }
         databases

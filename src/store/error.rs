@@ -19,6 +19,14 @@ pub enum StoreError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A folder cannot be used for what was asked.
+    #[error("{path} {what}", path = path.display())]
+    Place {
+        /// The folder.
+        path: PathBuf,
+        /// Why not, and what was expected.
+        what: &'static str,
+    },
     /// Another process works on the data folder.
     #[error("the data folder {path} is in use by another process", path = .0.display())]
     InUse(PathBuf),
@@ -29,6 +37,27 @@ pub enum StoreError {
         found: i64,
         /// The latest version known here.
         known: i64,
+    },
+    /// The database is damaged.
+    #[error(
+        "the database {path} is damaged: {what}; `flankwatch restore` takes a backup, `flankwatch rebuild` makes it again from the raw recordings"
+    )]
+    DatabaseDamaged {
+        /// Its file.
+        path: String,
+        /// What was found.
+        what: String,
+    },
+    /// The raw objects are those of another store.
+    #[error(
+        "the object store is that of store {objects}, and the database is of store {database}: two clusters must not share a bucket and \
+         prefix, or a folder; where the database was lost, `flankwatch rebuild` makes it again"
+    )]
+    OtherStore {
+        /// The store that the objects are of.
+        objects: String,
+        /// The store that the database is of.
+        database: String,
     },
     /// The database refused or failed.
     #[error("database: {0}")]
@@ -113,6 +142,20 @@ impl StoreError {
         }
     }
 
+    /// Whether the database says that its file is not what it wrote (SQLITE_CORRUPT, SQLITE_NOTADB).
+    pub fn is_damage(&self) -> bool {
+        match self {
+            Self::DatabaseDamaged { .. } => true,
+            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| says_damaged(&code)),
+            _ => false,
+        }
+    }
+
+    /// Whether a raw object is lost or damaged.
+    pub fn is_of_object(&self) -> bool {
+        matches!(self, Self::ObjectMissing(_) | Self::ObjectDamaged { .. })
+    }
+
     /// Whether another transaction was in the way: the same one prepared again can succeed at once.
     pub fn is_conflict(&self) -> bool {
         match self {
@@ -138,6 +181,11 @@ impl StoreError {
 /// for connections, or that ended a statement that took too long.
 fn says_unavailable(code: &str) -> bool {
     code.len() == 5 && (code.starts_with("08") || code.starts_with("57") || code == "53300" || code == "25P03" || code == "25006")
+}
+
+/// SQLite's codes, whose lower byte says which kind; PostgreSQL's states have five characters.
+fn says_damaged(code: &str) -> bool {
+    code.len() < 5 && code.parse::<u32>().is_ok_and(|code| [11, 26].contains(&(code & 0xff)))
 }
 
 /// PostgreSQL's states of transactions that stood in each other's way; the same key at the same time among

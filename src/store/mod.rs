@@ -1,13 +1,15 @@
 //! The only SQL and the only raw-object paths.
 //!
 //! A data folder holds `flankwatch.db` (what is derived: assets, segments, estimates), `raw/` (recordings as
-//! they came, named by their hash) and `lock`. Where processes share a store, PostgreSQL and a bucket take
+//! they came, named by their hash, with notes of what makes records of them) and `lock`. Where processes share a store, PostgreSQL and a bucket take
 //! their places; statements and methods are the same. All methods speak in domain types; rows and statements
 //! do not leave this room.
 
 mod alarm_commit;
 mod alarms;
 mod assets;
+mod audit;
+mod backup;
 mod channel_rows;
 mod commit;
 mod database;
@@ -15,12 +17,15 @@ mod dead_letters;
 mod error;
 mod fold_states;
 mod generations;
+mod identity;
+mod integrity;
 mod keyed_uploads;
 mod library_builds;
 mod maintenance;
 mod objects;
 mod raw;
 mod recent_wear;
+mod removal;
 mod replays;
 mod resumable_uploads;
 mod rows;
@@ -34,7 +39,9 @@ mod trend;
 mod upkeep;
 mod wear_rows;
 
-use std::sync::Arc;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 
 use jiff::SignedDuration;
 
@@ -46,6 +53,8 @@ use trend::TrendShelf;
 pub use alarm_commit::{AlarmNotice, FoldedAlarms, PlacedChange};
 pub use alarms::{AlarmFilter, StoredAlarm, StoredAlarmChange};
 pub use assets::{AnalysisKeys, Asset, ChannelKeys, ChannelSummary, DescriptionsMark};
+pub use audit::{Audit, Finding};
+pub use backup::{Copied, back_up, put_back};
 pub use channel_rows::ChannelRows;
 pub use commit::Commit;
 pub use error::StoreError;
@@ -53,8 +62,9 @@ pub use fold_states::{FoldState, SEGMENTS_PER_STATE};
 pub use generations::{AnalysisGeneration, MadeFrom, WearGeneration};
 pub use keyed_uploads::KeyedUpload;
 pub use maintenance::StoredEvent;
-pub use objects::{ListedObject, Objects};
+pub use objects::{AssetNote, ListedObject, Objects, Quarantined, RecordNote, RemovalNote, StoreMark};
 pub use raw::GivenUp;
+pub use removal::{RecordRange, RemovedRecords};
 pub use resumable_uploads::{NewUpload, StoredUpload, UploadPiece, UploadProgress};
 pub use segments::{Analysed, NewSegment, Order, RunResult, SegmentFilter, SegmentKey, StoredFeatures};
 pub use settings::StoreSettings;
@@ -78,6 +88,10 @@ struct Inner {
     /// At which age an object that nothing refers to is removed, where others may be storing what refers to
     /// it.
     orphan_age: Option<SignedDuration>,
+    /// Why nothing is removed from the objects.
+    held: Mutex<Option<String>>,
+    /// Something may have been written since the generation was raised.
+    is_changed: AtomicBool,
 }
 
 impl Store {
@@ -85,29 +99,45 @@ impl Store {
     /// runtime.
     ///
     /// Errors: the folder cannot be written, another process works on it, the database cannot be reached or
-    /// is of a later version.
+    /// is of a later version, or the objects are those of other processes.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
+        let store = Self::connect(settings).await?;
+        store.compare_marks(true).await?;
+        Ok(store)
+    }
+
+    /// The same, whichever store the objects are of: to make its database again.
+    pub async fn open_to_rebuild(settings: &StoreSettings) -> Result<Self, StoreError> {
+        let store = Self::connect(settings).await?;
+        store.compare_marks(false).await?;
+        Ok(store)
+    }
+
+    async fn connect(settings: &StoreSettings) -> Result<Self, StoreError> {
         let (database, objects, orphan_age) = match settings {
             StoreSettings::Folder(folder) => (Database::open_folder(folder).await?, Objects::open(folder.join("raw"))?, None),
             #[cfg(feature = "cluster")]
             StoreSettings::Shared(shared) => {
-                let objects = match &shared.objects {
-                    ObjectsSettings::Folder(folder) => Objects::open_shared_folder(folder.clone())?,
-                    ObjectsSettings::Bucket(bucket) => Objects::open_bucket(bucket)?,
-                };
+                let objects = Objects::open_shared(&shared.objects)?;
                 let age = SignedDuration::try_from(shared.orphan_age).unwrap_or(SignedDuration::MAX);
                 (Database::connect(shared).await?, objects, Some(age))
             }
         };
-        Ok(Self {
+        Ok(Self::of(database, objects, orphan_age))
+    }
+
+    fn of(database: Database, objects: Objects, orphan_age: Option<SignedDuration>) -> Self {
+        Self {
             inner: Arc::new(Inner {
                 database,
                 objects,
                 trends: TrendShelf::default(),
                 curves: CurveCache::default(),
                 orphan_age,
+                held: Mutex::default(),
+                is_changed: AtomicBool::default(),
             }),
-        })
+        }
     }
 
     /// At which age an object that nothing refers to is removed; none where this process has the store to
@@ -121,10 +151,39 @@ impl Store {
         &self.inner.objects
     }
 
-    /// Whether the database answers.
+    /// Whether the database answers and is whole, as far as is known.
     pub async fn check(&self) -> Result<(), StoreError> {
+        self.check_whole()?;
         sqlx::query("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(self.read()).await?;
         Ok(())
+    }
+
+    /// What is known to be damaged of the database; nothing is written to it any more.
+    pub fn damage(&self) -> Option<&str> {
+        self.inner.database.damage.get()
+    }
+
+    /// Notes what a statement says of the database's file.
+    pub fn note_damage(&self, what: String) {
+        self.inner.database.damage.note(what);
+    }
+
+    /// The raw objects of a store, without its database. To be called inside a runtime.
+    pub fn open_objects(settings: &StoreSettings) -> Result<Objects, StoreError> {
+        match settings {
+            StoreSettings::Folder(folder) => Ok(Objects::open_to_read(folder.join("raw"))),
+            #[cfg(feature = "cluster")]
+            StoreSettings::Shared(shared) => Objects::open_shared(&shared.objects),
+        }
+    }
+
+    /// Refuses to write to a damaged database.
+    fn check_whole(&self) -> Result<(), StoreError> {
+        let path = self.inner.database.path.as_deref().unwrap_or(Path::new("flankwatch.db"));
+        match self.damage() {
+            Some(what) => Err(integrity::damaged(path, what.to_owned())),
+            None => Ok(()),
+        }
     }
 
     /// Writes what is still in the log into the database and closes it.

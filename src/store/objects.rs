@@ -4,6 +4,9 @@
 #[cfg(feature = "cluster")]
 mod bucket;
 mod folder;
+mod mark;
+mod notes;
+mod quarantine;
 
 use std::path::PathBuf;
 
@@ -14,6 +17,9 @@ use ring::digest::{SHA256, digest};
 use super::StoreError;
 
 pub(super) use folder::file_error;
+pub use mark::StoreMark;
+pub use notes::{AssetNote, RecordNote, RemovalNote};
+pub use quarantine::Quarantined;
 
 /// Immutable objects named by the SHA-256 of their bytes.
 ///
@@ -41,6 +47,13 @@ pub struct ListedObject {
     pub written_at: Timestamp,
 }
 
+/// A file as it is listed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct ListedFile {
+    path: String,
+    bytes: u64,
+}
+
 impl Objects {
     /// Opens a folder, making it where it is missing and clearing what an interrupted write left behind.
     pub fn open(folder: impl Into<PathBuf>) -> Result<Self, StoreError> {
@@ -49,20 +62,22 @@ impl Objects {
         })
     }
 
-    /// Opens a folder that other processes write to as well.
-    #[cfg(feature = "cluster")]
-    pub(super) fn open_shared_folder(folder: PathBuf) -> Result<Self, StoreError> {
-        Ok(Self {
-            backend: Backend::Folder(folder::Folder::open_shared(folder)?),
-        })
+    /// Opens a folder that is there; what another process is writing is left alone.
+    pub(super) fn open_to_read(folder: impl Into<PathBuf>) -> Self {
+        Self {
+            backend: Backend::Folder(folder::Folder::open_to_read(folder.into())),
+        }
     }
 
-    /// Opens a bucket. To be called inside the runtime, which then does the requests.
+    /// Opens what other processes write to as well. To be called inside the runtime, which does the requests
+    /// to a bucket.
     #[cfg(feature = "cluster")]
-    pub(super) fn open_bucket(settings: &super::BucketSettings) -> Result<Self, StoreError> {
-        Ok(Self {
-            backend: Backend::Bucket(bucket::Bucket::open(settings)?),
-        })
+    pub(super) fn open_shared(settings: &super::ObjectsSettings) -> Result<Self, StoreError> {
+        let backend = match settings {
+            super::ObjectsSettings::Folder(folder) => Backend::Folder(folder::Folder::open_shared(folder.clone())?),
+            super::ObjectsSettings::Bucket(bucket) => Backend::Bucket(bucket::Bucket::open(bucket)?),
+        };
+        Ok(Self { backend })
     }
 
     /// The name that bytes are stored under: their SHA-256 in lower-case hexadecimal.
@@ -72,82 +87,71 @@ impl Objects {
         hex::encode(digest(&SHA256, bytes).as_ref())
     }
 
-    /// Stores every object under the name that [`name`](Self::name) gives its bytes; when this returns they
-    /// are durable, and so are their names.
-    pub fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
+    /// Stores every object under the name that [`name`](Self::name) gives its bytes, and what makes `records`
+    /// of them; when this returns they are durable, and so are their names.
+    pub fn put_all(&self, objects: &[(String, Bytes)], records: &[RecordNote]) -> Result<(), StoreError> {
+        let note = self.note_of(records)?;
         match &self.backend {
-            Backend::Folder(folder) => folder.put_all(objects),
+            Backend::Folder(folder) => folder.put_all(objects, note),
             #[cfg(feature = "cluster")]
-            Backend::Bucket(bucket) => bucket.put_all(objects),
+            Backend::Bucket(bucket) => bucket.put_all(objects, note),
         }
     }
 
     /// The bytes of an object, checked against its name.
     pub fn get(&self, name: &str) -> Result<Bytes, StoreError> {
-        let bytes = match &self.backend {
-            Backend::Folder(folder) => folder.get(name)?,
+        let bytes = self.file(&self.object_path(name))?;
+        whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
+    }
+
+    /// Whether an object is there with as many bytes; they are not read where the size is listed.
+    pub(super) fn check_size(&self, name: &str, bytes: u64) -> Result<(), StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => match folder.size(name)? {
+                None => Err(StoreError::ObjectMissing(name.to_owned())),
+                Some(found) if found == bytes => Ok(()),
+                Some(_) => self.get(name).map(|_| ()),
+            },
             #[cfg(feature = "cluster")]
-            Backend::Bucket(bucket) => bucket.get(name)?,
-        };
-        whole(name, bytes)
+            Backend::Bucket(_) => match self.written_at(name)? {
+                None => Err(StoreError::ObjectMissing(name.to_owned())),
+                Some(_) => Ok(()),
+            },
+        }
     }
 
     /// Removes an object; one that is not there is no error.
     pub fn remove(&self, name: &str) -> Result<(), StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.remove(name),
-            #[cfg(feature = "cluster")]
-            Backend::Bucket(bucket) => bucket.remove(name),
-        }
+        self.remove_file(&self.object_path(name))
     }
 
     /// When an object was last written; none where it is not there.
     pub fn written_at(&self, name: &str) -> Result<Option<Timestamp>, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.written_at(name),
-            #[cfg(feature = "cluster")]
-            Backend::Bucket(bucket) => bucket.written_at(name),
-        }
+        self.file_written_at(&self.object_path(name))
     }
 
     /// Keeps the file of a library under the library's name, for every process.
     pub fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.put_library(id, &bytes),
-            #[cfg(feature = "cluster")]
-            Backend::Bucket(bucket) => bucket.put_library(id, bytes),
-        }
+        self.put_file(&library_path(id), bytes)
     }
 
     /// The file of a library that a process keeps under its name; none where there is none.
     pub fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
-        match &self.backend {
-            Backend::Folder(folder) => folder.library(id),
-            #[cfg(feature = "cluster")]
-            Backend::Bucket(bucket) => bucket.library(id),
-        }
+        self.file(&library_path(id))
     }
 
     /// Keeps a piece of an upload and returns its name, which is the hash of its bytes; when this returns it
     /// is durable.
     pub fn put_piece(&self, upload: &str, bytes: Bytes) -> Result<String, StoreError> {
         let name = Self::name(&bytes);
-        match &self.backend {
-            Backend::Folder(folder) => folder.put_piece(upload, &name, &bytes)?,
-            #[cfg(feature = "cluster")]
-            Backend::Bucket(bucket) => bucket.put_piece(upload, &name, bytes)?,
-        }
+        self.put_file(&piece_path(upload, &name), bytes)?;
         Ok(name)
     }
 
     /// A piece of an upload, checked against its name.
     pub fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
-        let bytes = match &self.backend {
-            Backend::Folder(folder) => folder.piece(upload, name)?,
-            #[cfg(feature = "cluster")]
-            Backend::Bucket(bucket) => bucket.piece(upload, name)?,
-        };
-        whole(name, bytes)
+        let bytes = self.file(&piece_path(upload, name))?;
+        whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
     }
 
     /// Removes everything that is kept of an upload.
@@ -176,6 +180,81 @@ impl Objects {
             Backend::Bucket(bucket) => bucket.list(shard),
         }
     }
+}
+
+/// Files by their paths: of objects, and of what is kept beside them.
+impl Objects {
+    fn object_path(&self, name: &str) -> String {
+        match &self.backend {
+            Backend::Folder(_) => folder::Folder::object_path(name),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(_) => bucket::Bucket::object_path(name),
+        }
+    }
+
+    fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.put_file(path, &bytes),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(bucket) => bucket.put_file(path, bytes),
+        }
+    }
+
+    fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.create_file(path, &bytes),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(bucket) => bucket.create_file(path, bytes),
+        }
+    }
+
+    fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.file(path),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(bucket) => bucket.file(path),
+        }
+    }
+
+    fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.file_written_at(path),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(bucket) => bucket.file_written_at(path),
+        }
+    }
+
+    fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.files(under),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(bucket) => bucket.files(under),
+        }
+    }
+
+    fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.move_file(from, to),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(bucket) => bucket.move_file(from, to),
+        }
+    }
+
+    fn remove_file(&self, path: &str) -> Result<(), StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.remove_file(path),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(bucket) => bucket.remove_file(path),
+        }
+    }
+}
+
+fn library_path(id: &str) -> String {
+    format!("libraries/{id}.fwlib")
+}
+
+fn piece_path(upload: &str, name: &str) -> String {
+    format!("uploads/{upload}/{name}")
 }
 
 /// Bytes that are what their name says.

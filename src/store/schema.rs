@@ -63,6 +63,15 @@ impl Dialect {
         }
     }
 
+    /// Asks for the time by the database's clock; none where that is this machine's.
+    pub(super) fn time_ns(self) -> Option<&'static str> {
+        match self {
+            Self::Sqlite => None,
+            #[cfg(feature = "cluster")]
+            Self::Postgres => Some("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000000 AS BIGINT) AS now_ns"),
+        }
+    }
+
     /// Whether a statement may stay prepared whose optional doubles are sometimes missing. sqlx tells
     /// PostgreSQL another type for a missing one, and would bind the next value under that.
     pub(super) fn caches_optional_doubles(self) -> bool {

@@ -1,5 +1,7 @@
 //! Reading segments.
 
+use std::collections::HashSet;
+
 use jiff::Timestamp;
 use sqlx::any::AnyRow;
 
@@ -158,6 +160,31 @@ impl Store {
     /// A segment, whole; none where there is none of that identifier.
     pub async fn segment(&self, id: &SegmentId) -> Result<Option<Segment>, StoreError> {
         Ok(self.segments_by_id(std::slice::from_ref(id)).await?.pop())
+    }
+
+    /// The unit of the latest record of each channel of an asset.
+    pub async fn channel_units(&self, asset: &AssetId) -> Result<Vec<(String, String)>, StoreError> {
+        let rows = sqlx::query("SELECT c.name, s.unit FROM channels c JOIN segments s ON s.id = c.last_segment_id WHERE c.asset_id = $1")
+            .bind(asset.as_str())
+            .fetch_all(self.read())
+            .await?;
+        rows.iter().map(|row| Ok((get(row, "name")?, get(row, "unit")?))).collect()
+    }
+
+    /// Those of these identifiers of which there are segments.
+    pub async fn known_segments(&self, ids: &[SegmentId]) -> Result<HashSet<SegmentId>, StoreError> {
+        let mut known = HashSet::new();
+        for chunk in ids.chunks(200) {
+            let text = format!("SELECT id FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
+            let mut query = sqlx::query(&text);
+            for id in chunk {
+                query = query.bind(id.0.as_str());
+            }
+            for row in query.fetch_all(self.read()).await? {
+                known.insert(SegmentId(get(&row, "id")?));
+            }
+        }
+        Ok(known)
     }
 
     /// Those of the segments that are stored, whole, in no order.

@@ -32,6 +32,15 @@ impl Store {
         Ok(())
     }
 
+    /// The time: where processes share the store by the database's clock, which is one for all of them.
+    pub async fn now(&self, local: Timestamp) -> Result<Timestamp, StoreError> {
+        let Some(text) = self.dialect().time_ns() else {
+            return Ok(local);
+        };
+        let row = sqlx::query(text).fetch_one(self.read()).await?;
+        super::rows::get_time(&row, "now_ns")
+    }
+
     /// Whether this process is to search for objects that nothing refers to: none did for a day.
     pub async fn begin_sweep(&self, now: Timestamp) -> Result<bool, StoreError> {
         let begun = sqlx::query("UPDATE counters SET value = $1 WHERE name = 'swept_at_ns' AND value <= $2")

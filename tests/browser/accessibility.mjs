@@ -60,6 +60,11 @@ export const CHECKS = {
       await page.keyboard.press("Escape");
       await page.getByRole("button", { name: "Enter maintenance" }).click();
       assert.deepEqual(await findings(page), [], `maintenance, ${colorScheme}`);
+      await page.getByLabel("Wear measured").check();
+      await page.getByLabel("Its standard error (µm)").fill("0");
+      await page.getByLabel("Measured depth (µm)").focus();
+      await page.getByText("Expected a number above 0").waitFor();
+      assert.deepEqual(await findings(page), [], `inspection, ${colorScheme}`);
       await page.context().close();
     }
   },

@@ -1,7 +1,7 @@
 // Alarms: they show up by themselves, are acknowledged, shelved and commented; maintenance is entered and taken back.
 
 import assert from "node:assert/strict";
-import { close, createAsset, drawn, json, noSidewaysScrolling, open, parameters, PHONE, removeAsset, sendNoise } from "./page.mjs";
+import { asset, close, createAsset, drawn, json, noSidewaysScrolling, open, parameters, PHONE, removeAsset, sendNoise, shoot, shownTime } from "./page.mjs";
 
 const RULE = { quantity: { indicator: "rms" }, warning: 5, danger: 50, settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 } };
 
@@ -105,6 +105,48 @@ export const CHECKS = {
     assert.equal((await json(`assets/${id}/maintenance`)).items.length, 0);
     await close(opened, name);
     await removeAsset(id);
+  },
+
+  "an inspection is entered, listed, and drawn on the wear": async (name) => {
+    const { items: records } = await json(`assets/${asset}/segments?limit=100`);
+    const time = records.map(({ start_time: start }) => start).sort()[40]; // with an error that leaves the estimates of other checks alone
+    const opened = await open(`#/assets/${asset}`);
+    const { page } = opened;
+    await drawn(page, "wear");
+    await page.getByRole("button", { name: "Enter maintenance" }).click();
+    const depth = page.getByLabel("Measured depth (µm)");
+    assert.ok(!(await depth.isVisible()), "asked for only where something was measured");
+    await page.getByLabel("Wear measured").check();
+    await page.getByLabel("When, UTC").fill(time.slice(0, 19));
+    await page.getByLabel("By whom").fill("Grace");
+    const save = page.getByRole("button", { name: "Save", exact: true });
+    await save.click();
+    await page.getByText("Expected a depth from 0 to 100000 µm.").waitFor();
+    assert.equal(await depth.getAttribute("aria-invalid"), "true");
+    assert.ok(await depth.evaluate((input) => input === document.activeElement), "the field to mend has the focus");
+    await depth.fill("30");
+    await page.getByText("Expected a depth").waitFor({ state: "detached" });
+    assert.equal(await page.getByLabel("Its standard error (µm)").inputValue(), "5");
+    await page.getByLabel("Its standard error (µm)").fill("0");
+    await save.click();
+    await page.getByText("Expected a number above 0 and up to 10000 µm.").waitFor();
+    await page.getByLabel("Its standard error (µm)").fill("40");
+    await page.getByLabel("On which gear").selectOption("Driven gear");
+    await page.getByLabel("Where on the flank").selectOption("At the root");
+    assert.equal((await json(`assets/${asset}/maintenance`)).items.length, 0, "nothing wrong was sent");
+    await save.click();
+    const events = page.getByRole("region", { name: "Alarms and maintenance" });
+    await events.getByText(`30 ± 40 µm, driven gear, at the root, ${shownTime(time)}, entered by Grace`).waitFor();
+    await page.locator('[data-plot="wear"] .legend', { hasText: "± its standard error" }).waitFor();
+    assert.equal(await page.locator('[data-plot="wear"] .errorbar').count(), 1);
+    await page.locator('[data-plot="wear"] .annotation-text', { hasText: "30 ± 40 µm" }).waitFor();
+    const { items } = await json(`assets/${asset}/maintenance`);
+    assert.deepEqual([items[0].kind, items[0].inspection], ["inspected", { depth_um: 30, error_um: 40, gear: 2, place: "root" }]);
+    await shoot(page, `${name} shown`);
+    page.on("dialog", (dialog) => dialog.accept());
+    await events.getByRole("button", { name: "Take back: Wear measured" }).click();
+    await page.locator('[data-plot="wear"] .errorbar').waitFor({ state: "detached" });
+    await close(opened, name);
   },
 
   "alarms on a phone": async (name) => {

@@ -11,6 +11,8 @@ use serde_json::json;
 use crate::running::{Service, minute};
 use flankwatch_test_support::needed;
 
+const RECORDS: u32 = 120;
+
 const PAIR: &str = include_str!("../../fixtures/pairs/shen2022.toml");
 
 #[test]
@@ -39,7 +41,7 @@ fn the_dashboard_works_in_a_browser() {
     println!("{said}");
 }
 
-/// An asset with 60 records of a run to failure.
+/// An asset with records of a run to failure that begins slowly enough for a healthy baseline.
 fn feed(service: &Service, pair: &PairSpec) {
     let asset = json!({
         "id": "gearbox",
@@ -50,11 +52,11 @@ fn feed(service: &Service, pair: &PairSpec) {
     service.post_json("/v1/assets", &asset).expect(201);
     let run = Run::new(RunPlan {
         pair: pair.clone(),
-        records: 60,
+        records: RECORDS,
         seconds: 1.0,
         sample_rate_hz: 20_000.0,
         max_wear_um: 245.0,
-        wear_exponent: 1.5,
+        wear_exponent: 2.0,
         start_time: minute(0),
         interval_s: 60.0,
         snr_db: 10.0,
@@ -64,7 +66,7 @@ fn feed(service: &Service, pair: &PairSpec) {
         channel: "gearbox/x".to_owned(),
     })
     .unwrap();
-    for index in 0..60 {
+    for index in 0..RECORDS {
         let simulated = run.record(index).unwrap();
         let path = format!("/v1/assets/gearbox/segments?reference_wear_um={}", simulated.wear_um);
         let body = encode_block(&simulated.record, BlockEncoding::Protobuf);

@@ -14,7 +14,7 @@ async function many(nameOf) {
     const copy = structuredClone(one);
     const median = (n * 37) % 230;
     Object.assign(copy, { id: `gearbox-${String(n).padStart(3, "0")}`, name: nameOf(n) });
-    Object.assign(copy.summary.wear, { status: n % 11 ? "estimated" : "not_identifiable", median_um: median, p05_um: Math.max(0, median - 25), p95_um: median + 30 });
+    Object.assign(copy.summary.wear, { status: n % 11 ? "estimated" : "not_identifiable", at_least_um: undefined, median_um: median, p05_um: Math.max(0, median - 25), p95_um: median + 30 });
     copy.summary.recent_wear_um = Array.from({ length: 40 }, (_, k) => (median * k) / 39);
     copy.summary.alarms = { danger: Number(n % 50 === 7), warning: 0, unacknowledged: Number(n % 50 === 7), shelved: 0 };
     if (n % 13 === 0) copy.summary = { ...copy.summary, segments: 0, wear: null, recent_wear_um: [], last_start_time: null };

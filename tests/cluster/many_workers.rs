@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use flankwatch::asset::{AssetId, AssetSpec};
-use flankwatch::library::{EnsembleSettings, GridSettings};
+use flankwatch::library::{EnsembleSettings, FIRST_MEMBERS, GridSettings};
 use flankwatch::recording::{BlockEncoding, encode_block};
-use flankwatch::service::{LiveEvent, RecordFormat, Role, Service, ServiceFolders, UploadMetadata, WorkLimits};
+use flankwatch::service::{LiveEvent, Precondition, RecordFormat, Role, Service, ServiceFolders, UploadMetadata, WorkLimits};
 use flankwatch::store::{AlarmFilter, SegmentFilter, Store, StoreSettings};
 use jiff::Timestamp;
 use rand::SeedableRng;
@@ -190,7 +190,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
     let mut expected = None;
     for count in [1, 2, 4] {
         let database = database();
-        let settings = StoreSettings::Shared(database.settings(folder.path()));
+        let settings = StoreSettings::Shared(database.settings(&folder.path().join(count.to_string())));
         runtime.block_on(async {
             if expected.is_none() {
                 expected = Some(on_one_machine(folder.path(), &after, &all).await);
@@ -218,7 +218,7 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                     let middle = mine.len() / 2;
                     for (k, sent) in mine.iter().enumerate() {
                         if let Some(anew) = anew.as_ref().filter(|_| k == middle) {
-                            worker.assets.update(anew).await.unwrap();
+                            worker.assets.update(anew, &Precondition::default()).await.unwrap();
                         }
                         send(&worker, sent).await;
                     }
@@ -303,9 +303,9 @@ fn an_alarm_is_told_of_once_whoever_takes_the_record() {
 fn a_history_is_folded_again_when_the_neighbours_have_come() {
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
+    // More than the first ones.
     let neighbours = EnsembleSettings {
-        operating_points: false,
-        ..EnsembleSettings::default()
+        members: FIRST_MEMBERS + 4,
     };
     runtime().block_on(async {
         let alone = worker_with(&folder.path().join("alone").as_path().into(), folder.path(), neighbours).await;
@@ -330,14 +330,10 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
     let folder = tempfile::tempdir().unwrap();
     let spec = asset("pump");
     let all = records(&spec.id, "1", 13);
-    let neighbours = |seconds| EnsembleSettings {
-        operating_points: false,
-        seconds,
-        ..EnsembleSettings::default()
-    };
+    let neighbours = |members| EnsembleSettings { members };
     runtime().block_on(async {
         let settings = StoreSettings::Shared(database.settings(folder.path()));
-        let with = worker_with(&settings, &folder.path().join("with"), neighbours(0.25)).await;
+        let with = worker_with(&settings, &folder.path().join("with"), neighbours(FIRST_MEMBERS + 4)).await;
         with.assets.create(&spec).await.unwrap();
         for sent in &all[..12] {
             send(&with, sent).await;
@@ -354,8 +350,8 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
             assert!(tries < 3000, "no neighbours");
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
-        // Longer ones take this worker longer than the test does.
-        let awaiting = worker_with(&settings, &folder.path().join("awaiting"), neighbours(20.0)).await;
+        // So many take this worker longer than the test does.
+        let awaiting = worker_with(&settings, &folder.path().join("awaiting"), neighbours(5000)).await;
         send(&awaiting, &all[12]).await;
         awaiting.assets.refresh(&spec.id).await.unwrap();
         with.assets.refresh(&spec.id).await.unwrap();
@@ -456,7 +452,8 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
             let through = listener(n, &of);
             nodes[0].assets.create(&plain(&of)).await.unwrap();
             let id = AssetId::new(of).unwrap();
-            let (made, gone) = tokio::join!(nodes[1].assets.create(&through), nodes[2].assets.delete(&id));
+            let always = Precondition::default();
+            let (made, gone) = tokio::join!(nodes[1].assets.create(&through), nodes[2].assets.delete(&id, &always));
             match (made, gone) {
                 (Ok(_), Err(error)) => assert!(error.to_string().contains(through.id.as_str()), "{error}"),
                 (Err(error), Ok(())) => assert!(error.to_string().contains("sensor.of"), "{error}"),

@@ -175,6 +175,8 @@ fn config(folder: &Path) -> ServiceConfig {
     let mut config = ServiceConfig::new(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)), folder);
     config.http.grace = Duration::from_secs(30);
     config.work.workers = 1;
+    // The clock stands still while records of later times come.
+    config.work.start_time_ahead = Duration::from_secs(10 * 365 * 24 * 3600);
     config.work.upkeep_interval = Duration::from_millis(500);
     config.work.neighbours = EnsembleSettings::described_alone();
     config.grid = GridSettings {
@@ -213,14 +215,14 @@ impl TestCluster {
     }
 
     async fn open(&self) -> (Cluster, Store) {
-        let store = StoreSettings::Shared(self.database.settings(&self.folder.path().join("shared")));
+        let store = StoreSettings::Shared(self.settings());
         (Cluster::join(self.nats.clone()).await.unwrap(), Store::open(&store).await.unwrap())
     }
 
     /// Does something with the store that nobody of the cluster is told of.
     pub(super) fn behind_their_backs<T>(&self, work: impl AsyncFnOnce(&Store) -> T) -> T {
         self.runtime.block_on(async {
-            let settings = StoreSettings::Shared(self.database.settings(&self.folder.path().join("shared")));
+            let settings = StoreSettings::Shared(self.settings());
             let store = Store::open(&settings).await.unwrap();
             let done = work(&store).await;
             store.close().await;
@@ -275,6 +277,38 @@ impl TestCluster {
             (cluster.start_worker(service.clone(), limits), service)
         });
         self.workers.push(worker);
+    }
+
+    /// A process that looks after the store and takes no record from the queue; its clock is ahead by some days.
+    pub(super) fn keeper(&mut self, orphan_age: Duration, days_ahead: i64) -> Arc<Service> {
+        let folder = self.own_folder();
+        self.runtime.block_on(async {
+            let mut settings = self.settings();
+            settings.orphan_age = orphan_age;
+            let cluster = Cluster::join(self.nats.clone()).await.unwrap();
+            let store = Store::open(&StoreSettings::Shared(settings)).await.unwrap();
+            let config = config(&folder);
+            let folders = ServiceFolders {
+                libraries: folder.join("libraries"),
+                recordings: folder.join("recordings"),
+                uploads: folder.join("uploads"),
+            };
+            let role = Role::Worker(cluster.queue_of_worker());
+            let clock = Arc::new(move || jiff::Timestamp::now() + jiff::SignedDuration::from_hours(24 * days_ahead));
+            let service = Service::new(store, folders, &config.work, config.grid, clock, role).unwrap();
+            service.resume().await.unwrap();
+            service
+        })
+    }
+
+    /// Where its store is.
+    pub(super) fn settings(&self) -> flankwatch::store::SharedSettings {
+        self.database.settings(&self.objects_folder())
+    }
+
+    /// The folder that its objects are in, where they are in one.
+    pub(super) fn objects_folder(&self) -> std::path::PathBuf {
+        self.folder.path().join("shared")
     }
 
     pub(super) fn stop_worker(&mut self) {

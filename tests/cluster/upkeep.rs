@@ -1,8 +1,11 @@
 //! What a lost word leaves undone is found.
 
+use std::time::Duration;
+
+use flankwatch::store::{Store, StoreError, StoreSettings};
 use serde_json::json;
 
-use super::nodes::TestCluster;
+use super::nodes::{TestCluster, database};
 use crate::running::{minute, plain_asset, record};
 
 #[test]
@@ -32,4 +35,72 @@ fn a_listener_that_no_worker_was_told_of_has_the_earlier_records() {
         store.late_members(10).await.unwrap()
     });
     assert!(late.is_empty(), "{late:?} is looked at again and again");
+}
+
+/// An object that nothing refers to, as another process may have left it.
+fn put_orphan(cluster: &TestCluster) -> String {
+    cluster.behind_their_backs(async |store| {
+        let store = store.clone();
+        let put = move || {
+            let bytes = b"nobody's".as_slice();
+            let name = flankwatch::store::Objects::name(bytes);
+            store.objects().put_all(&[(name.clone(), bytes.into())], &[]).unwrap();
+            name
+        };
+        tokio::task::spawn_blocking(put).await.unwrap()
+    })
+}
+
+/// Which of these objects are in quarantine.
+fn quarantined(cluster: &TestCluster) -> Vec<String> {
+    cluster.behind_their_backs(async |store| {
+        let store = store.clone();
+        let list = move || store.objects().quarantined().unwrap();
+        let listed = tokio::task::spawn_blocking(list).await.unwrap();
+        listed.into_iter().map(|quarantined| quarantined.name).collect()
+    })
+}
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
+fn what_waits_in_the_queue_is_kept_however_old_it_is_and_what_nobody_needs_goes_into_quarantine() {
+    let mut cluster = TestCluster::start(1, 0);
+    let node = cluster.client(0);
+    node.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    for n in 0..3 {
+        node.upload("pump", &record("in", n));
+    }
+    let orphan = put_orphan(&cluster);
+    let _keeper = cluster.keeper(Duration::ZERO, 0);
+    let began = std::time::Instant::now();
+    while quarantined(&cluster).is_empty() {
+        assert!(began.elapsed() < Duration::from_secs(60), "nothing is in quarantine");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    std::thread::sleep(Duration::from_millis(500));
+    assert_eq!(quarantined(&cluster), [orphan]);
+    cluster.start_worker();
+    node.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 3);
+}
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
+fn a_worker_whose_clock_is_ahead_takes_nothing_for_old() {
+    let mut cluster = TestCluster::start(1, 0);
+    put_orphan(&cluster);
+    let _keeper = cluster.keeper(Duration::from_secs(7 * 24 * 3600), 8);
+    std::thread::sleep(Duration::from_secs(3));
+    assert!(quarantined(&cluster).is_empty());
+}
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
+fn a_cluster_does_not_start_on_the_bucket_of_another_one() {
+    let cluster = TestCluster::start(1, 1);
+    let mut mine = cluster.settings();
+    let other = database();
+    mine.database_url = other.settings(&cluster.objects_folder()).database_url;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
+    let opened = runtime.block_on(Store::open(&StoreSettings::Shared(mine)));
+    assert!(matches!(opened, Err(StoreError::OtherStore { .. })), "{opened:?}");
 }

@@ -51,9 +51,11 @@ impl Drop for SmallDisk {
 
 fn raw_objects(folder: &Path) -> usize {
     let shards = std::fs::read_dir(folder.join("raw")).unwrap();
-    let shards = shards.map(|shard| shard.unwrap().path()).filter(|path| !path.ends_with("tmp"));
+    let shards = shards.map(Result::unwrap).filter(|shard| shard.file_name().len() == 2);
     // One may go between being listed and being looked at.
-    shards.filter_map(|shard| std::fs::read_dir(shard).ok()).map(Iterator::count).sum()
+    let objects = shards.filter_map(|shard| std::fs::read_dir(shard.path()).ok()).flatten().flatten();
+    // Not the notes beside them.
+    objects.filter(|object| object.path().extension().is_none()).count()
 }
 
 #[test]

@@ -64,8 +64,8 @@ impl Excitation {
             error,
             slope,
             cuts: (0..POINTS).filter(|i| jump[*i]).map(|i| (i as f64 + 0.5) / POINTS as f64).collect(),
-            long_m: pair.spec.errors.long_period_um * 1e-6,
-            short_m: pair.spec.errors.short_period_um * 1e-6,
+            long_m: pair.errors.long_period_um * 1e-6,
+            short_m: pair.errors.short_period_um * 1e-6,
             shaft_hz: pair.spec.operation.shaft_speed_hz,
             mesh_hz: pair.spec.operation.shaft_speed_hz * f64::from(pair.gears[0].teeth),
         }
@@ -124,7 +124,7 @@ impl Masses {
             inverse: [inverse_mesh, 1.0 / pair.gears[0].mass_kg, 1.0 / pair.gears[1].mass_kg],
             drive: spec.operation.torque_nm * radius[0] / inertia[0] + output * radius[1] / inertia[1],
             damping: 2.0 * spec.dynamics.mesh_damping_ratio * (mean / inverse_mesh).sqrt(),
-            support: [spec.supports.stiffness_n_per_m, spec.supports.damping_n_s_per_m],
+            support: [pair.supports.stiffness_n_per_m, pair.supports.damping_n_s_per_m],
             // Table 1's pair has none but what wear makes.
             backlash_m: (spec.dynamics.contact == ContactRule::Loaded)
                 .then(|| cycle.uste_rad.iter().sum::<f64>() / POINTS as f64 * radius[1]),
@@ -249,7 +249,7 @@ fn rms(values: &[f64]) -> f64 {
 /// Holds one state against the reference at both sampling rates.
 fn compare(contact: ContactRule, wear_mm: f64, mesh_damping_ratio: f64) {
     let mut spec = PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap();
-    spec.errors.random_um = 0.0;
+    spec.errors.random_um = Some(0.0);
     (spec.dynamics.contact, spec.dynamics.mesh_damping_ratio) = (contact, mesh_damping_ratio);
     let pair = spec.resolve().unwrap();
     let wear = FlankWear::from_shape(&pair, wear_mm).unwrap();

@@ -16,7 +16,8 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         "60",
         "--states",
         "20",
-        "--one-rule",
+        "--members",
+        "24",
         "--data-dir",
         &data,
     ];
@@ -47,7 +48,7 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         "--states",
         "300",
     ];
-    let said = flankwatch(&[&depth[..], &["--one-rule", "--data-dir", &data]].concat()).expect_success();
+    let said = flankwatch(&[&depth[..], &["--members", "160", "--data-dir", &data]].concat()).expect_success();
     let table = said.out();
     let row = table.lines().find(|line| line.starts_with("own physics, shape known")).unwrap();
     let number = |column: usize| -> f64 {
@@ -55,7 +56,7 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         cells.nth(column).unwrap().parse().unwrap()
     };
     let (error_um, covered, rank) = (number(0), number(3), number(5));
-    assert!(error_um <= 8.0 && covered >= 0.8 && rank >= 0.98, "{table}");
+    assert!(error_um <= 10.0 && covered >= 0.85 && rank >= 0.98, "{table}");
     flankwatch(&["evaluate", "--case", "sunshine"]).expect_refusal(&["--case", "sunshine", "gain jump"]);
     flankwatch(&["evaluate", "--runs", "0"]).expect_refusal(&["--runs is 0"]);
 }

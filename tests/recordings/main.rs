@@ -4,6 +4,7 @@
 mod real_bearing;
 mod real_gearbox;
 mod real_novelty;
+mod second_simulator;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]
 #[path = "../support/command.rs"]

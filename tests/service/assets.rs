@@ -160,3 +160,39 @@ fn a_summary_tells_of_all_channels() {
     assert_eq!(summary["last_start_time"], "2026-01-01T00:03:00Z");
     assert_eq!(summary["wear"]["posterior"], json!(null));
 }
+
+#[test]
+fn a_change_can_be_conditional_on_the_description_that_was_seen() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let seen = service.get("/v1/assets/pump").expect(200);
+    let tag = seen.header("etag").to_owned();
+    let put = |description: &serde_json::Value, headers: &[(&str, &str)]| {
+        let headers = [&[("content-type", "application/json")], headers].concat();
+        service.send("PUT", "/v1/assets/pump", &headers, description.to_string().as_bytes())
+    };
+    // Further records change the answer, and not the description.
+    service.upload("pump", &record("1", 1));
+    let unchanged = service.send("GET", "/v1/assets/pump", &[("if-none-match", &tag)], b"").expect(200);
+    let tag_now = unchanged.header("etag").to_owned();
+    service
+        .send("GET", "/v1/assets/pump", &[("if-none-match", &tag_now)], b"")
+        .expect(304);
+    // What was answered is put back, with a change.
+    let mut description = seen.json();
+    description["name"] = serde_json::json!("Pump 1");
+    let changed = put(&description, &[("if-match", &tag)]).expect(200);
+    assert_eq!(changed.json()["name"], "Pump 1");
+    description["name"] = serde_json::json!("Pump 2");
+    put(&description, &[("if-match", &tag)]).expect_problem(412, &["pump", "changed meanwhile"]);
+    put(&description, &[("if-none-match", "*")]).expect_problem(412, &["pump"]);
+    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["name"], "Pump 1");
+    let list = format!("\"other\", {}", changed.header("etag"));
+    put(&description, &[("if-match", &list)]).expect(200);
+    service
+        .send("DELETE", "/v1/assets/pump", &[("if-match", &tag)], b"")
+        .expect_problem(412, &["pump"]);
+    service.send("DELETE", "/v1/assets/pump", &[("if-match", "*")], b"").expect(204);
+    // Elsewhere a field that nobody knows stays a mistake.
+    service.post_json("/v1/assets", &description).expect_problem(422, &["created_at"]);
+}

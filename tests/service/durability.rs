@@ -1,5 +1,7 @@
 //! What was answered is there after a restart, and nothing else.
 
+use std::path::{Path, PathBuf};
+
 use serde_json::Value;
 
 use crate::running::{Service, record};
@@ -66,14 +68,17 @@ fn a_damaged_raw_object_is_said_to_be_and_never_shown() {
     service.get(&format!("/v1/segments/{id}")).expect(200);
 }
 
-/// Raw objects on the disk.
-fn raw_objects(service: &Service) -> Vec<std::path::PathBuf> {
+/// Raw objects on the disk: those in a folder named by two hexadecimal digits.
+pub(crate) fn raw_objects(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
-    for shard in std::fs::read_dir(service.folder().join("raw")).unwrap() {
-        for object in std::fs::read_dir(shard.unwrap().path()).unwrap() {
+    for shard in std::fs::read_dir(folder.join("raw")).unwrap() {
+        let shard = shard.unwrap();
+        if shard.file_name().len() != 2 {
+            continue;
+        }
+        for object in std::fs::read_dir(shard.path()).unwrap() {
             let path = object.unwrap().path();
-            // Not the folder for unfinished ones of a process beside others.
-            if !path.is_dir() {
+            if path.extension().is_none() {
                 found.push(path);
             }
         }
@@ -81,8 +86,17 @@ fn raw_objects(service: &Service) -> Vec<std::path::PathBuf> {
     found
 }
 
+/// Names of the raw objects in quarantine.
+pub(crate) fn quarantined(folder: &Path) -> Vec<String> {
+    let Ok(entries) = std::fs::read_dir(folder.join("raw/quarantine")) else {
+        return Vec::new();
+    };
+    let name = |entry: std::io::Result<std::fs::DirEntry>| entry.unwrap().path().extension().unwrap().to_str().unwrap().to_owned();
+    entries.map(name).collect()
+}
+
 #[test]
-fn a_start_removes_what_an_earlier_run_left_behind() {
+fn a_start_puts_away_what_an_earlier_run_left_behind() {
     let mut service = Service::start();
     service.plain_asset("pump");
     let kept = service.upload("pump", &record("1", 1))["raw"]["sha256"]
@@ -103,8 +117,9 @@ fn a_start_removes_what_an_earlier_run_left_behind() {
         assert!(began.elapsed().as_secs() < 60, "the orphan is still there");
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    let left = raw_objects(&service);
+    let left = raw_objects(service.folder());
     assert!(left.len() == 1 && left[0].ends_with(&kept), "{left:?}");
+    assert_eq!(quarantined(service.folder()), [orphan.file_name().unwrap().to_str().unwrap()]);
 }
 
 #[test]
@@ -124,7 +139,7 @@ fn the_oldest_raw_recordings_are_given_up_for_the_quota_and_their_results_stay()
     let bytes = segments[0]["raw"]["bytes"].as_u64().unwrap();
     // One may go between being listed and being looked at.
     let kept = |service: &Service| -> u64 {
-        let found = raw_objects(service);
+        let found = raw_objects(service.folder());
         found.iter().filter_map(|path| path.metadata().ok()).map(|found| found.len()).sum()
     };
     let wait_below = |most: u64| {

@@ -4,6 +4,9 @@
 mod access;
 mod alarms;
 mod assets;
+mod backups;
+mod corrections;
+mod damaged_store;
 mod dashboard;
 mod deploy;
 mod deploy_tools;
@@ -12,6 +15,7 @@ mod envelopes;
 mod events;
 mod gear_indicators;
 mod integrations;
+mod lost_database;
 mod openapi;
 mod problems;
 mod recomputing;

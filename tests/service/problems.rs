@@ -70,8 +70,7 @@ fn bytes_that_are_no_record_are_refused_and_nothing_is_stored() {
         service.get(segments).expect(200).json(),
         json!({ "items": [], "next_cursor": null })
     );
-    let objects = std::fs::read_dir(service.folder().join("raw")).unwrap().count();
-    assert_eq!(objects, 1, "only the folder for unfinished ones");
+    assert_eq!(crate::durability::raw_objects(service.folder()).len(), 0);
 }
 
 #[test]

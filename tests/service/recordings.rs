@@ -180,12 +180,16 @@ fn every_measuring_point_has_its_unit_however_its_records_come() {
     let names = "/v1/assets/pump/segments?channel_names=velocity,other&start_time=2026-01-01T00:00:00Z";
     service.post(names, "audio/wav", &both).expect(201);
     assert_eq!(units(), expected(&[("velocity", "mm/s"), ("other", "m/s2")]));
-    // What the sender says counts for all of them.
-    let named = "/v1/assets/pump/segments?channel_names=velocity,other&unit=g&temperature_c=62.5&start_time=2026-01-02T00:00:00Z";
-    let stored = service.post(named, "audio/wav", &both).expect(201).json();
+    // What the sender says counts for all of them, and each stays in its own.
+    let named = |names: &str| {
+        let path = format!("/v1/assets/pump/segments?channel_names={names}&unit=g&temperature_c=62.5&start_time=2026-01-02T00:00:00Z");
+        service.post(&path, "audio/wav", &both)
+    };
+    named("velocity,other").expect_problem(422, &["velocity", "\"g\"", "mm/s"]);
+    let stored = named("further,other").expect(201).json();
     assert_eq!(
         (&stored["segments"][0]["unit"], &stored["segments"][1]["unit"]),
-        (&json!("g"), &json!("g"))
+        (&json!("m/s2"), &json!("m/s2"))
     );
     assert_eq!(stored["segments"][1]["operating_point"], json!({ "temperature_c": 62.5 }));
     service.delete("/v1/assets/pump").expect(204);

@@ -16,9 +16,11 @@ use super::{ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair};
 
 /// Cells of each flank's active profile, even in arc length.
 const CELLS: usize = 64;
-/// Greatest change of any depth in mm before forces and gaps are worked out anew. A step of a fifth of it changes no depth between root and
-/// tip by more than 3 % of the greatest.
-const STEP_MM: f64 = 2.5e-3;
+/// Greatest change of any depth in modules before forces and gaps are worked out anew: 2.5 µm at module 6 mm. A step of a fifth of it changes no
+/// depth between root and tip by more than 3 % of the greatest.
+pub(super) const STEP_MODULES: f64 = 2.5e-3 / 6.0;
+/// The same where many courses of wear are compared. The depths differ by a few per cent.
+pub(super) const COARSE_STEP_MODULES: f64 = 5e-3 / 6.0;
 /// Places to a cell at which the contact's pressure is worked out.
 const PLACES: f64 = 2.0;
 /// Most steps of one course of wear.
@@ -40,7 +42,12 @@ impl ArchardWear {
     /// [`GearError::Field`] for depths that do not rise from 0, or leave less than half of the tooth; [`GearError::NoContact`] where the worn
     /// flanks no longer carry the mesh over the whole period.
     pub fn at_depths(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
-        let mut course = Course::new(pair, STEP_MM)?;
+        Self::at_depths_in_steps(pair, depths_mm, STEP_MODULES)
+    }
+
+    /// The same with forces and gaps worked out anew after every `step_modules` of wear.
+    pub(super) fn at_depths_in_steps(pair: &GearPair, depths_mm: &[f64], step_modules: f64) -> Result<Vec<Self>, GearError> {
+        let mut course = Course::new(pair, step_modules)?;
         let mut least = 0.0;
         let mut states = Vec::with_capacity(depths_mm.len());
         for depth_mm in depths_mm {
@@ -58,7 +65,7 @@ impl ArchardWear {
     /// As [`ArchardWear::at_depths`]; [`GearError::Field`] for turns below 0 or so many that the teeth are worn through.
     pub fn after_turns(pair: &GearPair, driving_turns: f64) -> Result<Self, GearError> {
         within("turns", driving_turns, 0.0, f64::MAX)?;
-        let mut course = Course::new(pair, STEP_MM)?;
+        let mut course = Course::new(pair, STEP_MODULES)?;
         course.until(Goal::Turns(driving_turns))?;
         Ok(course.state())
     }
@@ -146,7 +153,7 @@ impl FlankCells {
 }
 
 impl<'a> Course<'a> {
-    fn new(pair: &'a GearPair, step_mm: f64) -> Result<Self, GearError> {
+    fn new(pair: &'a GearPair, step_modules: f64) -> Result<Self, GearError> {
         // What the teeth give way changes little with their wear: the bodies stay those of the unworn gears.
         let bodies = match pair.spec.dynamics.contact {
             ContactRule::Loaded => Some(ElasticBodies::new(pair, &FlankWear::none())?),
@@ -158,7 +165,7 @@ impl<'a> Course<'a> {
             outlines: [0, 1].map(|i| ToothOutline::new(pair, i)),
             flanks: [0, 1].map(|i| FlankCells::new(pair, i)),
             driving_turns: 0.0,
-            step_mm,
+            step_mm: step_modules * pair.spec.geometry.module_mm,
         })
     }
 
@@ -250,7 +257,7 @@ impl<'a> Course<'a> {
         Err(GearError::field(
             field,
             value,
-            format!("what {MOST_STEPS} steps of {STEP_MM} mm of wear reach"),
+            format!("what {MOST_STEPS} steps of {} mm of wear reach", self.step_mm),
         ))
     }
 

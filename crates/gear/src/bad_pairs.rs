@@ -13,7 +13,7 @@ const LIBRARY_WEAR_MM: f64 = 0.245;
 const REFUSALS: [(&str, &str, &str, &str); 16] = [
     ("undercut", "geometry.teeth", "12", "at least 18 teeth on gear 1"),
     ("pointed-rack", "geometry.dedendum", "2.2", "less than 2.1579"),
-    ("pointed-tip", "geometry.addendum", "1", "below 0.05 it is pointed"),
+    ("pointed-tip", "geometry.addendum", "1", "below 0.1 it is pointed"),
     ("no-contact", "geometry.centre_distance_mm", "163", "less than 162.0000"),
     (
         "contact-ratio-below-1",

@@ -30,6 +30,9 @@ pub(super) struct Motion {
 /// x, y₁, y₂ and the velocities less the damper's part, in m and m/s.
 pub(super) type State = [f64; 6];
 
+/// The states of several systems side by side: a row for each part of the state.
+pub(super) type Lanes<const LANES: usize> = [[f64; LANES]; 6];
+
 /// Mesh stiffness in N/m and transmission error in m at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Excitation {
@@ -57,8 +60,8 @@ impl Motion {
             inverse_mass: [1.0 / mesh_mass, 1.0 / driving.mass_kg, 1.0 / driven.mass_kg],
             drive_m_per_s2: push(torque_nm, driving) + push(torque_nm * proportion, driven),
             mesh_damping: 2.0 * pair.spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt(),
-            support_stiffness: pair.spec.supports.stiffness_n_per_m,
-            support_damping: pair.spec.supports.damping_n_s_per_m,
+            support_stiffness: pair.supports.stiffness_n_per_m,
+            support_damping: pair.supports.damping_n_s_per_m,
             backlash_m: match pair.spec.dynamics.contact {
                 ContactRule::Loaded => backlash_m(pair, cycle),
                 ContactRule::Threshold => 0.0,
@@ -66,12 +69,14 @@ impl Motion {
         }
     }
 
-    /// The part of x_m that spring and damper act through; without backlash all of it. Without branches, for lanes.
+    /// The motion of one lane.
     #[inline(always)]
-    fn closed(&self, mesh: f64) -> f64 {
-        let back = mesh + self.backlash_m;
-        let working = if mesh > 0.0 { mesh } else { 0.0 };
-        working + if back < 0.0 { back } else { 0.0 }
+    pub(super) fn of_lane<const LANES: usize>(&self, differing: &LaneMotion<LANES>, lane: usize) -> Self {
+        Self {
+            mesh_damping: differing.mesh_damping[lane],
+            backlash_m: differing.backlash_m[lane],
+            ..*self
+        }
     }
 
     /// Static balance under constant excitation.
@@ -87,7 +92,7 @@ impl Motion {
     /// ẋ, ẏ₁, ẏ₂ in m/s.
     #[inline(always)]
     pub(super) fn velocities(&self, state: &State, error: f64) -> [f64; 3] {
-        let mesh = self.closed(state[0] - state[1] + state[2] - error);
+        let mesh = closed(state[0] - state[1] + state[2] - error, self.backlash_m);
         let damped = self.mesh_damping * mesh;
         [
             state[3] - damped * self.inverse_mass[0],
@@ -99,7 +104,7 @@ impl Motion {
     #[inline(always)]
     fn derivative(&self, state: &State, excitation: Excitation) -> State {
         let velocities = self.velocities(state, excitation.error);
-        let push = excitation.stiffness * self.closed(state[0] - state[1] + state[2] - excitation.error);
+        let push = excitation.stiffness * closed(state[0] - state[1] + state[2] - excitation.error, self.backlash_m);
         let support = |i: usize| self.support_damping * velocities[i] + self.support_stiffness * state[i];
         [
             velocities[0],
@@ -122,27 +127,24 @@ impl Motion {
         std::array::from_fn(|i| state[i] + step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]))
     }
 
-    /// One step of several systems side by side, which differ in damping and backlash; `states` has a row for each part of the state, the
-    /// excitations are those at the step's start, middle and end. Every lane is what [`Motion::step`] gives it.
+    /// One step of several systems side by side, which differ in damping and backlash; the excitations are those at the step's start, middle and
+    /// end. Every lane is what [`Motion::step`] gives it.
     #[inline(always)]
     pub(super) fn step_lanes<const LANES: usize>(
         &self,
         differing: &LaneMotion<LANES>,
-        states: &mut [[f64; LANES]; 6],
+        states: &mut Lanes<LANES>,
         excitation: [&LaneExcitation<LANES>; 3],
         step: f64,
     ) {
         for lane in 0..LANES {
-            let motion = Self {
-                mesh_damping: differing.mesh_damping[lane],
-                backlash_m: differing.backlash_m[lane],
-                ..*self
-            };
             let three = excitation.map(|[stiffness, error]| Excitation {
                 stiffness: stiffness[lane],
                 error: error[lane],
             });
-            let after = motion.step(&std::array::from_fn(|i| states[i][lane]), &three, step);
+            let after = self
+                .of_lane(differing, lane)
+                .step(&std::array::from_fn(|i| states[i][lane]), &three, step);
             for (row, value) in states.iter_mut().zip(after) {
                 row[lane] = value;
             }
@@ -179,6 +181,14 @@ impl Motion {
         });
         mesh.min(supports[0]).min(supports[1])
     }
+}
+
+/// The part of x_m that spring and damper act through; without backlash all of it. Without branches, for lanes.
+#[inline(always)]
+pub(super) fn closed(mesh: f64, backlash_m: f64) -> f64 {
+    let back = mesh + backlash_m;
+    let working = if mesh > 0.0 { mesh } else { 0.0 };
+    working + if back < 0.0 { back } else { 0.0 }
 }
 
 /// Backlash of the unworn pair, which both half-gaps make up, and what wear adds to it on the mean; the backs do not wear.

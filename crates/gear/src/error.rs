@@ -48,6 +48,26 @@ pub enum GearError {
         /// Rotational angle φ₁ of the driving gear in rad.
         phi1_rad: f64,
     },
+    /// The teeth give way further than their contact is known for.
+    #[error(
+        "the teeth give way too far under {torque_nm} N·m at phi1 = {phi1_rad:.5} rad for their contact to be worked out: expected a smaller torque, \
+         or teeth that are wider or stiffer"
+    )]
+    Overloaded {
+        /// Torque on the driving gear in N·m.
+        torque_nm: f64,
+        /// Rotational angle φ₁ of the driving gear in rad.
+        phi1_rad: f64,
+    },
+    /// The vibration grows without bound: by the threshold rule teeth never part, and nothing limits what their changing stiffness stirs up.
+    #[error(
+        "the vibration grows without bound at {shaft_speed_hz} Hz: the mesh's changing stiffness stirs up a resonance that is hardly damped, expected more \
+         damping, another speed or the contact rule `loaded`, by which teeth part"
+    )]
+    Unstable {
+        /// Rotational frequency f₁ of the driving gear in hertz.
+        shaft_speed_hz: f64,
+    },
     /// A simulation was told to stop.
     #[error("stopped")]
     Stopped,

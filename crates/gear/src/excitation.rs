@@ -35,7 +35,7 @@ impl ExcitationPiece {
             let place = ((phase - piece.start) * places_per_period).clamp(0.0, count as f64);
             let cell = (place as usize).min(count - 1);
             let between = |values: &[f64]| values[cell] + (place - cell as f64) * (values[cell + 1] - values[cell]);
-            let error = base_m * between(&piece.uste_rad) + short_period_m(&pair.spec.errors, phase);
+            let error = base_m * between(&piece.uste_rad) + short_period_m(&pair.errors, phase);
             [between(&piece.stiffness_n_per_m), error]
         };
         let cells = CELLS as f64;

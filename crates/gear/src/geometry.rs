@@ -2,10 +2,10 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::{GearError, GeometrySpec, PairSpec, limits};
+use super::{Errors, GearError, GeometrySpec, PairSpec, Supports, limits};
 
-/// Thinnest tip in modules that does not count as pointed.
-const LEAST_TIP_THICKNESS_MODULES: f64 = 0.05;
+/// Thinnest tip in modules that does not count as pointed: wear of the usual greatest depth, 0.04 modules, leaves something of each half.
+const LEAST_TIP_THICKNESS_MODULES: f64 = 0.1;
 
 /// One gear of a pair. Angles of flank points are the paper's α₁: the angle between the flank's normal there and the tooth's Y axis.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +49,10 @@ pub struct GearPair {
     pub centre_distance_mm: f64,
     /// Operating pressure angle in rad; the paper's α₀ where the centre distance is the reference one.
     pub pressure_angle_rad: f64,
+    /// The bearings, given or usual.
+    pub supports: Supports,
+    /// Manufacturing errors, given or usual.
+    pub errors: Errors,
 }
 
 impl GearPair {
@@ -61,6 +65,7 @@ impl GearPair {
         let alpha0 = basic.pressure_angle_deg.to_radians();
         let reference = basic.teeth.map(|z| basic.module_mm * f64::from(z) / 2.0);
         let base = reference.map(|r| r * alpha0.cos());
+        limits::check_load(spec, base)?;
         let zero_backlash = zero_backlash_angle(basic, alpha0)?;
         let least_centre_mm = (base[0] + base[1]) / zero_backlash.cos();
         let centre_distance_mm = basic.centre_distance_mm.unwrap_or(least_centre_mm);
@@ -104,6 +109,8 @@ impl GearPair {
             gears,
             centre_distance_mm,
             pressure_angle_rad,
+            supports: spec.supports(),
+            errors: spec.errors(),
         };
         pair.check_tips()?;
         Ok(pair)

@@ -63,6 +63,7 @@ mod decimator;
 mod dynamics;
 mod error;
 mod excitation;
+mod feasibility;
 mod flank;
 mod geometry;
 mod limits;
@@ -83,6 +84,8 @@ mod ring_sector;
 mod root;
 mod run_settings;
 mod sector_mesh;
+mod similarity;
+mod stiff_step;
 mod stiffness;
 #[cfg(test)]
 mod testing;
@@ -108,6 +111,7 @@ pub use pair::{
 pub use relationship::MeshRelationship;
 pub use response::{simulate, simulate_together};
 pub use run_settings::RunSettings;
+pub use similarity::{Errors, Supports};
 pub use stiffness::PairStiffness;
 pub use wear::FlankWear;
 

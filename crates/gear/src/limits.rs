@@ -11,6 +11,9 @@ const RACK_CLEARANCE_MODULES: f64 = 0.25;
 const HARMLESS_UNDERCUT_MODULES: f64 = 0.01;
 /// Least ratio of root to bore radius for which the foundation's polynomial was made (Sainsot et al. 2004).
 const LEAST_ROOT_TO_BORE: f64 = 1.4;
+/// Greatest force on the teeth over Young's modulus, face width and module. A pair of teeth gives way by about 12 times as many modules; steel bears a
+/// thirtieth of it, plastics a third.
+const GREATEST_LOAD: f64 = 0.02;
 /// Tightness of the mesh in modules that counts as the rounding of a centre distance.
 const CENTRE_ROUNDING_MODULES: f64 = 0.01;
 
@@ -51,8 +54,12 @@ pub(super) fn check_physics(spec: &PairSpec) -> Result<(), GearError> {
         positive("operation.output_torque_nm", torque, 1e9)?;
     }
     positive("operation.shaft_speed_hz", spec.operation.shaft_speed_hz, 1e4)?;
-    positive("supports.stiffness_n_per_m", spec.supports.stiffness_n_per_m, 1e13)?;
-    within("supports.damping_n_s_per_m", spec.supports.damping_n_s_per_m, 0.0, 1e10)?;
+    if let Some(stiffness) = spec.supports.stiffness_n_per_m {
+        positive("supports.stiffness_n_per_m", stiffness, 1e13)?;
+    }
+    if let Some(damping) = spec.supports.damping_n_s_per_m {
+        within("supports.damping_n_s_per_m", damping, 0.0, 1e10)?;
+    }
     positive("dynamics.mesh_damping_ratio", spec.dynamics.mesh_damping_ratio, 2.0)?;
     positive("dynamics.contact_threshold_rad", spec.dynamics.contact_threshold_rad, 0.1)?;
     for i in 0..2 {
@@ -66,19 +73,45 @@ pub(super) fn check_physics(spec: &PairSpec) -> Result<(), GearError> {
     let ErrorSpec {
         long_period_um,
         short_period_um,
+        short_period_phase,
         random_um,
         random_clock_hz,
         seed: _,
     } = spec.errors;
-    within("errors.long_period_um", long_period_um, 0.0, 1e4)?;
-    within("errors.short_period_um", short_period_um, 0.0, 1e4)?;
-    within("errors.random_um", random_um, 0.0, 1e4)?;
+    for (field, error_um) in [
+        ("errors.long_period_um", long_period_um),
+        ("errors.short_period_um", short_period_um),
+        ("errors.random_um", random_um),
+    ] {
+        if let Some(error_um) = error_um {
+            within(field, error_um, 0.0, 1e4)?;
+        }
+    }
+    within("errors.short_period_phase", short_period_phase, -1.0, 1.0)?;
     within("errors.random_clock_hz", random_clock_hz, 1.0, 1e7)?;
     positive("wear.coefficient", spec.wear.coefficient, 1.0)?;
     for hardness in spec.wear.hardness_pa {
         within("wear.hardness_pa", hardness, 1e6, 1e12)?;
     }
     wear::check_shape(&spec.wear)
+}
+
+/// Both torques against the teeth: the force along the line of action on a piece of rack one module high and as wide as the teeth.
+pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearError> {
+    let basic = &spec.geometry;
+    let bears_n = GREATEST_LOAD * spec.material.youngs_modulus_pa * basic.face_width_mm * basic.module_mm * 1e-6;
+    let torques = [
+        ("operation.torque_nm", Some(spec.operation.torque_nm)),
+        ("operation.output_torque_nm", spec.operation.output_torque_nm),
+    ];
+    for ((field, torque_nm), base_mm) in torques.into_iter().zip(base) {
+        let most_nm = bears_n * base_mm * 1e-3;
+        if let Some(torque_nm) = torque_nm.filter(|torque| *torque > most_nm) {
+            let expected = format!("at most {most_nm:.4}: teeth of this width and material would bend by a quarter of the module");
+            return Err(GearError::field(field, torque_nm, expected));
+        }
+    }
+    Ok(())
 }
 
 /// The centre distance against the base radii and against `least_mm`, that of zero backlash.
@@ -205,8 +238,8 @@ mod tests {
             ("operation.torque_nm", |s| s.operation.torque_nm = f64::NAN),
             ("operation.output_torque_nm", |s| s.operation.output_torque_nm = Some(-1.0)),
             ("operation.shaft_speed_hz", |s| s.operation.shaft_speed_hz = 0.0),
-            ("supports.stiffness_n_per_m", |s| s.supports.stiffness_n_per_m = 0.0),
-            ("supports.damping_n_s_per_m", |s| s.supports.damping_n_s_per_m = -1.0),
+            ("supports.stiffness_n_per_m", |s| s.supports.stiffness_n_per_m = Some(0.0)),
+            ("supports.damping_n_s_per_m", |s| s.supports.damping_n_s_per_m = Some(-1.0)),
             ("dynamics.mesh_damping_ratio", |s| s.dynamics.mesh_damping_ratio = 0.0),
             ("dynamics.contact_threshold_rad", |s| s.dynamics.contact_threshold_rad = f64::NAN),
             ("dynamics.mass_kg", |s| s.dynamics.mass_kg = Some([1.0, 0.0])),
@@ -220,6 +253,28 @@ mod tests {
                 other => panic!("{wanted}: {other:?}"),
             }
         }
+    }
+
+    /// A hundred times what the paper's pair carries is too much for its teeth, and for ones of plastic what it carries.
+    #[test]
+    fn the_torque_is_held_against_the_teeth() {
+        let refusal = |change: fn(&mut PairSpec)| {
+            let mut spec = shen2022_spec();
+            change(&mut spec);
+            spec.resolve().unwrap_err().to_string()
+        };
+        let steel = refusal(|s| s.operation.torque_nm = 130_000.0);
+        assert!(
+            steel.starts_with("operation.torque_nm is 130000, expected at most 83219."),
+            "{steel}"
+        );
+        let plastic = refusal(|s| s.material.youngs_modulus_pa = 2.8e9);
+        assert!(
+            plastic.starts_with("operation.torque_nm is 1300, expected at most 1136."),
+            "{plastic}"
+        );
+        let output = refusal(|s| s.operation.output_torque_nm = Some(1e9));
+        assert!(output.starts_with("operation.output_torque_nm is 1000000000"), "{output}");
     }
 
     #[test]

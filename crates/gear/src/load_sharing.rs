@@ -1,6 +1,7 @@
 //! How the pairs of teeth that are in reach of each other share the load, and how far the gears turn under it.
 
 use super::body_compliance::BodyCompliance;
+use super::pair_curve::PairCurve;
 use super::plane_elasticity::PlaneElasticity;
 use super::tooth_outline::ToothOutline;
 use super::tooth_touch::ToothTouch;
@@ -19,8 +20,20 @@ const LEAST_PART: f64 = 1e-9;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElasticBodies {
     pub(super) outlines: [ToothOutline; 2],
-    elasticity: PlaneElasticity,
-    bodies: [BodyCompliance; 2],
+    compliance: Compliance,
+}
+
+/// What gives way under the contact forces.
+#[derive(Debug, Clone, PartialEq)]
+enum Compliance {
+    /// Whole gears, in which the force on one tooth moves the others too.
+    Bodies {
+        elasticity: PlaneElasticity,
+        bodies: Box<[BodyCompliance; 2]>,
+    },
+    /// Every pair of teeth by itself, a spring of the stiffness of Section 3.3. The table has the driving flank's rising radius in mm and
+    /// the compliance in mm/(N/mm).
+    Teeth(Vec<[f64; 2]>),
 }
 
 /// One pair of teeth within reach.
@@ -59,35 +72,65 @@ impl ElasticBodies {
             BodyCompliance::new(i, &outlines[i], &flank, module, &elasticity)
         };
         Ok(Self {
-            bodies: [body(0)?, body(1)?],
+            compliance: Compliance::Bodies {
+                bodies: Box::new([body(0)?, body(1)?]),
+                elasticity,
+            },
             outlines,
-            elasticity,
+        })
+    }
+
+    /// Pairs of teeth that give way each by itself, as unworn teeth do by the potential energy of Section 3.3: the
+    /// usual model of mesh stiffness, stiffer in double contact than whole gears are.
+    ///
+    /// # Errors
+    /// Those of the mesh relationship of unworn flanks.
+    pub fn independent_teeth(pair: &GearPair) -> Result<Self, GearError> {
+        let curve = PairCurve::new(pair, &FlankWear::none())?;
+        let width_mm = pair.spec.geometry.face_width_mm;
+        let unworn = FlankWear::none();
+        let flank = Flank::new(&pair.gears[0], &unworn, 0);
+        let mut table: Vec<[f64; 2]> = curve
+            .contacts()
+            .map(|(alpha1, stiffness_n_per_m)| [flank.at(alpha1).radius_mm, width_mm / (stiffness_n_per_m * 1e-3)])
+            .collect();
+        table.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        Ok(Self {
+            outlines: [0, 1].map(|i| ToothOutline::new(pair, i)),
+            compliance: Compliance::Teeth(table),
         })
     }
 
     /// Displacement in mm/(N/mm) at the contact of `place` along its normal for a force in the contact of `load`, another pair.
     fn coupling(&self, load: &Candidate, place: &Candidate) -> f64 {
+        let Compliance::Bodies { bodies, .. } = &self.compliance else {
+            return 0.0;
+        };
         // Teeth of rising φ are towards positive Y of the driving gear and negative Y of the driven one.
         let offset = place.tooth - load.tooth;
         let side = |i: usize, offset: i32| {
             let at = |candidate: &Candidate| (candidate.touch.radii_mm[i], candidate.touch.normals[i]);
-            self.bodies[i].across(offset, at(load), at(place))
+            bodies[i].across(offset, at(load), at(place))
         };
         side(0, offset) + side(1, -offset)
     }
 
     /// Approach over force of one pair's own contact, bodies and contact line, in mm/(N/mm).
     fn own(&self, touch: &ToothTouch, force_n_per_mm: f64) -> f64 {
-        let approach = touch.line.approach(force_n_per_mm, self.elasticity.contact_modulus_mpa());
+        let (elasticity, bodies) = match &self.compliance {
+            Compliance::Bodies { elasticity, bodies } => (elasticity, bodies),
+            Compliance::Teeth(table) => return at_radius(table, touch.radii_mm[0]),
+        };
+        let approach = touch.line.approach(force_n_per_mm, elasticity.contact_modulus_mpa());
         let body = |i: usize| {
             let radius = touch.radii_mm[i];
             // Under a tip's edge the pressure's centre, not the edge itself, is loaded.
             let inside = if touch.edge == i {
-                self.bodies[i].radius_at(approach.centre_mm)
+                bodies[i].radius_at(approach.centre_mm)
             } else {
                 f64::INFINITY
             };
-            self.bodies[i].own(radius.min(inside), touch.normals[i])
+            bodies[i].own(radius.min(inside), touch.normals[i])
         };
         approach.depth_mm / force_n_per_mm + body(0) + body(1)
     }
@@ -136,6 +179,18 @@ impl ElasticBodies {
         let force = torque_n / touch.arms_mm[0];
         self.own(touch, force) * force / touch.arms_mm[0]
     }
+}
+
+/// Linear between the table's radii, held at its ends: a tip's edge carries as the flank beside it.
+fn at_radius(table: &[[f64; 2]], radius_mm: f64) -> f64 {
+    let after = table.partition_point(|row| row[0] <= radius_mm).clamp(1, table.len() - 1);
+    let ([r0, c0], [r1, c1]) = (table[after - 1], table[after]);
+    let part = if r1 > r0 {
+        ((radius_mm - r0) / (r1 - r0)).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    c0 + part * (c1 - c0)
 }
 
 fn collect(values: impl Iterator<Item = f64>) -> [f64; MOST_PAIRS] {

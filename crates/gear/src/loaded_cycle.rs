@@ -3,12 +3,10 @@
 use std::cell::OnceCell;
 
 use super::load_sharing::{Candidate, ElasticBodies, MOST_PAIRS, Sharing};
-use super::mesh_cycle::CyclePiece;
+use super::mesh_cycle::{CyclePiece, Resolution};
 use super::tooth_touch::{ToothPair, ToothTouch};
 use super::{FlankWear, GearError, GearPair, MeshCycle};
 
-/// Least cells of the mesh period: a kink within a cell is rounded off, which with half as many takes 0.12 % off a worn pair's response.
-const LEAST_CELLS: usize = 2000;
 /// Mesh periods before the nominal start and after the nominal end of contact in which a pair may carry.
 const BEYOND: f64 = 0.45;
 
@@ -38,6 +36,14 @@ struct Place {
     leader: i32,
 }
 
+/// Pairs of teeth that may carry, and how they share the load.
+struct Shared {
+    leader: Candidate,
+    /// The leader first.
+    candidates: Vec<Candidate>,
+    sharing: Sharing,
+}
+
 impl<'a> Passage<'a> {
     fn new(pair: &GearPair, teeth: &'a ToothPair<'a>, cells: usize) -> Self {
         let beyond = (BEYOND * cells as f64).ceil() as i64;
@@ -64,8 +70,7 @@ impl<'a> Passage<'a> {
     fn place(&self, pair: &GearPair, bodies: &ElasticBodies, cell: usize) -> Result<Place, GearError> {
         let [driving, driven] = &pair.gears;
         let base_m = driving.base_radius_mm * 1e-3;
-        let (candidates, sharing) = self.sharing(pair, bodies, cell)?;
-        let leader = candidates[0];
+        let Shared { leader, sharing, .. } = self.shared(pair, bodies, cell)?;
         let phi2_rad = leader.touch.phi2_rad - f64::from(leader.tooth) * driven.pitch_angle_rad();
         Ok(Place {
             stiffness_n_per_m: pair.spec.operation.torque_nm / (base_m * base_m * sharing.rotation_rad),
@@ -98,20 +103,32 @@ impl<'a> Passage<'a> {
         candidates
     }
 
-    /// The pairs that may carry at a cell of the period, the leading one first, and how they share the pair's torque.
-    fn sharing(&self, pair: &GearPair, bodies: &ElasticBodies, cell: usize) -> Result<(Vec<Candidate>, Sharing), GearError> {
+    /// How the pairs in reach at a cell of the period share the pair's torque.
+    fn shared(&self, pair: &GearPair, bodies: &ElasticBodies, cell: usize) -> Result<Shared, GearError> {
         let [driving, driven] = &pair.gears;
+        let torque_nm = pair.spec.operation.torque_nm;
         // N·mm for 1 mm of width.
-        let torque_n = pair.spec.operation.torque_nm * 1e3 / pair.spec.geometry.face_width_mm;
+        let torque_n = torque_nm * 1e3 / pair.spec.geometry.face_width_mm;
+        let phi1_rad = pair.start_of_contact_rad() + driving.pitch_angle_rad() * (cell as f64 / self.cells as f64);
         let mut candidates = self.candidates(cell, driven.pitch_angle_rad());
-        let leader = *candidates.first().ok_or_else(|| GearError::NoContact {
-            phi1_rad: pair.start_of_contact_rad() + driving.pitch_angle_rad() * (cell as f64 / self.cells as f64),
-        })?;
+        let leader = *candidates.first().ok_or(GearError::NoContact { phi1_rad })?;
         let most = bodies.alone_rad(&leader.touch, torque_n);
         candidates.retain(|other| other.behind_rad * other.touch.arms_mm[1] <= most * other.touch.arms_mm[0]);
         candidates.truncate(MOST_PAIRS);
+        // Under a force beyond all measure the contact's own compliance, a logarithm of its width, has lost its meaning.
+        let overloaded = GearError::Overloaded { torque_nm, phi1_rad };
+        if candidates.is_empty() {
+            return Err(overloaded);
+        }
         let sharing = bodies.share(&candidates, torque_n);
-        Ok((candidates, sharing))
+        if !(sharing.rotation_rad > 0.0 && sharing.rotation_rad.is_finite()) {
+            return Err(overloaded);
+        }
+        Ok(Shared {
+            leader,
+            candidates,
+            sharing,
+        })
     }
 }
 
@@ -126,8 +143,18 @@ impl MeshCycle {
     /// # Errors
     /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where no pair can touch.
     pub fn loaded(pair: &GearPair, bodies: &ElasticBodies, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
+        Self::loaded_at(pair, bodies, wear, points, Resolution::Fine)
+    }
+
+    pub(super) fn loaded_at(
+        pair: &GearPair,
+        bodies: &ElasticBodies,
+        wear: &FlankWear,
+        points: usize,
+        resolution: Resolution,
+    ) -> Result<Self, GearError> {
         super::error::within("points", points as f64, 2.0, 1e6)?;
-        let every = LEAST_CELLS.div_ceil(points);
+        let every = resolution.loaded_cells().div_ceil(points);
         let cells = points * every;
         let teeth = ToothPair::new(pair, wear, &bodies.outlines);
         let passage = Passage::new(pair, &teeth, cells);
@@ -209,7 +236,7 @@ pub(super) fn tooth_shares(pair: &GearPair, bodies: &ElasticBodies, wear: &Flank
     let (start, pitch) = (pair.start_of_contact_rad(), pair.gears[0].pitch_angle_rad());
     let mut shares = Vec::new();
     for cell in 0..cells {
-        let (candidates, sharing) = passage.sharing(pair, bodies, cell)?;
+        let Shared { candidates, sharing, .. } = passage.shared(pair, bodies, cell)?;
         let carrying = candidates.iter().zip(sharing.shares).filter(|(_, share)| *share > 0.0);
         shares
             .extend(carrying.map(|(candidate, share)| (start + pitch * (cell as f64 / cells as f64 + f64::from(candidate.tooth)), share)));
@@ -220,7 +247,9 @@ pub(super) fn tooth_shares(pair: &GearPair, bodies: &ElasticBodies, wear: &Flank
 #[cfg(test)]
 mod tests {
     use crate::testing::{shen2022, shen2022_spec, typical_wear};
-    use crate::{ContactRule, ElasticBodies, FlankWear, GearPair, MeshCycle, PairSpec, PlaneState, RunSettings, WearShape, simulate};
+    use crate::{
+        ContactRule, ElasticBodies, FlankWear, GearError, GearPair, MeshCycle, PairSpec, PlaneState, RunSettings, WearShape, simulate,
+    };
 
     fn cycle(pair: &GearPair, points: usize) -> MeshCycle {
         let wear = FlankWear::none();
@@ -395,13 +424,25 @@ mod tests {
             free != glued
         };
         let errors = spec.errors;
-        (spec.errors.long_period_um, spec.errors.short_period_um) = (0.0, 0.0);
+        (spec.errors.long_period_um, spec.errors.short_period_um) = (Some(0.0), Some(0.0));
         assert!(!differ(&spec));
         spec.errors = errors;
         (spec.operation.torque_nm, spec.operation.output_torque_nm) = (1.3, None);
         assert!(differ(&spec));
         spec.geometry.centre_distance_mm = Some(150.0);
         assert!(!differ(&spec));
+    }
+
+    /// A torque that no pair file may have, given past the check.
+    #[test]
+    fn a_force_beyond_all_measure_is_refused() {
+        let mut pair = shen2022();
+        let bodies = ElasticBodies::new(&pair, &FlankWear::none()).unwrap();
+        for torque_nm in [1e9, 1e15, f64::INFINITY, f64::NAN] {
+            pair.spec.operation.torque_nm = torque_nm;
+            let refusal = MeshCycle::loaded(&pair, &bodies, &FlankWear::none(), 16).unwrap_err();
+            assert!(matches!(refusal, GearError::Overloaded { .. }), "{torque_nm}: {refusal}");
+        }
     }
 
     /// Gears of other tooth numbers, profile shifts, bores and pressure angles: the cycle is sound and stiffer with two pairs than one.

@@ -93,14 +93,17 @@ pub struct OperationSpec {
 }
 
 /// The bearings of each gear.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct SupportSpec {
-    /// Stiffness k₁ = k₂ in N/m.
-    pub stiffness_n_per_m: f64,
-    /// Damping c₁ = c₂ in N·s/m.
-    pub damping_n_s_per_m: f64,
+    /// Stiffness k₁ = k₂ in N/m; where not given that of the paper's pair, 6.56e7, in proportion to Young's modulus and the face width.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stiffness_n_per_m: Option<f64>,
+    /// Damping c₁ = c₂ in N·s/m; where not given that of the paper's pair, 1.8e5, in proportion to the root of the usual stiffness times the
+    /// smaller gear's mass.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub damping_n_s_per_m: Option<f64>,
 }
 
 /// Which coordinate the simulated sensor measures.
@@ -198,12 +201,18 @@ pub struct DynamicsSpec {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct ErrorSpec {
-    /// Amplitude A₁ of the once-per-turn error in µm.
-    pub long_period_um: f64,
-    /// Amplitude A₂ of the once-per-tooth error in µm.
-    pub short_period_um: f64,
-    /// Range of the random error in µm.
-    pub random_um: f64,
+    /// Amplitude A₁ of the once-per-turn error in µm; where not given 5 µm for each mm of module.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub long_period_um: Option<f64>,
+    /// Amplitude A₂ of the once-per-tooth error in µm; where not given 2.5 µm for each mm of module.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub short_period_um: Option<f64>,
+    /// Phase of the once-per-tooth error in mesh periods, from the nominal start of contact on.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub short_period_phase: f64,
+    /// Range of the random error in µm; where not given 1/30 µm for each mm of module.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub random_um: Option<f64>,
     /// Clock on which the random error takes new values, in hertz.
     pub random_clock_hz: f64,
     /// Seed of the random error.
@@ -268,9 +277,16 @@ pub struct WearSpec {
     pub coefficient: f64,
     /// H: indentation hardness of the driving and the driven flanks in Pa, for the shape `archard`.
     pub hardness_pa: [f64; 2],
+    /// Whether this shape was measured on the machine's own gears, so that the wear estimate need not doubt it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub measured: bool,
     /// Depths over the radius of the unworn flank, for the shape `table`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub table: Vec<WearPoint>,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 mod defaults {
@@ -297,15 +313,6 @@ impl Default for MaterialSpec {
     }
 }
 
-impl Default for SupportSpec {
-    fn default() -> Self {
-        Self {
-            stiffness_n_per_m: 6.56e7,
-            damping_n_s_per_m: 1.8e5,
-        }
-    }
-}
-
 impl Default for DynamicsSpec {
     fn default() -> Self {
         Self {
@@ -323,9 +330,10 @@ impl Default for DynamicsSpec {
 impl Default for ErrorSpec {
     fn default() -> Self {
         Self {
-            long_period_um: 30.0,
-            short_period_um: 15.0,
-            random_um: 0.2,
+            long_period_um: None,
+            short_period_um: None,
+            short_period_phase: 0.0,
+            random_um: None,
             random_clock_hz: 20_000.0,
             seed: 1,
         }
@@ -341,6 +349,7 @@ impl Default for WearSpec {
             exponent: 4.0,
             coefficient: 1.7e-7,
             hardness_pa: [7e9, 7e9],
+            measured: false,
             table: Vec::new(),
         }
     }
@@ -355,7 +364,7 @@ impl PairSpec {
         Ok(toml::from_str(text)?)
     }
 
-    /// Checks every number and works out the geometry.
+    /// Checks every number and works out the geometry. Whether worn flanks still carry is looked at by [`PairSpec::check`].
     ///
     /// # Errors
     /// [`GearError::Field`] with the first field that cannot be used, its value and the limit.

@@ -39,6 +39,12 @@ impl PairCurve {
         self.range
     }
 
+    /// α₁ in rad and stiffness in N/m of every solved contact.
+    pub(super) fn contacts(&self) -> impl Iterator<Item = (f64, f64)> {
+        let alphas = self.relationship.alpha1_rad.iter();
+        alphas.copied().zip(self.stiffness_n_per_m.iter().copied())
+    }
+
     /// φ₂ in rad and stiffness in N/m of the single pair at φ₁, where it touches.
     pub(super) fn at(&self, phi1: f64) -> Option<(f64, f64)> {
         self.cell(phi1).map(|(i, phi1)| self.interpolate(i, phi1))

@@ -3,10 +3,11 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::decimator::Decimator;
-use super::dynamics::{LaneMotion, Motion, State};
+use super::dynamics::{Excitation, LaneMotion, Lanes, Motion, State};
 use super::excitation::{ExcitationLanes, LaneExcitation};
+use super::stiff_step::{PLACES, STAGES, StiffStep};
 use super::transmission_error::{RandomError, long_period_m};
-use super::{ErrorSpec, GearError, GearPair, MeshCycle, ResponseCoordinate, RunSettings};
+use super::{Errors, GearError, GearPair, MeshCycle, ResponseCoordinate, RunSettings};
 
 /// Records that are simulated side by side.
 const SIDE_BY_SIDE: usize = 8;
@@ -14,25 +15,29 @@ const SIDE_BY_SIDE: usize = 8;
 const LEAST_OVERSAMPLING: usize = 8;
 /// Steps between two looks at whether to stop.
 const STEPS_BETWEEN_LOOKS: i64 = 4096;
-/// Most steps for one sample: what is stiffer is refused.
-const MOST_OVERSAMPLING: f64 = 20_000.0;
-/// Longest step as a part of the fastest rate's reciprocal.
+/// Most steps for one sample that the explicit method is given: what is stiffer vibrates above the record's band, and is left to the
+/// [implicit one](StiffStep).
+const MOST_OVERSAMPLING: usize = 16;
+/// Least and most implicit steps for one sample; even. One costs as much as two explicit ones.
+const STIFF_OVERSAMPLING: (usize, usize) = (8, 10);
+/// Longest explicit step as a part of the fastest rate's reciprocal.
 const STEP_PER_RATE: f64 = 0.4;
 /// Distance in shaft rates from every mesh line that images of mesh lines about the step's rate are kept away.
 const CLEAR_SHAFTS: f64 = 4.0;
 /// Decay of the start-up before the record starts, in nepers.
 const SETTLING_NEPERS: f64 = 16.0;
-/// Longest start-up in seconds.
+/// Longest start-up in seconds, and in mesh periods.
 const LONGEST_SETTLING_S: f64 = 2.0;
+const LONGEST_SETTLING_PERIODS: f64 = 250.0;
 
 /// Simulates the pair and gives the acceleration in m/s² of its response coordinate at `sample_rate_hz`, start-up removed and low-passed
 /// below half the sampling rate (flat to 0.4 of it).
 ///
-/// The integrator's step is at most an eighth of a sample and short against the fastest rate of the system; it ends exactly where the mesh
-/// stiffness jumps. Accelerations are second differences of the position over a step, so a jump of the error gives its whole push.
+/// The integrator's step is at most an eighth of a sample. It is short against the fastest rate of the system where a sixteenth of a sample is;
+/// where not, the method is one that is stable at any step. The step ends exactly where the mesh stiffness jumps. Accelerations are second differences of the position over a step, so a jump of the error gives its whole push.
 ///
 /// # Errors
-/// [`GearError::Field`] for settings that cannot be used.
+/// [`GearError::Field`] for settings that cannot be used; [`GearError::Unstable`] for vibration that grows without bound.
 pub fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings) -> Result<Vec<f64>, GearError> {
     let mut records = simulate_together(pair, &[cycle], run, None)?;
     Ok(records.pop().unwrap_or_default())
@@ -42,7 +47,8 @@ pub fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings) -> Result
 /// [`simulate`] does. Where supports or damping ask for a shorter step or a longer start-up, all records have those of the one that needs most.
 ///
 /// # Errors
-/// [`GearError::Field`] for settings that cannot be used; [`GearError::Stopped`] soon after `stop` becomes true.
+/// [`GearError::Field`] for settings that cannot be used; [`GearError::Unstable`] for vibration that grows without bound; [`GearError::Stopped`] soon
+/// after `stop` becomes true.
 pub fn simulate_together(
     pair: &GearPair,
     cycles: &[&MeshCycle],
@@ -53,49 +59,78 @@ pub fn simulate_together(
     let mut records = Vec::with_capacity(cycles.len());
     for together in cycles.chunks(SIDE_BY_SIDE) {
         let motions = motions(pair, together, run);
-        let oversampling = oversampling(f64::from(pair.gears[0].teeth), together, &motions, run)?;
+        let steps = Steps::of(f64::from(pair.gears[0].teeth), together, &motions, run);
         records.extend(match together {
-            [_] => Run::<1>::new(pair, together, run, &motions, oversampling).records(stop)?,
-            _ => Run::<SIDE_BY_SIDE>::new(pair, together, run, &motions, oversampling).records(stop)?,
+            [_] => Run::<1>::new(pair, together, run, &motions, steps).records(stop)?,
+            _ => Run::<SIDE_BY_SIDE>::new(pair, together, run, &motions, steps).records(stop)?,
         });
+    }
+    // Once beyond all numbers a record stays there.
+    if records.iter().any(|record| record.last().is_some_and(|sample| !sample.is_finite())) {
+        let shaft_speed_hz = run.shaft_speed_hz;
+        return Err(GearError::Unstable { shaft_speed_hz });
     }
     Ok(records)
 }
 
-/// [`simulate_together`] for at most 8 cycles with `oversampling` steps for one sample.
+/// [`simulate_together`] for at most 8 cycles with `oversampling` explicit steps for one sample.
 #[cfg(test)]
 pub(crate) fn simulate_refined(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings, oversampling: usize) -> Vec<Vec<f64>> {
-    let run = Run::<SIDE_BY_SIDE>::new(pair, cycles, run, &motions(pair, cycles, run), oversampling);
+    let steps = Steps {
+        oversampling,
+        stiff: false,
+    };
+    let run = Run::<SIDE_BY_SIDE>::new(pair, cycles, run, &motions(pair, cycles, run), steps);
     run.records(None).unwrap()
+}
+
+/// Whether [`simulate_together`] takes implicit steps.
+#[cfg(test)]
+pub(crate) fn is_stiff(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> bool {
+    Steps::of(f64::from(pair.gears[0].teeth), cycles, &motions(pair, cycles, run), run).stiff
 }
 
 fn motions(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> Vec<Motion> {
     cycles.iter().map(|cycle| Motion::new(pair, cycle, run.torque_nm)).collect()
 }
 
-/// Even number of steps for one sample: the least that resolves the system and puts no image of a mesh line beside a mesh line, where the shaft
-/// sidebands of worn gears lie, weaker by a million than the impacts. Where no step up to half of the longest does, the longest.
-fn oversampling(teeth: f64, cycles: &[&MeshCycle], motions: &[Motion], run: &RunSettings) -> Result<usize, GearError> {
-    let fastest = cycles.iter().zip(motions).map(|(cycle, motion)| {
-        let stiffness = cycle.pieces.iter().flat_map(|piece| &piece.stiffness_n_per_m);
-        motion.fastest_rate(stiffness.copied().fold(0.0, f64::max))
-    });
-    let least_hz = fastest.fold(0.0, f64::max) / STEP_PER_RATE;
-    let needed = least_hz / run.sample_rate_hz;
-    if needed > MOST_OVERSAMPLING {
-        let least = least_hz / MOST_OVERSAMPLING;
-        let expected = format!("at least {least:.1}, the supports and masses being as stiff as they are");
-        return Err(GearError::field("sample_rate_hz", run.sample_rate_hz, expected));
+/// How a run is integrated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Steps {
+    /// For one sample; even.
+    oversampling: usize,
+    /// Whether by the implicit method.
+    stiff: bool,
+}
+
+impl Steps {
+    /// The least number that resolves the system, or as much of it as shows in the record's band, and puts no image of a mesh line beside a mesh
+    /// line, where the shaft sidebands of worn gears lie, weaker by a million than the impacts. Where none of the steps allowed does, the longest.
+    fn of(teeth: f64, cycles: &[&MeshCycle], motions: &[Motion], run: &RunSettings) -> Self {
+        let fastest = cycles.iter().zip(motions).map(|(cycle, motion)| {
+            let stiffness = cycle.pieces.iter().flat_map(|piece| &piece.stiffness_n_per_m);
+            motion.fastest_rate(stiffness.copied().fold(0.0, f64::max))
+        });
+        let needed = fastest.fold(0.0, f64::max) / STEP_PER_RATE / run.sample_rate_hz;
+        let stiff = needed > MOST_OVERSAMPLING as f64;
+        let resolved = (needed.ceil() as usize).next_multiple_of(2);
+        let (least, most) = if stiff {
+            STIFF_OVERSAMPLING
+        } else {
+            (resolved.max(LEAST_OVERSAMPLING), MOST_OVERSAMPLING)
+        };
+        let is_clear = |oversampling: &usize| {
+            // Steps and their middles.
+            [1.0, 2.0].iter().all(|part| {
+                let mesh_lines = part * *oversampling as f64 * run.sample_rate_hz / (run.shaft_speed_hz * teeth);
+                (mesh_lines - mesh_lines.round()).abs() * teeth > CLEAR_SHAFTS
+            })
+        };
+        Self {
+            oversampling: (least..=most).step_by(2).find(is_clear).unwrap_or(least),
+            stiff,
+        }
     }
-    let least = (needed.ceil() as usize).next_multiple_of(2).max(LEAST_OVERSAMPLING);
-    let is_clear = |oversampling: &usize| {
-        // Steps and their middles.
-        [1.0, 2.0].iter().all(|part| {
-            let mesh_lines = part * *oversampling as f64 * run.sample_rate_hz / (run.shaft_speed_hz * teeth);
-            (mesh_lines - mesh_lines.round()).abs() * teeth > CLEAR_SHAFTS
-        })
-    };
-    Ok((least..=2 * least).step_by(2).find(is_clear).unwrap_or(least))
 }
 
 struct Run<'a, const LANES: usize> {
@@ -106,7 +141,7 @@ struct Run<'a, const LANES: usize> {
     differing: LaneMotion<LANES>,
     excitation: ExcitationLanes<LANES>,
     common: CommonError<'a>,
-    oversampling: usize,
+    steps: Steps,
     settling_s: f64,
     mesh_hz: f64,
     teeth: f64,
@@ -116,7 +151,7 @@ struct Run<'a, const LANES: usize> {
 
 impl<'a, const LANES: usize> Run<'a, LANES> {
     /// `cycles` and `motions` have from one to `LANES` entries.
-    fn new(pair: &'a GearPair, cycles: &[&MeshCycle], settings: &'a RunSettings, motions: &[Motion], oversampling: usize) -> Self {
+    fn new(pair: &'a GearPair, cycles: &[&MeshCycle], settings: &'a RunSettings, motions: &[Motion], steps: Steps) -> Self {
         let used = cycles.len();
         let of_lane = |lane: usize| lane.min(used - 1);
         let lanes: [&MeshCycle; LANES] = std::array::from_fn(|lane| cycles[of_lane(lane)]);
@@ -125,6 +160,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
             .zip(cycles)
             .map(|(motion, cycle)| motion.slowest_decay(cycle.mean_stiffness_n_per_m()));
         let teeth = f64::from(pair.gears[0].teeth);
+        let mesh_hz = settings.shaft_speed_hz * teeth;
         Self {
             settings,
             response: pair.spec.dynamics.response,
@@ -134,10 +170,12 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
                 backlash_m: std::array::from_fn(|lane| motions[of_lane(lane)].backlash_m),
             },
             excitation: ExcitationLanes::new(&lanes, pair),
-            common: CommonError::new(&pair.spec.errors, settings),
-            oversampling,
-            settling_s: (SETTLING_NEPERS / decays.fold(f64::INFINITY, f64::min)).min(LONGEST_SETTLING_S),
-            mesh_hz: settings.shaft_speed_hz * teeth,
+            common: CommonError::new(&pair.errors, settings),
+            steps,
+            settling_s: (SETTLING_NEPERS / decays.fold(f64::INFINITY, f64::min))
+                .min(LONGEST_SETTLING_S)
+                .min(LONGEST_SETTLING_PERIODS / mesh_hz),
+            mesh_hz,
             teeth,
             used,
         }
@@ -145,8 +183,9 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
 
     fn records(mut self, stop: Option<&AtomicBool>) -> Result<Vec<Vec<f64>>, GearError> {
         let samples = (self.settings.seconds * self.settings.sample_rate_hz).round().max(1.0) as usize;
-        let step = 1.0 / (self.settings.sample_rate_hz * self.oversampling as f64);
-        let mut decimator = Decimator::<LANES>::new(self.oversampling);
+        let step = 1.0 / (self.settings.sample_rate_hz * self.steps.oversampling as f64);
+        let stiff = self.steps.stiff.then(|| StiffStep::new(&self.motion, step));
+        let mut decimator = Decimator::<LANES>::new(self.steps.oversampling);
         let settling = (self.settling_s / step).ceil() as i64;
         let first = -(decimator.reach() as i64);
         let width = step * self.mesh_hz;
@@ -165,15 +204,15 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
             }
             let cut = self.excitation.cut_within(phase, width);
             let before = if cut == 0 { [[0.0; LANES]; 6] } else { states };
-            let next = (phase + width).fract();
-            let middle = self.with_common((phase + 0.5 * width).fract(), seconds + 0.5 * step);
-            let end = self.with_common(next, seconds + step);
-            self.motion.step_lanes(&self.differing, &mut states, [&start, &middle, &end], step);
+            let end = match &stiff {
+                None => self.explicit_step(&mut states, &start, (phase, seconds), step),
+                Some(stiff) => self.stiff_step(&mut states, &start, (phase, seconds), stiff),
+            };
             for lane in (0..LANES).filter(|lane| cut >> lane & 1 == 1) {
                 let state = self.cut_step(lane, before.map(|row| row[lane]), (phase, seconds), step);
                 states.iter_mut().zip(state).for_each(|(row, value)| row[lane] = value);
             }
-            (start, phase) = (end, next);
+            (start, phase) = (end, (phase + width).fract());
             let after = self.response_positions(&states);
             if n >= first {
                 let acceleration = std::array::from_fn(|lane| (after[lane] - 2.0 * positions[1][lane] + positions[0][lane]) * per_square);
@@ -187,12 +226,46 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         Ok(records)
     }
 
+    /// A step of all lanes by the classical Runge–Kutta method; gives the excitation at its end.
+    #[inline(always)]
+    fn explicit_step(
+        &mut self,
+        states: &mut Lanes<LANES>,
+        start: &LaneExcitation<LANES>,
+        (phase, seconds): (f64, f64),
+        step: f64,
+    ) -> LaneExcitation<LANES> {
+        let mut at = |part: f64| self.with_common((phase + part * step * self.mesh_hz).fract(), seconds + part * step);
+        let (middle, end) = (at(0.5), at(1.0));
+        self.motion.step_lanes(&self.differing, states, [start, &middle, &end], step);
+        end
+    }
+
+    /// The same by the implicit method.
+    #[inline(always)]
+    fn stiff_step(
+        &mut self,
+        states: &mut Lanes<LANES>,
+        start: &LaneExcitation<LANES>,
+        (phase, seconds): (f64, f64),
+        stiff: &StiffStep,
+    ) -> LaneExcitation<LANES> {
+        let length = stiff.length();
+        let inner: [LaneExcitation<LANES>; STAGES - 1] = std::array::from_fn(|stage| {
+            let part = PLACES[stage + 1] * length;
+            self.with_common((phase + part * self.mesh_hz).fract(), seconds + part)
+        });
+        let places = std::array::from_fn(|stage| if stage == 0 { start } else { &inner[stage - 1] });
+        *states = stiff.advance(&self.motion, &self.differing, states, places);
+        inner[STAGES - 2]
+    }
+
     /// A step of one lane from a phase and time on, cut where its pieces of the mesh period end.
     fn cut_step(&mut self, lane: usize, mut state: State, (mut phase, mut seconds): (f64, f64), step: f64) -> State {
-        let motion = Motion {
-            mesh_damping: self.differing.mesh_damping[lane],
-            backlash_m: self.differing.backlash_m[lane],
-            ..self.motion
+        let motion = self.motion.of_lane(&self.differing, lane);
+        let alone = LaneMotion {
+            mesh_damping: [motion.mesh_damping],
+            backlash_m: [motion.backlash_m],
         };
         let pieces = &self.excitation.pieces[lane];
         let mut piece = pieces.iter().position(|piece| phase < piece.end).unwrap_or(0);
@@ -206,7 +279,17 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
                     excitation.error += self.common.at(seconds + part * length);
                     excitation
                 };
-                state = motion.step(&state, &[at(0.0), at(0.5), at(1.0)], length);
+                state = if self.steps.stiff {
+                    let stages = PLACES.map(|place| {
+                        let Excitation { stiffness, error } = at(place);
+                        [[stiffness], [error]]
+                    });
+                    let step = StiffStep::new(&motion, length);
+                    step.advance(&motion, &alone, &state.map(|part| [part]), stages.each_ref())
+                        .map(|[part]| part)
+                } else {
+                    motion.step(&state, &[at(0.0), at(0.5), at(1.0)], length)
+                };
             }
             if to_end > rest {
                 return state;
@@ -219,7 +302,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
     }
 
     /// Static balance of each lane.
-    fn at_rest(&mut self, phase: f64, seconds: f64) -> [[f64; LANES]; 6] {
+    fn at_rest(&mut self, phase: f64, seconds: f64) -> Lanes<LANES> {
         let common = self.common.at(seconds);
         let mut states = [[0.0; LANES]; 6];
         for lane in 0..LANES {
@@ -256,7 +339,7 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
 
     /// Place in m of the response's coordinate in each lane.
     #[inline]
-    fn response_positions(&self, [x, y1, y2, ..]: &[[f64; LANES]; 6]) -> [f64; LANES] {
+    fn response_positions(&self, [x, y1, y2, ..]: &Lanes<LANES>) -> [f64; LANES] {
         match self.response {
             ResponseCoordinate::Bearing1 => *y1,
             ResponseCoordinate::Bearing2 => *y2,
@@ -267,13 +350,13 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
 
 /// What is common to all states in a run: once-per-turn and random error.
 struct CommonError<'a> {
-    spec: &'a ErrorSpec,
+    spec: &'a Errors,
     settings: &'a RunSettings,
     random: RandomError,
 }
 
 impl<'a> CommonError<'a> {
-    fn new(spec: &'a ErrorSpec, settings: &'a RunSettings) -> Self {
+    fn new(spec: &'a Errors, settings: &'a RunSettings) -> Self {
         Self {
             spec,
             settings,
@@ -315,8 +398,8 @@ mod tests {
     #[test]
     fn with_constant_stiffness_the_response_is_the_transfer_function() {
         let mut spec = shen2022_spec();
-        spec.errors.random_um = 0.0;
-        spec.errors.long_period_um = 0.0;
+        spec.errors.random_um = Some(0.0);
+        spec.errors.long_period_um = Some(0.0);
         let (k, f) = (6e8, 16.64 * 24.0);
         for (response, row) in [
             (ResponseCoordinate::Bearing1, 1),
@@ -403,7 +486,7 @@ mod tests {
     #[test]
     fn a_run_may_start_anywhere_in_the_turn() {
         let mut spec = shen2022_spec();
-        spec.errors.random_um = 0.0;
+        spec.errors.random_um = Some(0.0);
         let pair = spec.resolve().unwrap();
         let cycle = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, 0.1).unwrap(), 1000).unwrap();
         let from_zero = simulate(&pair, &cycle, &RunSettings::nominal(&pair, 20_000.0, 0.2)).unwrap();

@@ -66,14 +66,6 @@ mod tests {
                     ..run
                 },
             ),
-            (
-                "sample_rate_hz",
-                RunSettings {
-                    sample_rate_hz: 1.0,
-                    seconds: 10.0,
-                    ..run
-                },
-            ),
             ("seconds", RunSettings { seconds: 0.0, ..run }),
             ("seconds × sample_rate_hz", RunSettings { seconds: 1e7, ..run }),
             (

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-use super::ErrorSpec;
+use super::Errors;
 
 /// First clock index of a run's start, so that the start-up before it has indices too.
 const INDEX_OF_START: i64 = 1 << 40;
@@ -25,7 +25,7 @@ pub(super) struct RandomError {
 }
 
 impl RandomError {
-    pub(super) fn new(spec: &ErrorSpec, seed: u64) -> Self {
+    pub(super) fn new(spec: &Errors, seed: u64) -> Self {
         let mut error = Self {
             generator: ChaCha8Rng::seed_from_u64(seed),
             range_m: spec.random_um * 1e-6,
@@ -68,23 +68,23 @@ impl RandomError {
 }
 
 /// e_A1 in metres at a shaft angle in turns: A₁ sin(2π f₁ t).
-pub(super) fn long_period_m(spec: &ErrorSpec, shaft_turns: f64) -> f64 {
+pub(super) fn long_period_m(spec: &Errors, shaft_turns: f64) -> f64 {
     spec.long_period_um * 1e-6 * (TAU * shaft_turns).sin()
 }
 
-/// e_A2 in metres at a place in mesh periods: A₂ sin(2π f_m t).
-pub(super) fn short_period_m(spec: &ErrorSpec, mesh_periods: f64) -> f64 {
-    spec.short_period_um * 1e-6 * (TAU * mesh_periods).sin()
+/// e_A2 in metres at a place in mesh periods: A₂ sin(2π (f_m t + ψ)) with the phase ψ in mesh periods.
+pub(super) fn short_period_m(spec: &Errors, mesh_periods: f64) -> f64 {
+    spec.short_period_um * 1e-6 * (TAU * (mesh_periods + spec.short_period_phase)).sin()
 }
 
 #[cfg(test)]
 mod tests {
     use super::{RandomError, long_period_m, short_period_m};
-    use crate::ErrorSpec;
+    use crate::testing::shen2022_spec;
 
     #[test]
     fn random_error_is_a_function_of_seed_and_clock_alone() {
-        let spec = ErrorSpec::default();
+        let spec = shen2022_spec().errors();
         let mut coarse = RandomError::new(&spec, 7);
         let mut fine = RandomError::new(&spec, 7);
         let mut backwards = RandomError::new(&spec, 7);
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn random_error_fills_its_range_evenly_and_is_continuous() {
-        let spec = ErrorSpec::default();
+        let spec = shen2022_spec().errors();
         let mut error = RandomError::new(&spec, 1);
         let ticks = 20_000;
         let values: Vec<f64> = (0..ticks)
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn periodic_errors_are_the_sines_of_equation_26() {
-        let spec = ErrorSpec::default();
+        let spec = shen2022_spec().errors();
         assert!((long_period_m(&spec, 0.25) - 30e-6).abs() < 1e-18);
         assert!((short_period_m(&spec, 1.0 / 12.0) - 7.5e-6).abs() < 1e-18);
     }

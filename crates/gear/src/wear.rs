@@ -1,5 +1,6 @@
 //! Wear depth over the flanks of both gears, along Y, with its exact slope over the radius.
 
+use super::archard;
 use super::error::within;
 use super::wear_table::{self, DepthCurve};
 use super::{ArchardWear, Flank, Gear, GearError, GearPair, WearShape, WearSpec};
@@ -134,8 +135,20 @@ impl FlankWear {
     /// # Errors
     /// As [`FlankWear::from_shape`].
     pub fn from_shape_at(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
+        Self::from_shape_in_steps(pair, depths_mm, archard::STEP_MODULES)
+    }
+
+    /// The same in coarser steps of wear for the shape `archard`, twice as quick: for many courses that are compared with each other.
+    ///
+    /// # Errors
+    /// As [`FlankWear::from_shape`].
+    pub fn from_shape_coarsely_at(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
+        Self::from_shape_in_steps(pair, depths_mm, archard::COARSE_STEP_MODULES)
+    }
+
+    fn from_shape_in_steps(pair: &GearPair, depths_mm: &[f64], step_modules: f64) -> Result<Vec<Self>, GearError> {
         match pair.spec.wear.shape {
-            WearShape::Archard => Ok(ArchardWear::at_depths(pair, depths_mm)?
+            WearShape::Archard => Ok(ArchardWear::at_depths_in_steps(pair, depths_mm, step_modules)?
                 .into_iter()
                 .map(|state| Self {
                     driving_turns: Some(state.driving_turns),
@@ -159,6 +172,11 @@ impl FlankWear {
         let wear = Self::new(curves.map(WearProfile::Table));
         wear.check_thickness(pair, deepest)?;
         Ok(wear)
+    }
+
+    /// Depth in mm along Y of gear `index` (0 drives) at the unworn radius `radius_mm` in mm.
+    pub fn depth_mm(&self, index: usize, radius_mm: f64) -> f64 {
+        self.profiles[index].depth_and_slope(radius_mm).0
     }
 
     /// Greatest depth in mm on the active profiles of gear 1 and gear 2.

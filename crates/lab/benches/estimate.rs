@@ -1,4 +1,4 @@
-//! What one record costs beyond its indicators: the update of one asset's estimate, both contact rules compared.
+//! What one record costs beyond its indicators: the update of one asset's estimate, all members of the ensemble compared.
 //!
 //! `cargo bench --bench estimate`. The time is stated as such and as a part of reading the record's features, in the same run.
 
@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use flankwatch_gear::PairSpec;
 use flankwatch_lab::evaluation::{Bank, BankPlan, RunShape, observe};
 use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
-use flankwatch_wear::estimate::{EstimatorSettings, Tracker, UNKNOWN_SHAPE};
-use flankwatch_wear::library::{Ensemble, EnsembleSettings, GridSettings};
+use flankwatch_wear::estimate::{EstimatorSettings, Tracker};
+use flankwatch_wear::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, build};
 use jiff::{SignedDuration, Timestamp};
 
 const RECORDS: usize = 120;
@@ -18,8 +18,9 @@ const REPEATS: usize = 7;
 
 fn main() {
     let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).expect("the pair file is valid");
+    let library = build(&pair, &GridSettings::default(), &BuildControl::silent()).expect("the pair can be simulated");
     let ensemble =
-        Ensemble::build(&pair, &GridSettings::default(), &EnsembleSettings::default(), &|_, _| {}).expect("the pair can be simulated");
+        Ensemble::build(Arc::new(library), &EnsembleSettings::default(), &BuildControl::silent()).expect("the pair can be simulated");
     let bank = Bank::build(BankPlan {
         pair,
         worn: 60,
@@ -46,7 +47,6 @@ fn main() {
     let settings = EstimatorSettings {
         baseline_records: 20,
         limit_um: Some(200.0),
-        shape_deviation: UNKNOWN_SHAPE,
     };
     let tracker = Tracker::new(settings, Some(Arc::new(ensemble)));
     let at = |index: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(index as i64);

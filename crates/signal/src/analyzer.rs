@@ -24,10 +24,13 @@ const DEFAULT_BAND_MESHES: f64 = 1.5;
 /// Work space for records above this length is given back after use: one long record must not hold its memory for ever.
 const KEPT_SAMPLES: usize = 1 << 22;
 
+/// Mesh harmonics that are features.
+const FEATURE_HARMONICS: usize = 16;
+
 /// What is to be worked out of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AnalysisSettings {
-    /// Mesh harmonics H to be read, 10 by default.
+    /// Mesh harmonics H that enter indicators, 10 by default.
     pub harmonics: usize,
 }
 
@@ -150,7 +153,8 @@ impl Analyzer {
                 teeth: mesh.teeth,
                 sample_rate_hz: record.sample_rate_hz(),
             };
-            let steadied = steady(work, place, self.settings.harmonics);
+            let harmonics = self.settings.harmonics.max(FEATURE_HARMONICS);
+            let steadied = steady(work, place, harmonics);
             if let (Some(steadied), Some(found)) = (&steadied, &mut speed)
                 && found.source == SpeedSource::MeshComb
             {
@@ -158,7 +162,7 @@ impl Analyzer {
                 found.shaft_speed_hz = found.mesh_frequency_hz / f64::from(mesh.teeth);
             }
             let lines = MeshPositions::new(steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins), mesh);
-            for order in (1..=self.settings.harmonics).filter(|order| lines.is_own(*order as f64, 0.0)) {
+            for order in (1..=harmonics).filter(|order| lines.is_own(*order as f64, 0.0)) {
                 if let Some((line, noise)) = lines.read(work, order as f64) {
                     features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
                 }
@@ -361,7 +365,7 @@ mod tests {
         let record_with_gain = gear(20_000, 0.05, 0.0).samples().iter().map(|x| 8.0 * x).collect();
         let gained = analyze(&record(record_with_gain), MESH).features;
         let moved = analyze(&gear(20_000, 0.05, 3.0), MESH).features;
-        assert_eq!(plain.values.len(), 10 + 4 + 4 + 2);
+        assert_eq!(plain.values.len(), 16 + 4 + 4 + 2);
         for (name, value) in &plain.values {
             let gain = if name == "ln_kurtosis" { 0.0 } else { 8.0_f64.ln() };
             assert!((gained.values[name] - value - gain).abs() < 1e-9, "{name}");

@@ -8,14 +8,14 @@ use super::indicators::Absence;
 use super::record::OperatingPoint;
 
 /// Identifier of what the features are made by. Values are comparable only where it is the same.
-pub const PREPROCESSING: &str = "steadied-lines-3";
+pub const PREPROCESSING: &str = "steadied-lines-4";
 
 /// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of amplitudes)
 /// and changes relative to a healthy baseline are differences.
 ///
 /// | name | natural logarithm of |
 /// | --- | --- |
-/// | `ln_mesh_h`, h = 1 … 10 | the amplitude of mesh harmonic h |
+/// | `ln_mesh_h`, h = 1 … 16 | the amplitude of mesh harmonic h |
 /// | `ln_sideband_h`, h = 1 … 4 | the root sum square of the amplitudes at h × mesh frequency ± 1 and ± 2 shaft rates |
 /// | `ln_env_h`, h = 1 … 4 | the shaft-rate line in the envelope spectrum of the band of ± 2.5 shaft rates around mesh harmonic h: the part of the sidebands that modulates the amplitude |
 /// | `ln_rms` | the root mean square, mean removed |

@@ -39,6 +39,7 @@
 //! # Features
 //! - `openapi`: `utoipa::ToSchema` for what is computed.
 
+mod acceleration;
 mod analyzer;
 mod angle_record;
 #[cfg(test)]
@@ -80,6 +81,7 @@ mod steadying;
 mod tooth_contrast;
 mod transform;
 
+pub use acceleration::unit_factor;
 pub use analyzer::{Analysis, AnalysisSettings, Analyzer};
 pub use angle_record::{AngleRecord, OrderSpectrum};
 pub use band::{Band, BandQuantity};

@@ -93,6 +93,18 @@ pub enum RecordError {
         /// How many samples there are in all.
         samples: usize,
     },
+    /// A unit that cannot be brought to another one.
+    #[error(
+        "unit of channel {channel:?} is {found:?}, expected {expected:?} as of its other records, or a unit that can be brought to that (m/s2, mm/s2, g, mg)"
+    )]
+    Unit {
+        /// The channel's name.
+        channel: String,
+        /// The unit of the record.
+        found: String,
+        /// The unit that is wanted.
+        expected: String,
+    },
     /// A sampling rate that is not a positive number of a plausible size.
     #[error("sample_rate_hz is {0}, expected a number above 0 and at most {MAX_SAMPLE_RATE_HZ}")]
     SampleRate(f64),
@@ -106,6 +118,19 @@ pub enum RecordError {
         /// What would have been right.
         expected: &'static str,
     },
+}
+
+fn check_finite(channel: &str, samples: &[f32]) -> Result<(), RecordError> {
+    let Some(index) = samples.iter().position(|x| !x.is_finite()) else {
+        return Ok(());
+    };
+    Err(RecordError::NotFinite {
+        channel: channel.to_owned(),
+        index,
+        value: samples[index],
+        count: samples.iter().filter(|x| !x.is_finite()).count(),
+        samples: samples.len(),
+    })
 }
 
 impl Record {
@@ -133,16 +158,7 @@ impl Record {
                 samples: samples.len(),
             });
         }
-        if let Some(index) = samples.iter().position(|x| !x.is_finite()) {
-            let count = samples.iter().filter(|x| !x.is_finite()).count();
-            return Err(RecordError::NotFinite {
-                channel,
-                index,
-                value: samples[index],
-                count,
-                samples: samples.len(),
-            });
-        }
+        check_finite(&channel, &samples)?;
         Ok(Self {
             channel,
             start_time,
@@ -182,6 +198,16 @@ impl Record {
             }
         }
         self.operating_point = operating_point;
+        Ok(self)
+    }
+
+    /// The same record with every sample multiplied, in the unit that this makes.
+    pub(crate) fn scaled(mut self, factor: f64, unit: &str) -> Result<Self, RecordError> {
+        for sample in &mut self.samples {
+            *sample = (f64::from(*sample) * factor) as f32;
+        }
+        check_finite(&self.channel, &self.samples)?;
+        unit.clone_into(&mut self.unit);
         Ok(self)
     }
 

@@ -117,13 +117,13 @@ fn baseline(pair: &GearPair, cycle: &MeshCycle) -> f64 {
         let long = TAU * spec.operation.shaft_speed_hz;
         let (sin, cos) = (long * seconds).sin_cos();
         let (short_sin, short_cos) = (TAU * mesh_hz * seconds).sin_cos();
-        let error = lag + 1e-6 * (spec.errors.long_period_um * sin + spec.errors.short_period_um * short_sin);
+        let error = lag + 1e-6 * (pair.errors.long_period_um * sin + pair.errors.short_period_um * short_sin);
         let error_rate =
-            lag_rate + 1e-6 * (spec.errors.long_period_um * long * cos + spec.errors.short_period_um * TAU * mesh_hz * short_cos);
+            lag_rate + 1e-6 * (pair.errors.long_period_um * long * cos + pair.errors.short_period_um * TAU * mesh_hz * short_cos);
         let mesh = s[0] - s[1] + s[2] - error;
         let mesh_rate = s[3] - s[4] + s[5] - error_rate;
         let push = stiffness * mesh + damping * mesh_rate;
-        let support = |i: usize| spec.supports.stiffness_n_per_m * s[i] + spec.supports.damping_n_s_per_m * s[3 + i];
+        let support = |i: usize| pair.supports.stiffness_n_per_m * s[i] + pair.supports.damping_n_s_per_m * s[3 + i];
         [
             s[3],
             s[4],

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use flankwatch_gear::PairSpec;
 use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes};
-use flankwatch_wear::estimate::{EstimatorSettings, KNOWN_SHAPE, Tracker};
+use flankwatch_wear::estimate::{EstimatorSettings, Tracker};
 use flankwatch_wear::library::{BuildControl, Ensemble, GridSettings, build};
 use flankwatch_wear::simulation::{Run, RunPlan};
 use jiff::Timestamp;
@@ -57,7 +57,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     let settings = EstimatorSettings {
         baseline_records: 10,
         limit_um: Some(200.0),
-        shape_deviation: KNOWN_SHAPE,
     };
     let tracker = Tracker::new(settings, Some(Arc::new(Ensemble::of(library))));
     let mesh = MeshContext {

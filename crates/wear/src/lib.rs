@@ -10,7 +10,7 @@
 //! use std::sync::Arc;
 //!
 //! use flankwatch_gear::PairSpec;
-//! use flankwatch_wear::estimate::{EstimatorSettings, KNOWN_SHAPE, Tracker, WearStatus};
+//! use flankwatch_wear::estimate::{EstimatorSettings, Tracker, WearStatus};
 //! use flankwatch_wear::library::{BuildControl, Ensemble, GridSettings, build};
 //! use jiff::Timestamp;
 //!
@@ -34,7 +34,7 @@
 //! let library = Arc::new(build(&pair, &grid, &BuildControl::silent())?);
 //! let healthy = library.states()[0].features.clone();
 //!
-//! let settings = EstimatorSettings { baseline_records: 3, limit_um: None, shape_deviation: KNOWN_SHAPE };
+//! let settings = EstimatorSettings { baseline_records: 3, limit_um: None };
 //! let tracker = Tracker::new(settings, Some(Arc::new(Ensemble::of(library))));
 //! let mut state = tracker.start();
 //! let estimate = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &healthy);

@@ -6,7 +6,7 @@ import { baselineBar, wearBar } from "./gauge.js";
 import { assetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
 import { change } from "./route.js";
-import { assetState, limitUse, sentence, STATES, timeToLimit, wearState } from "./state.js";
+import { assetState, depthWords, limitUse, sentence, STATES, timeToLimit, wearState } from "./state.js";
 import { badge } from "./symbols.js";
 
 const LIBRARY_STATES = {
@@ -138,8 +138,9 @@ export class AssetHeader {
 
 function wearNumber(wear, limits) {
   const use = limitUse(wear, limits);
-  const interval = `${depth(wear.p05_um)} to ${depth(wear.p95_um)} µm`;
+  const { number: depthNumber, interval } = depthWords(wear);
+  const [value, um] = depthNumber.split(/ (?=µm$)/);
   const share = use ? ` · ${Math.round(100 * use.share)} % of the ${use.name} limit` : "";
   const unclear = wear.status === "not_identifiable";
-  return [h("strong", {}, unclear ? "Unclear" : depth(wear.median_um), h("span", {}, unclear ? "" : " µm")), h("span", { class: "muted" }, `5 to 95 %: ${interval}${unclear ? "" : share}`)];
+  return [h("strong", {}, unclear ? "Unclear" : value, h("span", {}, unclear ? "" : ` ${um}`)), h("span", { class: "muted" }, `${interval}${unclear ? "" : share}`)];
 }

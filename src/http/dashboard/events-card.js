@@ -3,6 +3,7 @@
 import { changeWords, quantityWords, stateWords } from "./alarm-words.js";
 import { h, setChildren, svg } from "./dom.js";
 import { utc } from "./format.js";
+import { inspectionWords } from "./inspection.js";
 import { MAINTENANCE, maintenanceWord, sameEvents } from "./life-events.js";
 import { format } from "./route.js";
 import { symbol } from "./symbols.js";
@@ -48,8 +49,8 @@ export class EventsCard {
   }
 
   #told(event) {
-    const { time, kind, by, comment } = event;
-    const said = [utc(time), by && `entered by ${by}`, comment && `“${comment}”`].filter(Boolean).join(", ");
+    const { time, kind, by, comment, inspection } = event;
+    const said = [inspection && inspectionWords(inspection), utc(time), by && `entered by ${by}`, comment && `“${comment}”`].filter(Boolean).join(", ");
     const remove = h("button", { type: "button", class: "quiet", "aria-label": `Take back: ${maintenanceWord(kind)}, ${utc(time)}`, onclick: () => this.#onRemove(event) }, "Take back");
     return h("li", {}, wrench(), h("strong", { title: MAINTENANCE[kind]?.words }, maintenanceWord(kind)), remove, h("span", { class: "muted" }, said));
   }

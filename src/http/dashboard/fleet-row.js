@@ -4,7 +4,7 @@ import { h, setChildren, setText } from "./dom.js";
 import { age, count, depth, utc } from "./format.js";
 import { baselineBar, sparkline, wearBar } from "./gauge.js";
 import { format } from "./route.js";
-import { assetState, limitUse, timeToLimit } from "./state.js";
+import { assetState, depthWords, limitUse, timeToLimit, transmissionWords } from "./state.js";
 import { badge } from "./symbols.js";
 
 /** The name for people, or the id where there is none. */
@@ -32,17 +32,19 @@ function wearContent(asset, state) {
   if (state === "collecting") return [baselineBar(wear.baseline)];
   if (wear?.median_um == null) return [note(WAITING[state] ?? "no estimate")];
   const use = limitUse(wear, asset.limits);
-  const interval = `${depth(wear.p05_um)} to ${depth(wear.p95_um)} µm`;
+  const { number, interval } = depthWords(wear);
+  const error = transmissionWords(wear);
   return [
     h(
       "p",
       { class: "wear-number" },
-      h("strong", {}, state === "unclear" ? "unclear" : `${depth(wear.median_um)} µm`),
-      h("span", { class: "muted" }, interval),
+      h("strong", {}, state === "unclear" ? "unclear" : number),
+      h("span", { class: "muted" }, interval.replace("5 to 95 %: ", "")),
       use && state !== "unclear" ? h("span", { class: "muted use", title: `${use.name} limit` }, `${Math.round(100 * use.share)} % of ${depth(use.limit)} µm`) : null,
     ),
     wearBar(wear, asset.limits),
-  ];
+    error && state !== "unclear" ? h("span", { class: "muted transmission-words", title: error.interval }, `transmission error due to wear ${error.number}`) : null,
+  ].filter(Boolean);
 }
 
 function limitContent({ wear, last_start_time: last }, limits) {

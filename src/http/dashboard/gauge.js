@@ -2,7 +2,7 @@
 
 import { h, svg } from "./dom.js";
 import { depth } from "./format.js";
-import { wearState } from "./state.js";
+import { depthWords, wearState } from "./state.js";
 
 const DANGER_AT = 0.8; // where the danger limit stands, the same in every bar, so that bars compare by eye
 
@@ -37,7 +37,7 @@ export function wearBar(wear, limits) {
 }
 
 function describe(wear, limits) {
-  const number = wear?.median_um == null ? "no wear estimate" : `wear ${depth(wear.median_um)} µm, 5 to 95 % interval ${depth(wear.p05_um)} to ${depth(wear.p95_um)} µm`;
+  const number = wear?.median_um == null ? "no wear estimate" : `wear ${Object.values(depthWords(wear)).join(", ")}`;
   const limit = (name, value) => (value == null ? "" : `, ${name} limit ${depth(value)} µm`);
   return number + limit("warning", limits?.warning_um) + limit("danger", limits?.danger_um);
 }

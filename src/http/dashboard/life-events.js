@@ -12,6 +12,7 @@ export const MAINTENANCE = {
   gear_replaced: { word: "Gears replaced", words: "Wear begins at zero again, a new baseline is learnt, and alarms on wear are over." },
   sensor_replaced: { word: "Sensor replaced", words: "A new baseline is learnt; wear goes on from where it was." },
   regime_changed: { word: "Operation changed", words: "Another load or speed: a new baseline is learnt; wear goes on from where it was." },
+  inspected: { word: "Wear measured", words: "The teeth were looked at and the depth was measured: the estimate goes on from there." },
 };
 
 /** The word for a kind of maintenance. */

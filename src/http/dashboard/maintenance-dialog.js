@@ -3,6 +3,7 @@
 import * as api from "./api.js";
 import { h, setText } from "./dom.js";
 import { utc } from "./format.js";
+import { InspectionFields } from "./inspection-fields.js";
 import { MAINTENANCE, maintenanceWord } from "./life-events.js";
 import { keepName, lastName } from "./person.js";
 
@@ -14,6 +15,7 @@ export class MaintenanceDialog {
   #time = h("input", { id: "maintenance-time", type: "datetime-local", step: 1, required: true });
   #by = h("input", { id: "maintenance-by", autocomplete: "name", maxlength: 200, required: true });
   #comment = h("textarea", { id: "maintenance-comment", rows: 2, maxlength: 2000, placeholder: "for example the serial number of the new pair" });
+  #inspection = new InspectionFields();
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Save");
   element;
@@ -21,7 +23,7 @@ export class MaintenanceDialog {
   constructor(assetId) {
     this.#id = assetId;
     const kinds = Object.entries(MAINTENANCE).map(([kind, { word, words }], n) =>
-      h("label", {}, h("input", { type: "radio", name: "maintenance-kind", value: kind, checked: n === 0 }), h("strong", {}, word), h("span", { class: "muted" }, words)),
+      h("label", {}, h("input", { type: "radio", name: "maintenance-kind", value: kind, checked: n === 0, onchange: () => this.#inspection.show(kind === "inspected") }), h("strong", {}, word), h("span", { class: "muted" }, words)),
     );
     const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
     const close = h("button", { type: "button", class: "quiet", onclick: () => this.element.close() }, "Close");
@@ -29,6 +31,7 @@ export class MaintenanceDialog {
       "form",
       { onsubmit: (event) => this.#submit(event) },
       h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "What was done"), kinds),
+      this.#inspection.element,
       h("div", { class: "fields" }, field(this.#time, "When, UTC"), field(this.#by, "By whom")),
       field(this.#comment, "Comment"),
       h("div", { class: "form-buttons" }, this.#save, h("span", { class: "muted" }, "It counts from the first record at that time or later; one in the past has the history estimated again.")),
@@ -48,13 +51,16 @@ export class MaintenanceDialog {
   async #submit(event) {
     event.preventDefault();
     const kind = this.element.querySelector("[name=maintenance-kind]:checked").value;
+    const inspection = kind === "inspected" ? this.#inspection.value() : undefined;
+    if (inspection === null) return;
     const [by, comment] = [this.#by.value.trim(), this.#comment.value.trim()];
     keepName(by);
     this.#save.disabled = true;
     try {
       const time = new Date(`${this.#time.value}Z`).toISOString();
-      await api.tellMaintenance(this.#id, { time, kind, by, comment });
+      await api.tellMaintenance(this.#id, { time, kind, by, comment, inspection });
       this.#comment.value = "";
+      this.#inspection.clear();
       this.element.close();
       changed();
     } catch (error) {

@@ -3,7 +3,7 @@
 import { h } from "./dom.js";
 import { depth, featureName, number, utc } from "./format.js";
 import { format } from "./route.js";
-import { wearState } from "./state.js";
+import { depthWords, transmissionWords, wearState } from "./state.js";
 import { badge } from "./symbols.js";
 
 function fact(term, ...words) {
@@ -21,6 +21,11 @@ function disagreement({ features }) {
     return outside / Math.max(row.scatter_db, 0.5);
   };
   return { used, odd: used.map((row) => ({ row, distance: distance(row) })).filter(({ distance: size }) => size > 3).sort((a, b) => b.distance - a.distance) };
+}
+
+function wearFacts(wear) {
+  const [depths, error] = [depthWords(wear), transmissionWords(wear)];
+  return [fact("Wear depth", depths.number, small(depths.interval)), error && fact("Transmission error due to wear", error.number, small(error.interval))];
 }
 
 function agreementFact(match) {
@@ -79,7 +84,7 @@ export function matchWords(segment, match, asset, query) {
     h(
       "dl",
       { class: "facts" },
-      fact("Wear depth, median", `${depth(match.wear_um)} µm`, small(`5 to 95 %: ${depth(match.interval_um[0])} to ${depth(match.interval_um[1])} µm`)),
+      ...wearFacts(wear).filter(Boolean),
       agreementFact(match),
       identifiableFact(match, wear),
       noveltyFact(wear, segment.sample_rate_hz),

@@ -155,6 +155,7 @@ const SWATCHES = {
   octagon: (colour) => svg("path", { d: "M9.500 1.500h5L18 5v4l-3.500 3.500h-5L6 9V5z", fill: colour }),
   square: (colour) => svg("rect", { x: 7, y: 2, width: 10, height: 10, fill: colour }),
   circle: (colour) => svg("circle", { cx: 12, cy: 7, r: 4.5, fill: "none", stroke: colour, "stroke-width": 2 }),
+  filled: (colour) => svg("path", { d: "M12 1l6 6-6 6-6-6z", fill: colour }),
   diamond: (colour) => svg("path", { d: "M12 2l5 5-5 5-5-5z", fill: "none", stroke: colour, "stroke-width": 2 }),
 };
 

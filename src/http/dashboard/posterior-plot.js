@@ -2,7 +2,6 @@
 
 import { depth } from "./format.js";
 import { palette, verticalLine } from "./plots.js";
-import { atEnd } from "./state.js";
 
 /** Probabilities of grid cells as a density, so that the grid's step does not change the picture. */
 function density({ wear_um: x, probability }) {
@@ -49,7 +48,7 @@ export function posteriorDrawing(wear, limits, reference, revision) {
     ],
     legend: entries,
     table: () => [["wear_um", x], ["probability", wear.posterior.probability]],
-    sub: `What this record and those before it say about the wear depth; the area under the curve is 1.${atEnd(wear) ? ` The library ends at ${depth(x.at(-1))} µm: the wear may be deeper.` : ""}`,
+    sub: `What this record and those before it say about the wear depth; the area under the curve is 1.${wear.at_least_um != null ? ` The library ends at ${depth(x.at(-1))} µm: the wear may be deeper.` : ""}`,
     summary: `Posterior over wear depth: median ${depth(median)} µm, 5 to 95 % interval ${depth(low)} to ${depth(high)} µm.`,
     layout: {
       uirevision: revision,

@@ -2,6 +2,7 @@
 
 import { h } from "./dom.js";
 import { absence, count, hertz, indicatorName, number, span, unit, utc } from "./format.js";
+import { depthWords, transmissionWords } from "./state.js";
 
 const SHOWN = ["rms", "peak", "crest_factor", "kurtosis", "omx"];
 const UNITLESS = ["kurtosis", "crest_factor"];
@@ -30,10 +31,20 @@ function fact(name, segment, pinned) {
   return h("div", { class: "fact" }, h("dt", {}, indicatorName(name)), h("dd", {}, amount(name, segment), compared));
 }
 
-/** The record's main indicators; under each that of the pinned record and how many times as large it is now. */
+function wearFact(term, words) {
+  return words && h("div", { class: "fact wear-fact" }, h("dt", {}, term), h("dd", {}, words.number, h("span", { class: "muted" }, words.interval)));
+}
+
+/** What was known of the wear after the record. */
+function wearFacts({ wear }) {
+  if (wear?.median_um == null) return [];
+  return [wearFact("Wear depth", depthWords(wear)), wearFact("Transmission error due to wear", transmissionWords(wear))].filter(Boolean);
+}
+
+/** The record's wear and main indicators; under each indicator that of the pinned record and how many times as large it is now. */
 export function recordFacts(segment, pinned) {
   const { indicators = {}, absent = {} } = segment;
-  return SHOWN.filter((name) => name in indicators || name in absent).map((name) => fact(name, segment, pinned));
+  return [...wearFacts(segment), ...SHOWN.filter((name) => name in indicators || name in absent).map((name) => fact(name, segment, pinned))];
 }
 
 /** When the pinned record was taken. */

@@ -52,7 +52,7 @@ export const GROUPS = [
       { path: "gear.pair.geometry.bore_radius_mm.0", label: "Bore radius, driving", unit: "mm" },
       { path: "gear.pair.geometry.bore_radius_mm.1", label: "Bore radius, driven", unit: "mm" },
       { path: "gear.pair.operation.torque_nm", label: "Torque on the driving gear", unit: "N·m" },
-      { path: "gear.wear_shape_known", label: "The shape of the wear was measured", kind: "check" },
+      { path: "gear.pair.wear.measured", label: "The shape of the wear was measured", kind: "check" },
     ],
   },
 ];

@@ -63,9 +63,17 @@ export function limitUse(wear, limits) {
   return limit == null ? null : { limit, name: limits.danger_um != null ? "danger" : "warning", share: wear.median_um / limit };
 }
 
-/** Whether the interval reaches the end of what the library holds, so that the wear may be deeper. */
-export function atEnd({ posterior, p95_um: high }) {
-  return posterior != null && high >= posterior.wear_um.at(-1) - 0.5;
+/** Wear and its interval in words: a median, or the least depth where the interval reaches the end of what the library holds. */
+export function depthWords({ status, at_least_um: least, median_um: median, p05_um: low, p95_um: high }) {
+  if (least != null && status === "estimated") return { number: `at least ${depth(least)} µm`, interval: `with 95 % probability; median ${depth(median)} µm` };
+  return { number: `${depth(median)} µm`, interval: `5 to 95 %: ${depth(low)} to ${depth(high)} µm` };
+}
+
+/** What the wear adds to the transmission error, in words; null where it is not known. */
+export function transmissionWords({ transmission_error_um: error }) {
+  if (!error) return null;
+  const um = (value) => (value < 0.05 ? "0" : number(value, 2));
+  return { number: `${um(error.median)} µm`, interval: `5 to 95 %: ${um(error.p05)} to ${um(error.p95)} µm` };
 }
 
 /** One or two sentences that say what is known of the wear and what to do with it. */
@@ -84,10 +92,15 @@ export function sentence(wear, limits, hasPair = true) {
   if (wear.status === "outside_library") return unexplained(wear);
   if (wear.status === "not_identifiable") return `The records do not tell how worn the gear is: ${wear.reason}.`;
   const { p05_um: low, p95_um: high } = wear;
-  const certain = atEnd(wear)
-    ? `With 95 % probability the greatest wear depth is above ${depth(low)} µm; it may be more than the ${depth(high)} µm where the library ends.`
+  const certain = wear.at_least_um != null
+    ? `With 95 % probability the greatest wear depth is at least ${depth(wear.at_least_um)} µm; it may be more than the ${depth(high)} µm where the library ends.`
     : `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
-  return `${certain} ${outlook(wear, limits)}`.trim();
+  return `${certain} ${transmissionSentence(wear)}${outlook(wear, limits)}`.trim();
+}
+
+function transmissionSentence(wear) {
+  const words = transmissionWords(wear);
+  return words ? `The transmission error due to wear is ${words.number} (${words.interval}). ` : "";
 }
 
 function outlook(wear, limits) {

@@ -2,6 +2,7 @@
 
 import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
+import { inspectionMarks } from "./inspection.js";
 import { eventMarks, wordsAt } from "./life-events.js";
 import { palette, recordPoints, timeAxis, timeMargin, verticalLine } from "./plots.js";
 
@@ -49,6 +50,12 @@ export function withoutEstimate(items, hasPair) {
   return none ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.` : null;
 }
 
+/** What happened but for inspections, which are points of this plot instead of lines over it. */
+function withoutInspections(events) {
+  const { maintenance } = events;
+  return maintenance instanceof Error ? events : { ...events, maintenance: { items: maintenance.items.filter(({ inspection }) => !inspection) } };
+}
+
 function baselineZone(items, colour) {
   const collecting = items.filter((item) => item.status === "collecting_baseline");
   if (collecting.length < 2) return null;
@@ -62,9 +69,19 @@ function baselineZone(items, colour) {
   return { shape, annotation };
 }
 
-/** The time range of the plots over an asset's life, with room for the forecast; undefined where the records alone say it. */
+const ROOM = 0.02; // of the range, beside the first and the last record
+
+/** From the first to the last record. Said and not left to Plotly, which loses all points where a forecast and its range go. */
+function rangeOf(items) {
+  const [first, last] = [Date.parse(items[0].start_time), Date.parse(items.at(-1).start_time)];
+  const room = Math.max(ROOM * (last - first), 500);
+  return [first - room, last + room].map((time) => new Date(time).toISOString());
+}
+
+/** The time range of the plots over an asset's life, with room for the forecast; undefined without records. */
 export function timeRange(history, latest) {
-  return history instanceof Error || history.items.length === 0 ? undefined : forecastOf(history.items, latest, palette())?.range;
+  if (history instanceof Error || history.items.length === 0) return undefined;
+  return forecastOf(history.items, latest, palette())?.range ?? rangeOf(history.items);
 }
 
 /** The range of an address's `time`, or null. */
@@ -121,12 +138,17 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
     traces.push(...forecast.traces);
     entries.push(["dash", colour.series[1], forecast.words]);
   }
-  const happened = eventMarks(events, colour, items);
+  const whole = forecast?.range ?? rangeOf(items);
+  const inspected = inspectionMarks(events, colour, whole);
+  traces.push(...inspected.traces);
+  annotations.push(...inspected.annotations);
+  entries.push(...inspected.entries);
+  const happened = eventMarks(withoutInspections(events), colour, items);
   shapes.push(...happened.shapes);
   annotations.push(...happened.annotations);
   entries.push(...happened.entries);
   if (selected) shapes.push(verticalLine(selected, colour.select, "solid", 2));
-  const range = zoomed ?? forecast?.range;
+  const range = zoomed ?? whole;
   const last = items.findLast((item) => item.median_um != null);
   const now = last ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm` : "no estimate yet";
   return {
@@ -139,7 +161,7 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
       uirevision: revision,
       hovermode: "x unified",
       hoverdistance: -1,
-      xaxis: range ? { ...timeAxis, range } : timeAxis,
+      xaxis: { ...timeAxis, range },
       margin: { ...timeMargin, t: timeMargin.t + happened.top },
       yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false },
       shapes,

@@ -99,6 +99,7 @@ mod tests {
             kind: MaintenanceKind::GearReplaced,
             by: String::new(),
             comment: String::new(),
+            inspection: None,
         }
     }
 

@@ -25,6 +25,7 @@ mod summary;
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
+use std::time::Duration;
 
 use bytes::Bytes;
 use jiff::Timestamp;
@@ -33,7 +34,8 @@ use super::clock::Clock;
 use super::error::ServiceError;
 use super::raw::{RawObjects, UncommittedObjects};
 use super::record::{
-    IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, decode_upload, identify_upload, known_to_all, raw_bytes,
+    ChannelUnits, IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, check_time, decode_upload, identify_upload,
+    known_to_all, raw_bytes,
 };
 use super::sensor_group::{SensorGroup, described};
 use super::simulations::Simulations;
@@ -41,7 +43,7 @@ use super::tally::{Outcome, Tally};
 use super::work_queue::{QueuedRecord, Role, WorkQueue};
 use super::workers::{Ticket, Workers, detached};
 use crate::asset::{AssetId, AssetSpec, Segment, SegmentId};
-use crate::store::{NewSegment, Store, StoreError};
+use crate::store::{NewSegment, RecordNote, Store, StoreError};
 use commit::CommittedSegment;
 pub(crate) use commit::{Committer, Waiting};
 pub(crate) use read_ahead::{ReadBatch, RecordStream};
@@ -81,6 +83,8 @@ pub struct Pipeline {
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) role: Role,
     pub(crate) tally: Arc<Tally>,
+    /// How far a record's time may be ahead of the clock.
+    pub(crate) start_time_ahead: Duration,
 }
 
 /// Records whose raw bytes are on the disk, those stored before apart: what is left is their commit, or the
@@ -106,9 +110,9 @@ struct AnalysedBatch {
     raw: UncommittedObjects,
 }
 
-/// The raw bytes of records, by their names.
+/// The raw bytes of records, by their names, with what makes records of them.
 enum RawBytes {
-    New(Vec<(String, Bytes)>),
+    New(Vec<(String, Bytes)>, Vec<RecordNote>),
     Stored,
 }
 
@@ -147,11 +151,13 @@ impl Pipeline {
     ) -> Result<Vec<Accepted>, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
         let received_at = self.clock.now();
+        let (units, latest) = (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
         let records = {
             let (spec, bytes) = (group.asset.spec.clone(), bytes.clone());
             let decode_and_identify = move || {
-                let records = decode_upload(&spec, format, &bytes, &metadata, received_at)?;
-                identify_upload(&spec.id, format, &bytes, records, metadata.reference_wear_um)
+                let records = decode_upload(&spec, &units, format, &bytes, &metadata, received_at)?;
+                records.iter().try_for_each(|record| check_time(record.start_time(), latest))?;
+                identify_upload(&spec.id, units, format, &bytes, records, metadata.reference_wear_um)
             };
             self.workers.run("decode a record", decode_and_identify).await??
         };
@@ -160,6 +166,11 @@ impl Pipeline {
         let mut accepted = self.finish(batch).await?;
         accepted.sort_by_key(Accepted::channel_index);
         Ok(accepted)
+    }
+
+    /// The latest time that a record may be of which is received at a time.
+    fn latest(&self, received_at: Timestamp) -> Timestamp {
+        received_at.saturating_add(self.start_time_ahead).unwrap_or(Timestamp::MAX)
     }
 
     /// Takes a record of the queue, from the analysis on; none where its asset was removed. A repeat changes
@@ -207,23 +218,31 @@ impl Pipeline {
     ) -> Result<Batch, ServiceError> {
         let stored = known_to_all(&self.store, &records, &group.members).await?;
         let stored: HashMap<&SegmentId, &Segment> = stored.iter().map(|segment| (&segment.id, segment)).collect();
-        let known = records
+        let known: Vec<Segment> = records
             .iter()
             .filter_map(|record| stored.get(&record.id))
             .map(|segment| Segment::clone(segment))
             .collect();
+        if !known.is_empty() {
+            self.raw.mend(&known, &raws).await?;
+        }
         records.retain(|record| !stored.contains_key(&record.id));
         let names: HashSet<&str> = records.iter().map(|record| record.raw.sha256.as_str()).collect();
         raws.retain(|(name, _)| names.contains(name.as_str()));
         let rest = if records.is_empty() {
             Rest::Nothing
         } else if let Role::ApiNode(queue) = &self.role {
-            self.raw.put(raws).await?;
-            Rest::Enqueue(Arc::clone(queue), self.queued(&group, &records, received_at).await?)
+            let queued = self.queued(&group, &records, received_at).await?;
+            self.raw.put(raws, queued.iter().map(RecordNote::from).collect()).await?;
+            Rest::Enqueue(Arc::clone(queue), queued)
         } else {
             // Before anything is stored: a record that has to come again leaves nothing behind.
             self.simulations.wait_for_all(group.specs()).await?;
-            self.analyse(group.asset.spec, records, RawBytes::New(raws), received_at).await?
+            let notes = records
+                .iter()
+                .map(|record| RecordNote::from(&record.queued(&group.asset, received_at, 0)));
+            let raws = RawBytes::New(raws, notes.collect());
+            self.analyse(group.asset.spec, records, raws, received_at).await?
         };
         Ok(Batch { known, rest })
     }
@@ -236,13 +255,13 @@ impl Pipeline {
         raws: RawBytes,
         received_at: Timestamp,
     ) -> Result<Rest, ServiceError> {
-        let raws = match raws {
-            RawBytes::New(raws) => raws,
-            RawBytes::Stored => Vec::new(),
+        let (raws, notes) = match raws {
+            RawBytes::New(raws, notes) => (raws, notes),
+            RawBytes::Stored => (Vec::new(), Vec::new()),
         };
         let raw = self.raw.uncommitted(raws.iter().map(|(name, _)| name.clone()).collect()).await;
         let objects = Arc::clone(&self.raw);
-        let put = tokio::spawn(async move { if raws.is_empty() { Ok(()) } else { objects.put(raws).await } });
+        let put = tokio::spawn(async move { if raws.is_empty() { Ok(()) } else { objects.put(raws, notes).await } });
         let records = Arc::new(records);
         let segments = analyse_all(&self.workers, &spec, &records, received_at).await;
         put.await.map_err(|_| ServiceError::WorkerLost("store raw bytes"))??;

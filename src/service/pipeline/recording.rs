@@ -12,7 +12,7 @@ use super::{Accepted, Batch, Pipeline};
 use crate::asset::AssetId;
 use crate::recording::McapReader;
 use crate::service::error::ServiceError;
-use crate::service::record::{defaults_of, identify_recorded};
+use crate::service::record::{ChannelUnits, check_time, defaults_of, identify_recorded};
 use crate::service::sensor_group::SensorGroup;
 use crate::service::tally::Outcome;
 
@@ -37,7 +37,8 @@ impl Pipeline {
     ) -> Result<BatchSummary, ServiceError> {
         let _turn = self.workers.admit_recording()?;
         let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
-        let defaults = defaults_of(&spec, self.clock.now());
+        let units = ChannelUnits::of(&self.store, &spec).await?;
+        let defaults = defaults_of(&spec, &units, self.clock.now());
         let mut records = RecordStream::spawn(self.workers.recording_bytes(), move || {
             Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults))
         });
@@ -83,10 +84,24 @@ impl Pipeline {
         let ReadBatch { records, room } = read;
         let group = SensorGroup::of(&self.store, asset).await?;
         let received_at = self.clock.now();
+        let (mut units, latest) = (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
+        for (_, recorded) in &records {
+            if let Ok(recorded) = recorded {
+                units.note_first(&recorded.record);
+            }
+        }
         let identified = {
             let asset = asset.clone();
             let identify = move || {
-                let identified = records.into_par_iter().map(|(n, record)| (n, identify_recorded(&asset, record)));
+                let identify = |record| {
+                    let identified = identify_recorded(&asset, &units, record)?;
+                    let record = &identified.0.record;
+                    match check_time(record.start_time(), latest) {
+                        Ok(()) => Ok(identified),
+                        Err(error) => Err((Some(record.channel().to_owned()), error)),
+                    }
+                };
+                let identified = records.into_par_iter().map(|(n, record)| (n, identify(record)));
                 identified.collect::<Vec<_>>()
             };
             self.workers.run("identify records", identify).await?

@@ -48,6 +48,9 @@ impl Retention {
     }
 
     async fn apply(&self) -> Result<(), ServiceError> {
+        if self.store.check_marks().await?.is_some() {
+            return Ok(());
+        }
         if let Some(quota) = self.quotas.bytes_per_asset {
             for (asset, bytes) in self.store.raw_volumes().await? {
                 let Ok(asset) = AssetId::new(asset) else { continue };

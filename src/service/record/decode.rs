@@ -2,6 +2,7 @@
 
 use jiff::Timestamp;
 
+use super::channel_units::ChannelUnits;
 use crate::asset::AssetSpec;
 use crate::recording::{BlockEncoding, RawLayout, RecordDefaults, RecordingError, decode_block, decode_raw, decode_wav};
 use crate::service::error::ServiceError;
@@ -52,6 +53,7 @@ impl RecordFormat {
     /// The format of a media type: without parameters, or one of bare samples as
     /// [`media_type`](Self::media_type) wrote it.
     pub fn from_media_type(media_type: &str) -> Option<Self> {
+        let (media_type, _) = without_unit(media_type);
         match media_type {
             "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => Some(Self::Wav),
             "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
@@ -78,13 +80,32 @@ impl RecordFormat {
     }
 }
 
+/// Goes before the unit of the samples in a stored media type, where records are in another one.
+const UNIT: &str = "; unit=";
+
+/// A stored media type with the unit that the samples came in.
+pub(crate) fn with_unit(media_type: String, unit: Option<&str>) -> String {
+    match unit {
+        Some(unit) => media_type + UNIT + unit,
+        None => media_type,
+    }
+}
+
+/// A stored media type, and the unit that the samples came in where records are in another one.
+pub(crate) fn without_unit(media_type: &str) -> (&str, Option<&str>) {
+    match media_type.split_once(UNIT) {
+        Some((media_type, unit)) => (media_type, Some(unit)),
+        None => (media_type, None),
+    }
+}
+
 /// What holds for an asset's records where they do not say.
-pub(crate) fn defaults_of(spec: &AssetSpec, start_time: Timestamp) -> RecordDefaults {
+pub(crate) fn defaults_of(spec: &AssetSpec, units: &ChannelUnits, start_time: Timestamp) -> RecordDefaults {
     RecordDefaults {
         channel: spec.sensor.channel.clone(),
         start_time,
         unit: spec.sensor.unit.clone(),
-        channel_units: spec.channel_units(),
+        channel_units: units.by_channel().collect(),
         ..RecordDefaults::default()
     }
 }
@@ -92,6 +113,7 @@ pub(crate) fn defaults_of(spec: &AssetSpec, start_time: Timestamp) -> RecordDefa
 /// The records of an upload, in the order of their channels.
 pub(crate) fn decode_upload(
     spec: &AssetSpec,
+    units: &ChannelUnits,
     format: RecordFormat,
     bytes: &[u8],
     metadata: &UploadMetadata,
@@ -101,7 +123,7 @@ pub(crate) fn decode_upload(
         channel: metadata.channel.clone(),
         channel_names: metadata.channel_names.clone(),
         operating_point: metadata.operating_point,
-        ..defaults_of(spec, metadata.start_time.unwrap_or(received_at))
+        ..defaults_of(spec, units, metadata.start_time.unwrap_or(received_at))
     };
     if metadata.unit.is_some() {
         defaults.unit.clone_from(&metadata.unit);

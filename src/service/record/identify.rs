@@ -6,13 +6,17 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::decode::RecordFormat;
+use super::channel_units::ChannelUnits;
+use super::decode::{RecordFormat, with_unit};
 use crate::asset::{AssetId, AssetSpec, RawReference, Segment, SegmentId};
 use crate::recording::{Recorded, RecordingError};
 use crate::service::error::ServiceError;
 use crate::service::work_queue::QueuedRecord;
 use crate::signal::Record;
 use crate::store::{Asset, Objects, Store};
+
+/// Longest unit taken, in bytes.
+const MAX_UNIT_BYTES: usize = 64;
 
 /// A record with its identifier and its raw bytes' name, before anything is stored.
 pub(crate) struct IdentifiedRecord {
@@ -109,9 +113,7 @@ fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceE
         let expected = "a name of 1 to 200 bytes without control characters";
         return refuse("channel", format!("{channel:?}"), expected);
     }
-    if record.unit().contains('\0') {
-        return refuse("unit", format!("{:?}", record.unit()), "a text without NUL characters");
-    }
+    check_unit(record)?;
     if i64::try_from(record.start_time().as_nanosecond()).is_err() {
         let expected = "a time from 1677-09-21 to 2262-04-11";
         return refuse("start_time", record.start_time().to_string(), expected);
@@ -122,9 +124,35 @@ fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceE
     }
 }
 
+fn check_unit(record: &Record) -> Result<(), ServiceError> {
+    let unit = record.unit();
+    if unit.is_empty() || unit.len() > MAX_UNIT_BYTES || unit.chars().any(char::is_control) {
+        return Err(ServiceError::Field {
+            field: "unit",
+            value: format!("{:?}", unit.chars().take(MAX_UNIT_BYTES).collect::<String>()),
+            expected: "1 to 64 bytes without control characters",
+        });
+    }
+    Ok(())
+}
+
+/// Refuses a record that says to be of a time so far ahead that somebody's clock must be wrong: every later one would be a
+/// late record.
+pub(crate) fn check_time(start_time: Timestamp, latest: Timestamp) -> Result<(), ServiceError> {
+    if start_time <= latest {
+        return Ok(());
+    }
+    Err(ServiceError::Field {
+        field: "start_time",
+        value: start_time.to_string(),
+        expected: "a time no further ahead of the service's clock than limits.start_time_ahead_s",
+    })
+}
+
 /// Identifies the records that the bytes of one upload hold, one for each channel.
 pub(crate) fn identify_upload(
     asset: &AssetId,
+    mut units: ChannelUnits,
     format: RecordFormat,
     bytes: &[u8],
     records: Vec<Record>,
@@ -132,10 +160,13 @@ pub(crate) fn identify_upload(
 ) -> Result<Vec<IdentifiedRecord>, ServiceError> {
     let sha256 = Objects::name(bytes);
     let identified = (0..).zip(records).map(|(channel_index, record)| {
+        check_unit(&record)?;
+        units.note_first(&record);
+        let (record, came_in) = units.fix(record)?;
         let raw = RawReference {
             sha256: sha256.clone(),
             bytes: bytes.len() as u64,
-            media_type: format.media_type(),
+            media_type: with_unit(format.media_type(), came_in.as_deref()),
             channel_index,
         };
         IdentifiedRecord::new(asset, record, raw, reference_wear_um)
@@ -147,16 +178,18 @@ pub(crate) fn identify_upload(
 pub(crate) type IdentifiedOrRefused = Result<(IdentifiedRecord, Vec<u8>), (Option<String>, ServiceError)>;
 
 /// Identifies one record of a recording of many.
-pub(crate) fn identify_recorded(asset: &AssetId, record: Result<Recorded, RecordingError>) -> IdentifiedOrRefused {
+pub(crate) fn identify_recorded(asset: &AssetId, units: &ChannelUnits, record: Result<Recorded, RecordingError>) -> IdentifiedOrRefused {
     let recorded = record.map_err(|error| (None, error.into()))?;
     let channel = recorded.record.channel().to_string();
+    let fixed = check_unit(&recorded.record).and_then(|()| units.fix(recorded.record));
+    let (record, came_in) = fixed.map_err(|error| (Some(channel.clone()), error))?;
     let raw = RawReference {
         sha256: Objects::name(&recorded.raw),
         bytes: recorded.raw.len() as u64,
-        media_type: RecordFormat::of_block(recorded.encoding).media_type(),
+        media_type: with_unit(RecordFormat::of_block(recorded.encoding).media_type(), came_in.as_deref()),
         channel_index: 0,
     };
-    match IdentifiedRecord::new(asset, recorded.record, raw, recorded.reference_wear_um) {
+    match IdentifiedRecord::new(asset, record, raw, recorded.reference_wear_um) {
         Ok(identified) => Ok((identified, recorded.raw)),
         Err(error) => Err((Some(channel), error)),
     }

@@ -1,13 +1,15 @@
 //! One record: decoded, identified, analysed; and read again from its raw bytes once it is stored.
 
 mod analyse;
+mod channel_units;
 mod decode;
 mod identify;
 mod stored;
 
 pub(crate) use analyse::{analyse, analyse_all};
+pub(crate) use channel_units::ChannelUnits;
 pub use decode::{RecordFormat, UploadMetadata};
 pub(crate) use decode::{decode_upload, defaults_of};
-pub(crate) use identify::{IdentifiedRecord, identify_recorded, identify_upload, known_to_all};
+pub(crate) use identify::{IdentifiedRecord, check_time, identify_recorded, identify_upload, known_to_all};
 pub use stored::{BandChoice, SegmentEnvelope, StoredRecords};
 pub(crate) use stored::{StoredRecord, raw_bytes};

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use bytes::Bytes;
 use jiff::Timestamp;
 
-use super::decode::RecordFormat;
+use super::decode::{RecordFormat, without_unit};
 use crate::asset::{RawReference, Segment};
-use crate::recording::RecordDefaults;
+use crate::recording::{RecordDefaults, RecordingError};
 use crate::service::error::ServiceError;
 use crate::service::sensor_group::described;
 use crate::service::work_queue::QueuedRecord;
@@ -54,19 +54,21 @@ impl StoredRecord {
     pub(crate) fn decode(&self, bytes: &[u8]) -> Result<Record, ServiceError> {
         let unexpected = |what, value, expected| StoreError::Unexpected { what, value, expected };
         let media_type = &self.raw.media_type;
+        let (_, came_in) = without_unit(media_type);
         let format = RecordFormat::from_media_type(media_type)
             .ok_or_else(|| unexpected("raw_media_type", media_type.clone(), "a media type of one record"))?;
         let defaults = RecordDefaults {
             channel: Some(self.channel.clone()),
             start_time: self.start_time,
-            unit: Some(self.unit.clone()),
+            unit: Some(came_in.unwrap_or(&self.unit).to_owned()),
             operating_point: self.operating_point,
             ..RecordDefaults::default()
         };
         let index = self.raw.channel_index;
         let record = format.decode(bytes, &defaults)?.into_iter().nth(index as usize);
         let record = record.ok_or_else(|| unexpected("raw_channel_index", index.to_string(), "a channel of the recording"))?;
-        Ok(record.with_channel(&self.channel))
+        let record = record.with_channel(&self.channel).in_unit(&self.unit);
+        Ok(record.map_err(RecordingError::from)?)
     }
 }
 

@@ -14,7 +14,7 @@ use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::Announcer;
 use super::pipeline::{Pipeline, RecordStream};
-use super::record::defaults_of;
+use super::record::{ChannelUnits, defaults_of};
 use super::replay::{Replay, ReplayRequest, ReplayState};
 use super::sensor_group::SensorGroup;
 use super::work_queue::Role;
@@ -101,22 +101,23 @@ impl Replays {
     }
 
     /// What a replay needs: the asset's description, the recording, the right to read it.
-    async fn find(&self, asset: &AssetId, file: &str) -> Result<(AssetSpec, PathBuf, OwnedSemaphorePermit), ServiceError> {
+    async fn find(&self, asset: &AssetId, file: &str) -> Result<(AssetSpec, ChannelUnits, PathBuf, OwnedSemaphorePermit), ServiceError> {
         let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
         let path = folder::find(&self.folder, file)?;
-        Ok((spec, path, self.workers.admit_recording()?))
+        let units = ChannelUnits::of(&self.store, &spec).await?;
+        Ok((spec, units, path, self.workers.admit_recording()?))
     }
 
     fn run_in_background(
         &self,
         number: u64,
         replay: Replay,
-        (spec, path, turn): (AssetSpec, PathBuf, OwnedSemaphorePermit),
+        (spec, units, path, turn): (AssetSpec, ChannelUnits, PathBuf, OwnedSemaphorePermit),
     ) -> Arc<Replay> {
         let (stop, stopped) = watch::channel(false);
         let first = Arc::new(replay.clone());
         self.list.insert_running(number, Arc::clone(&first), stop);
-        let defaults = defaults_of(&spec, replay.started_at);
+        let defaults = defaults_of(&spec, &units, replay.started_at);
         let done = usize::try_from(replay.records_done).unwrap_or(usize::MAX);
         let records = RecordStream::spawn(self.workers.recording_bytes(), move || {
             Ok(RecordingFile::open(&path, defaults, None)?.skip(done))

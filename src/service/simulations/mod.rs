@@ -12,8 +12,8 @@ use super::error::ServiceError;
 use super::keys::{analysis_keys, fold_key};
 use super::sensor_group::described;
 use crate::asset::{AssetId, AssetSpec};
-use crate::estimate::{ChannelEstimator, EstimatorSettings, shape_deviation};
-use crate::library::{Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, library_id};
+use crate::estimate::{ChannelEstimator, EstimatorSettings};
+use crate::library::{Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, ensemble_id, library_id};
 use crate::store::{Asset, Store};
 pub(crate) use source::LibrarySource;
 
@@ -66,6 +66,7 @@ pub(crate) struct KeyedEstimator {
 /// The libraries in use.
 pub struct Simulations {
     source: LibrarySource,
+    /// For module 6 mm; each pair's own is [`GridSettings::for_pair`].
     grid: GridSettings,
     wait: Duration,
     /// By library id.
@@ -124,7 +125,8 @@ impl Simulations {
 
     fn ask(&self, spec: &AssetSpec, again: bool) -> Option<(String, watch::Receiver<Readiness>)> {
         let pair = spec.gear.pair.clone()?;
-        let id = library_id(&pair, &self.grid);
+        let grid = self.grid.for_pair(&pair);
+        let id = library_id(&pair, &grid);
         let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(progress) = asked.get(&id)
             && !(again && matches!(*progress.borrow(), Readiness::Failed(_)))
@@ -133,7 +135,7 @@ impl Simulations {
         }
         let (sender, receiver) = watch::channel(Readiness::Building { done: 0, total: 0 });
         asked.insert(id.clone(), receiver.clone());
-        let (source, grid, building) = (self.source.clone(), self.grid.clone(), Arc::clone(&self.building));
+        let (source, building) = (self.source.clone(), Arc::clone(&self.building));
         let (neighbours, ensembles, complete) = (self.neighbours, Arc::clone(&self.ensembles), self.complete.clone());
         let built_id = id.clone();
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the
@@ -154,25 +156,29 @@ impl Simulations {
                 }
             };
             tracing::info!(library = %built_id, "library ready");
-            sender.send_replace(Readiness::Ready(Arc::clone(&library)));
-            if neighbours.libraries() == 1 {
+            let keep = |ensemble: Ensemble| {
+                let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
+                ensembles.insert(built_id.clone(), Arc::new(ensemble));
+            };
+            let alone = || Ensemble::of(Arc::clone(&library));
+            if neighbours.members == 0 {
+                sender.send_replace(Readiness::Ready(library));
                 return;
             }
-            // Records need not wait for the neighbours: when they are there, histories are folded again with
-            // them.
-            let ensemble = match source.ensemble(Arc::clone(&library), &neighbours) {
+            // Records wait for the first members alone: when the rest are there, histories are folded again with them.
+            let first = source.ensemble(&alone(), &neighbours.first()).unwrap_or_else(|error| {
+                tracing::error!(library = %built_id, %error, "failed to simulate the first members of the ensemble");
+                alone()
+            });
+            keep(first.clone());
+            sender.send_replace(Readiness::Ready(Arc::clone(&library)));
+            match source.ensemble(&first, &neighbours) {
                 Ok(ensemble) => {
-                    tracing::info!(library = %built_id, members = ensemble.members().len(), "simulated the library's neighbours");
-                    ensemble
+                    tracing::info!(library = %built_id, members = ensemble.members().len(), "ensemble ready");
+                    keep(ensemble);
                 }
-                Err(error) => {
-                    tracing::error!(library = %built_id, %error, "failed to simulate the library's neighbours");
-                    Ensemble::of(library)
-                }
-            };
-            let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-            ensembles.insert(built_id.clone(), Arc::new(ensemble));
-            drop(ensembles);
+                Err(error) => tracing::error!(library = %built_id, %error, "failed to simulate the ensemble"),
+            }
             // Nobody is told where the service has ended meanwhile.
             let _ = complete.send(built_id);
         };
@@ -228,7 +234,7 @@ impl Simulations {
 
     /// The identifier of an asset's library; none where it describes no gear pair.
     pub(crate) fn id_for(&self, spec: &AssetSpec) -> Option<String> {
-        spec.gear.pair.as_ref().map(|pair| library_id(pair, &self.grid))
+        spec.gear.pair.as_ref().map(|pair| library_id(pair, &self.grid.for_pair(pair)))
     }
 
     /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded
@@ -236,7 +242,8 @@ impl Simulations {
     pub(crate) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
         let Some(id) = self.id_for(spec) else { return false };
         let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-        self.neighbours.libraries() > 1 && !ensembles.contains_key(&id)
+        let whole = ensemble_id(&id, &self.neighbours);
+        self.neighbours.members > 0 && ensembles.get(&id).is_none_or(|ensemble| ensemble.id() != whole)
     }
 
     /// The estimator of a fold key, where it was in use since the start.
@@ -249,7 +256,6 @@ impl Simulations {
         let settings = EstimatorSettings {
             baseline_records: spec.baseline.records,
             limit_um: spec.limits.danger_um.or(spec.limits.warning_um),
-            shape_deviation: shape_deviation(spec.gear.wear_shape_known),
         };
         let feature_key = analysis_keys(spec).feature;
         let rules = spec.alarm_rules();

@@ -8,7 +8,8 @@ use tokio::runtime::Handle;
 
 use crate::gear::PairSpec;
 use crate::library::{
-    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, decode, encode, library_id,
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, decode, decode_ensemble, encode,
+    encode_ensemble, ensemble_id, library_id,
 };
 use crate::service::clock::Clock;
 use crate::store::{Store, StoreError};
@@ -62,27 +63,37 @@ impl LibrarySource {
         grid: &GridSettings,
         progress: &(dyn Fn(usize, usize) + Sync),
     ) -> Result<Arc<Library>, LibraryError> {
-        self.on(&self.shelf, pair, grid, progress)
-    }
-
-    /// A library with its neighbours.
-    pub(crate) fn ensemble(&self, library: Arc<Library>, settings: &EnsembleSettings) -> Result<Ensemble, LibraryError> {
-        let neighbours = self.shelf.neighbours();
-        let get = |pair: &PairSpec, grid: &GridSettings| self.on(&neighbours, pair, grid, &|_, _| {});
-        Ensemble::around(library, settings, &get, &|_, _| {})
-    }
-
-    fn on(
-        &self,
-        shelf: &LibraryShelf,
-        pair: &PairSpec,
-        grid: &GridSettings,
-        progress: &(dyn Fn(usize, usize) + Sync),
-    ) -> Result<Arc<Library>, LibraryError> {
         match &self.shared {
-            Some(shared) => shared.get_or_build(shelf, pair, grid, progress),
-            None => shelf.get_or_build(pair, grid, &BuildControl::with_progress(progress)),
+            Some(shared) => shared.get_or_build(&self.shelf, pair, grid, progress),
+            None => self.shelf.get_or_build(pair, grid, &BuildControl::with_progress(progress)),
         }
+    }
+
+    /// The ensemble with these settings around the library of a smaller one: of this process's folder, else of the store where processes
+    /// share it, else simulated with what the smaller one has.
+    pub(super) fn ensemble(&self, smaller: &Ensemble, settings: &EnsembleSettings) -> Result<Ensemble, LibraryError> {
+        let library = smaller.described();
+        if let Some(kept) = self.shelf.kept_ensemble(library, settings)? {
+            return Ok(kept);
+        }
+        let id = ensemble_id(library.id(), settings);
+        if let Some(shared) = &self.shared
+            && let Ok(Some(bytes)) = shared.store.objects().library(&id)
+            && let Ok(ensemble) = decode_ensemble(&bytes, Arc::clone(library))
+            && ensemble.id() == id
+        {
+            self.shelf.put_ensemble(&ensemble)?;
+            return Ok(ensemble);
+        }
+        let ensemble = smaller.extended(settings, &BuildControl::silent())?;
+        self.shelf.put_ensemble(&ensemble)?;
+        if let Some(shared) = &self.shared
+            && let Err(error) = shared.store.objects().put_library(&id, encode_ensemble(&ensemble).into())
+        {
+            // Another process simulates the same bits.
+            tracing::warn!(ensemble = %id, %error, "failed to share the ensemble");
+        }
+        Ok(ensemble)
     }
 }
 

@@ -11,6 +11,13 @@ CREATE TABLE counters (
 );
 INSERT INTO counters (name, value) VALUES ('channel_no', 0), ('asset_revision', 0), ('swept_at_ns', 0), ('retention', 0);
 
+-- Which store this is, and how far it has come: the raw objects carry the same mark. `one` is 1.
+CREATE TABLE store_identity (
+    one BIGINT NOT NULL PRIMARY KEY,
+    store TEXT NOT NULL,
+    generation BIGINT NOT NULL
+);
+
 -- What is monitored ----------------------------------------------------------------------------------------------------------------------
 
 CREATE TABLE assets (

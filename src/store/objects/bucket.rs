@@ -9,10 +9,10 @@ use futures_util::{StreamExt, TryStreamExt, stream};
 use jiff::Timestamp;
 use object_store::aws::{AmazonS3, AmazonS3Builder};
 use object_store::path::Path;
-use object_store::{BackoffConfig, ClientOptions, Error, ObjectStore, ObjectStoreExt, RetryConfig};
+use object_store::{BackoffConfig, ClientOptions, Error, ObjectStore, ObjectStoreExt, PutMode, RetryConfig};
 use tokio::runtime::Handle;
 
-use super::{ListedObject, StoreError, is_name};
+use super::{ListedFile, ListedObject, StoreError, is_name};
 use crate::store::BucketSettings;
 
 /// Requests of one call that are under way at once.
@@ -75,8 +75,9 @@ impl Bucket {
 
     /// Stores every object. One that is there already is written again: it then counts as new, so that nobody
     /// removes it as an orphan of long ago while its results are on their way.
-    pub(super) fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
-        let puts = objects.iter().map(|(name, bytes)| self.put(self.path(name), bytes.clone()));
+    pub(super) fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError> {
+        let objects = objects.iter().map(|(name, bytes)| (Self::object_path(name), bytes.clone()));
+        let puts = objects.chain(note).map(|(path, bytes)| self.put(self.at(&path), bytes));
         self.runtime.block_on(async {
             let mut puts = stream::iter(puts).buffer_unordered(REQUESTS_AT_ONCE);
             while let Some(put) = puts.next().await {
@@ -84,29 +85,6 @@ impl Bucket {
             }
             Ok(())
         })
-    }
-
-    /// The bytes under a name.
-    pub(super) fn get(&self, name: &str) -> Result<Bytes, StoreError> {
-        let found = self.runtime.block_on(self.fetch(self.path(name)))?;
-        found.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))
-    }
-
-    /// When an object was last written; none where it is not there.
-    pub(super) fn written_at(&self, name: &str) -> Result<Option<Timestamp>, StoreError> {
-        match self.runtime.block_on(self.store.head(&self.path(name))) {
-            Ok(found) => Ok(Some(timestamp(&found))),
-            Err(Error::NotFound { .. }) => Ok(None),
-            Err(error) => Err(bucket_error("look at", name, error)),
-        }
-    }
-
-    /// Removes an object; one that is not there is no error.
-    pub(super) fn remove(&self, name: &str) -> Result<(), StoreError> {
-        match self.runtime.block_on(self.store.delete(&self.path(name))) {
-            Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
-            Err(error) => Err(bucket_error("remove", name, error)),
-        }
     }
 
     /// The objects whose names begin with this byte.
@@ -126,25 +104,72 @@ impl Bucket {
         Ok(listed.into_iter().filter_map(object).collect())
     }
 
-    /// Keeps the file of a library.
-    pub(super) fn put_library(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
-        self.runtime.block_on(self.put(self.library_path(id), bytes))
+    /// Keeps a file under a path; when this returns it is durable.
+    pub(super) fn put_file(&self, path: &str, bytes: Bytes) -> Result<(), StoreError> {
+        self.runtime.block_on(self.put(self.at(path), bytes))
     }
 
-    /// The file of a library; none where there is none.
-    pub(super) fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
-        self.runtime.block_on(self.fetch(self.library_path(id)))
+    /// Keeps a file where there is none under this path; returns whether that was so.
+    pub(super) fn create_file(&self, path: &str, bytes: Bytes) -> Result<bool, StoreError> {
+        let path = self.at(path);
+        let created = self.store.put_opts(&path, bytes.into(), PutMode::Create.into());
+        match self.runtime.block_on(created) {
+            Ok(_) => Ok(true),
+            Err(Error::AlreadyExists { .. }) => Ok(false),
+            Err(error) => Err(bucket_error("store", path.as_ref(), error)),
+        }
     }
 
-    /// Keeps a piece of an upload.
-    pub(super) fn put_piece(&self, upload: &str, name: &str, bytes: Bytes) -> Result<(), StoreError> {
-        self.runtime.block_on(self.put(self.piece_path(upload, name), bytes))
+    /// The bytes of a file; none where there is none.
+    pub(super) fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
+        self.runtime.block_on(self.fetch(self.at(path)))
     }
 
-    /// A piece of an upload.
-    pub(super) fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
-        let found = self.runtime.block_on(self.fetch(self.piece_path(upload, name)))?;
-        found.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))
+    /// When a file was last written, by the clock of the object store; none where there is none.
+    pub(super) fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
+        let path = self.at(path);
+        match self.runtime.block_on(self.store.head(&path)) {
+            Ok(found) => Ok(Some(timestamp(&found))),
+            Err(Error::NotFound { .. }) => Ok(None),
+            Err(error) => Err(bucket_error("look at", path.as_ref(), error)),
+        }
+    }
+
+    /// All files under a path.
+    pub(super) fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
+        let listed = self.store.list(Some(&self.at(under)));
+        let listed = self.runtime.block_on(listed.try_collect::<Vec<_>>());
+        let listed = listed.map_err(|error| bucket_error("list", under, error))?;
+        let file = |found: object_store::ObjectMeta| {
+            Some(ListedFile {
+                path: found.location.as_ref().strip_prefix(&self.prefix)?.to_owned(),
+                bytes: found.size,
+            })
+        };
+        Ok(listed.into_iter().filter_map(file).collect())
+    }
+
+    /// Moves a file; one that is not there is no error.
+    pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
+        // The copy is there before the first one goes.
+        match self.runtime.block_on(self.store.copy(&self.at(from), &self.at(to))) {
+            Ok(()) => self.remove_file(from),
+            Err(Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(bucket_error("move", from, error)),
+        }
+    }
+
+    /// Removes a file; one that is not there is no error.
+    pub(super) fn remove_file(&self, path: &str) -> Result<(), StoreError> {
+        match self.runtime.block_on(self.store.delete(&self.at(path))) {
+            Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(bucket_error("remove", path, error)),
+        }
+    }
+
+    /// The path of an object.
+    pub(super) fn object_path(name: &str) -> String {
+        format!("raw/{}/{name}", name.get(..2).unwrap_or("xx"))
     }
 
     /// Removes what is kept of an upload.
@@ -194,16 +219,8 @@ impl Bucket {
         found.bytes().await.map(Some).map_err(failed)
     }
 
-    fn piece_path(&self, upload: &str, name: &str) -> Path {
-        Path::from(format!("{}uploads/{upload}/{name}", self.prefix))
-    }
-
-    fn library_path(&self, id: &str) -> Path {
-        Path::from(format!("{}libraries/{id}.fwlib", self.prefix))
-    }
-
-    fn path(&self, name: &str) -> Path {
-        Path::from(format!("{}raw/{}/{name}", self.prefix, name.get(..2).unwrap_or("xx")))
+    fn at(&self, path: &str) -> Path {
+        Path::from(format!("{}{path}", self.prefix))
     }
 }
 

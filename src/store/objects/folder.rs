@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use bytes::Bytes;
 use jiff::Timestamp;
 
-use super::{ListedObject, StoreError, is_name};
+use super::{ListedFile, ListedObject, StoreError, is_name};
 
 /// Where the pieces of uploads are.
 const UPLOADS: &str = "uploads";
@@ -45,6 +45,16 @@ impl Folder {
         })
     }
 
+    /// Opens a folder that is there; what another process is writing is left alone.
+    pub(super) fn open_to_read(folder: PathBuf) -> Self {
+        Self {
+            temporary: folder.join("tmp"),
+            folder,
+            counter: AtomicU64::new(0),
+            is_shared: false,
+        }
+    }
+
     /// Opens a folder that other processes write to as well; what they are writing is left alone.
     #[cfg(feature = "cluster")]
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
@@ -60,14 +70,15 @@ impl Folder {
         })
     }
 
-    /// Stores every object; when this returns they are on disk, and so are their names. One that is there
-    /// already is left as it is.
-    pub(super) fn put_all(&self, objects: &[(String, Bytes)]) -> Result<(), StoreError> {
+    /// Stores every object, and a note beside them; when this returns they are on disk, and so are their
+    /// names. An object that is there already as a whole is left as it is.
+    pub(super) fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError> {
         let mut touched: Vec<PathBuf> = Vec::new();
-        for (name, bytes) in objects {
-            let path = self.path(name);
+        let files = objects.iter().map(|(name, bytes)| (self.path(name), bytes, true));
+        let note = note.as_ref().map(|(path, bytes)| (self.folder.join(path), bytes, false));
+        for (path, bytes, is_object) in files.chain(note) {
             let folder = path.parent().unwrap_or(&self.folder).to_path_buf();
-            let is_whole = !self.is_shared && fs::metadata(&path).is_ok_and(|metadata| metadata.len() == bytes.len() as u64);
+            let is_whole = is_object && !self.is_shared && is_file_of(&path, bytes);
             if !is_whole {
                 if !folder.is_dir() {
                     fs::create_dir_all(&folder).map_err(|source| file_error("create the folder", &folder, source))?;
@@ -88,32 +99,13 @@ impl Folder {
         Ok(())
     }
 
-    /// The bytes under a name.
-    pub(super) fn get(&self, name: &str) -> Result<Bytes, StoreError> {
-        let path = self.path(name);
-        match fs::read(&path) {
-            Ok(bytes) => Ok(bytes.into()),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Err(StoreError::ObjectMissing(name.to_string())),
-            Err(source) => Err(file_error("read", &path, source)),
-        }
-    }
-
-    /// When an object was last written; none where it is not there.
-    pub(super) fn written_at(&self, name: &str) -> Result<Option<Timestamp>, StoreError> {
+    /// The size of an object; none where it is not there.
+    pub(super) fn size(&self, name: &str) -> Result<Option<u64>, StoreError> {
         let path = self.path(name);
         match fs::metadata(&path) {
-            Ok(metadata) => Ok(Some(written_at(&metadata))),
+            Ok(metadata) => Ok(Some(metadata.len())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(source) => Err(file_error("look at", &path, source)),
-        }
-    }
-
-    /// Removes an object; one that is not there is no error.
-    pub(super) fn remove(&self, name: &str) -> Result<(), StoreError> {
-        let path = self.path(name);
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("remove", &path, error)),
-            _ => Ok(()),
         }
     }
 
@@ -142,17 +134,32 @@ impl Folder {
         Ok(found)
     }
 
-    /// Keeps the file of a library.
-    pub(super) fn put_library(&self, id: &str, bytes: &[u8]) -> Result<(), StoreError> {
-        let path = self.library_path(id);
+    /// Keeps a file under a path in the folder; when this returns it is on the disk, and so is its name.
+    pub(super) fn put_file(&self, path: &str, bytes: &[u8]) -> Result<(), StoreError> {
+        let path = self.folder.join(path);
         let folder = path.parent().unwrap_or(&self.folder);
         fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
-        self.write(&path, bytes)
+        self.write(&path, bytes)?;
+        self.sync_up_from(folder)
     }
 
-    /// The file of a library; none where there is none.
-    pub(super) fn library(&self, id: &str) -> Result<Option<Bytes>, StoreError> {
-        let path = self.library_path(id);
+    /// Keeps a file where there is none under this path; returns whether that was so.
+    pub(super) fn create_file(&self, path: &str, bytes: &[u8]) -> Result<bool, StoreError> {
+        let path = self.folder.join(path);
+        let temporary = self.write_temporary(bytes)?;
+        // Unlike a renamed one, a link does not take the place of what is there.
+        let linked = fs::hard_link(&temporary, &path);
+        let _ = fs::remove_file(&temporary);
+        match linked {
+            Ok(()) => self.sync_up_from(&self.folder).map(|()| true),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+            Err(source) => Err(file_error("write", &path, source)),
+        }
+    }
+
+    /// The bytes of a file; none where there is none.
+    pub(super) fn file(&self, path: &str) -> Result<Option<Bytes>, StoreError> {
+        let path = self.folder.join(path);
         match fs::read(&path) {
             Ok(bytes) => Ok(Some(bytes.into())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -160,27 +167,84 @@ impl Folder {
         }
     }
 
-    /// Keeps a piece of an upload.
-    pub(super) fn put_piece(&self, upload: &str, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
-        let folder = self.pieces(upload);
-        fs::create_dir_all(&folder).map_err(|source| file_error("create the folder", &folder, source))?;
-        self.write(&folder.join(name), bytes)?;
-        for folder in [&folder, &self.folder.join(UPLOADS), &self.folder] {
+    /// When a file was last written; none where there is none.
+    pub(super) fn file_written_at(&self, path: &str) -> Result<Option<Timestamp>, StoreError> {
+        let path = self.folder.join(path);
+        match fs::metadata(&path) {
+            Ok(metadata) => Ok(Some(written_at(&metadata))),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(file_error("look at", &path, source)),
+        }
+    }
+
+    /// All files under a path, in its folders too.
+    pub(super) fn files(&self, under: &str) -> Result<Vec<ListedFile>, StoreError> {
+        let mut found = Vec::new();
+        let mut folders = vec![under.to_owned()];
+        while let Some(folder) = folders.pop() {
+            let path = self.folder.join(&folder);
+            let entries = match fs::read_dir(&path) {
+                Ok(entries) => entries,
+                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+                Err(source) => return Err(file_error("list", &path, source)),
+            };
+            for entry in entries {
+                let entry = entry.map_err(|source| file_error("list", &path, source))?;
+                let (Ok(name), Ok(metadata)) = (entry.file_name().into_string(), entry.metadata()) else {
+                    continue;
+                };
+                let path = format!("{folder}/{name}");
+                if metadata.is_dir() {
+                    folders.push(path);
+                } else {
+                    let bytes = metadata.len();
+                    found.push(ListedFile { path, bytes });
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// Moves a file; one that is not there is no error.
+    pub(super) fn move_file(&self, from: &str, to: &str) -> Result<(), StoreError> {
+        let (from, to) = (self.folder.join(from), self.folder.join(to));
+        let folder = to.parent().unwrap_or(&self.folder);
+        fs::create_dir_all(folder).map_err(|source| file_error("create the folder", folder, source))?;
+        match fs::rename(&from, &to) {
+            Ok(()) => {
+                if let Some(left) = from.parent().filter(|left| *left != folder) {
+                    self.sync_up_from(left)?;
+                }
+                self.sync_up_from(folder)
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            Err(source) => Err(file_error("move", &from, source)),
+        }
+    }
+
+    /// Removes a file; one that is not there is no error.
+    pub(super) fn remove_file(&self, path: &str) -> Result<(), StoreError> {
+        let path = self.folder.join(path);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("remove", &path, error)),
+            _ => Ok(()),
+        }
+    }
+
+    /// The path of an object.
+    pub(super) fn object_path(name: &str) -> String {
+        format!("{}/{name}", name.get(..2).unwrap_or("xx"))
+    }
+
+    /// Has the names in a folder on the disk, and that folder's own in those above it.
+    fn sync_up_from(&self, folder: &Path) -> Result<(), StoreError> {
+        let inside = folder.ancestors().take_while(|folder| folder.starts_with(&self.folder));
+        for folder in inside {
             File::open(folder)
                 .and_then(|folder| folder.sync_all())
                 .map_err(|source| file_error("sync the folder", folder, source))?;
         }
         Ok(())
-    }
-
-    /// A piece of an upload.
-    pub(super) fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
-        let path = self.pieces(upload).join(name);
-        match fs::read(&path) {
-            Ok(bytes) => Ok(bytes.into()),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Err(StoreError::ObjectMissing(name.to_string())),
-            Err(source) => Err(file_error("read", &path, source)),
-        }
     }
 
     /// Removes what is kept of an upload.
@@ -210,15 +274,17 @@ impl Folder {
         self.folder.join(UPLOADS).join(upload)
     }
 
-    fn library_path(&self, id: &str) -> PathBuf {
-        self.folder.join("libraries").join(format!("{id}.fwlib"))
-    }
-
     fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(name.get(..2).unwrap_or("xx")).join(name)
+        self.folder.join(Self::object_path(name))
     }
 
     fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+        let temporary = self.write_temporary(bytes)?;
+        fs::rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
+    }
+
+    /// Writes bytes where nobody looks for them, and has them on the disk.
+    fn write_temporary(&self, bytes: &[u8]) -> Result<PathBuf, StoreError> {
         let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
         let written = File::create(&temporary).and_then(|mut file| {
             file.write_all(bytes)?;
@@ -229,8 +295,14 @@ impl Folder {
             let _ = fs::remove_file(&temporary);
             return Err(file_error("write", &temporary, source));
         }
-        fs::rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
+        Ok(temporary)
     }
+}
+
+/// Whether a file holds these bytes.
+fn is_file_of(path: &Path, bytes: &[u8]) -> bool {
+    let has_length = fs::metadata(path).is_ok_and(|metadata| metadata.len() == bytes.len() as u64);
+    has_length && fs::read(path).is_ok_and(|found| found == bytes)
 }
 
 /// When a file was last written; never long ago where the file system does not say.
@@ -254,7 +326,7 @@ mod tests {
 
     fn put(objects: &Objects, bytes: &[u8]) -> String {
         let name = Objects::name(bytes);
-        objects.put_all(&[(name.clone(), Bytes::copy_from_slice(bytes))]).unwrap();
+        objects.put_all(&[(name.clone(), Bytes::copy_from_slice(bytes))], &[]).unwrap();
         name
     }
 
@@ -271,16 +343,18 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_found_and_a_shortened_object_is_written_again() {
+    fn damage_is_found_and_a_damaged_object_is_written_again() {
         let folder = tempfile::tempdir().unwrap();
         let objects = Objects::open(folder.path()).unwrap();
         let name = put(&objects, b"abcdef");
         let path = folder.path().join(&name[..2]).join(&name);
         fs::write(&path, b"abcdex").unwrap();
         assert!(matches!(objects.get(&name), Err(StoreError::ObjectDamaged { .. })));
-        fs::write(&path, b"abc").unwrap();
-        put(&objects, b"abcdef");
-        assert_eq!(objects.get(&name).unwrap(), &b"abcdef"[..]);
+        for damaged in [&b"abcdex"[..], b"abc"] {
+            fs::write(&path, damaged).unwrap();
+            put(&objects, b"abcdef");
+            assert_eq!(objects.get(&name).unwrap(), &b"abcdef"[..]);
+        }
     }
 
     #[test]

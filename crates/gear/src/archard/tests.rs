@@ -56,7 +56,7 @@ fn shape_is_that_of_figure_6() {
 #[test]
 fn one_point_is_the_closed_form() {
     let pair = pair(ContactRule::Threshold);
-    let course = Course::new(&pair, 1e-3).unwrap();
+    let course = Course::new(&pair, 1e-3 / 6.0).unwrap();
     let rates = course.rates().unwrap();
     let turns = 1000.0;
     // Single contact lies between α₁ = a₁ − 2π/z₁ = 0.2315 and c₁ + 2π/z₁ = 0.3332, the pitch point at 0.2837: all of the force.
@@ -94,7 +94,7 @@ fn both_gears_lose_the_same_volume_and_the_softer_one_more() {
         let mut spec = shen2022_spec();
         spec.wear.hardness_pa = hardness_pa;
         let pair = spec.resolve().unwrap();
-        let course = Course::new(&pair, 1e-3).unwrap();
+        let course = Course::new(&pair, 1e-3 / 6.0).unwrap();
         let rubbings = course.rubbings(&FlankWear::none()).unwrap();
         [0, 1].map(|i| {
             let rates = course.flanks[i].normal_rates(&rubbings, i);
@@ -194,12 +194,12 @@ fn depth_is_proportional_to_turns_at_first_and_to_the_coefficient() {
 #[test]
 fn course_has_settled_in_its_step() {
     let pair = pair(ContactRule::Threshold);
-    let with = |step_mm: f64| {
-        let mut course = Course::new(&pair, step_mm).unwrap();
+    let with = |step_modules: f64| {
+        let mut course = Course::new(&pair, step_modules).unwrap();
         course.until(Goal::Depth(0.012)).unwrap();
         depths(&pair, &course.wear(), 0)
     };
-    let (used, halved) = (with(super::STEP_MM), with(0.5 * super::STEP_MM));
+    let (used, halved) = (with(super::STEP_MODULES), with(0.5 * super::STEP_MODULES));
     let worst = used.iter().zip(&halved).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     println!("greatest change {:.3} µm of 12 µm", worst * 1e3);
     assert!(worst < 1.2e-3);

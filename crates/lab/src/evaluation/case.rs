@@ -1,8 +1,7 @@
 //! The cases of the evaluation: the library's own physics, others, and what is not wear.
 
 use super::fault::Fault;
-use flankwatch_gear::{ContactRule, PairSpec};
-use flankwatch_wear::estimate::{KNOWN_SHAPE, UNKNOWN_SHAPE};
+use flankwatch_gear::{ContactRule, PairSpec, WearShape};
 
 /// What the runs of a case are to show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,35 +44,48 @@ pub struct Case {
     pub aim: Aim,
     /// The physics of its runs.
     pub pair: PairSpec,
-    /// How unsure the estimator is told to be of the described shape of wear ([`EstimatorSettings::shape_deviation`](flankwatch_wear::estimate::EstimatorSettings)).
-    pub shape_deviation: f64,
+    /// What the estimator is told of the pair.
+    pub described: PairSpec,
 }
 
 impl Case {
     /// All cases around a pair, whose library the estimates are made with.
     pub fn all(pair: &PairSpec) -> Vec<Self> {
         let other = |name: &str, change: &dyn Fn(&mut PairSpec)| {
-            let mut pair = pair.clone();
-            change(&mut pair);
+            let mut worn = pair.clone();
+            change(&mut worn);
             Self {
                 name: name.to_owned(),
                 aim: Aim::OtherPhysics,
-                pair,
-                shape_deviation: UNKNOWN_SHAPE,
+                pair: worn,
+                described: pair.clone(),
             }
         };
         let same = |name: &str, aim| Self {
             name: name.to_owned(),
             aim,
             pair: pair.clone(),
-            shape_deviation: UNKNOWN_SHAPE,
+            described: pair.clone(),
         };
+        let archard = |ratio: f64| {
+            move |pair: &mut PairSpec| {
+                pair.wear.shape = WearShape::Archard;
+                pair.wear.hardness_pa[1] *= ratio;
+            }
+        };
+        let mut measured = pair.clone();
+        measured.wear.measured = true;
         let mut cases = vec![
             Self {
-                shape_deviation: KNOWN_SHAPE,
+                described: measured,
                 ..same("own physics, shape known", Aim::OwnPhysics)
             },
             same("own physics", Aim::OwnPhysics),
+            other("Archard, hardness 1:1", &archard(1.0)),
+            other("Archard, hardness 1:2", &archard(2.0)),
+            other("Archard, hardness 2:1", &archard(0.5)),
+            other("mesh damping 0.05", &|pair| pair.dynamics.mesh_damping_ratio = 0.05),
+            other("mesh damping 0.1", &|pair| pair.dynamics.mesh_damping_ratio = 0.1),
             other("exponent 2.5 for 4", &|pair| pair.wear.exponent = 2.5),
             other("tip ratio 0.4 for 0.7", &|pair| pair.wear.tip_ratio = 0.4),
             other("floor 0.3 for 0.05", &|pair| pair.wear.floor = 0.3),

@@ -4,9 +4,12 @@
 mod bank;
 mod case;
 mod fault;
+mod leave_one_out;
+mod recorded;
 mod run;
 mod score;
 mod sensor;
+mod single_indicators;
 mod weak_tooth;
 
 use std::sync::Arc;
@@ -17,8 +20,11 @@ use rayon::prelude::*;
 pub use bank::{Bank, BankPlan};
 pub use case::{Aim, Case, CaseGroup};
 pub use fault::Fault;
+pub use leave_one_out::leave_one_out;
+pub use recorded::{Answer, RecordedRun, RunScore, Trial, follow, score_run};
 pub use run::{Observation, RunShape, observe, observe_many};
 pub use score::{NOMINAL, Score};
+pub use single_indicators::{SingleIndicators, single_indicators};
 
 use flankwatch_gear::GearError;
 use flankwatch_wear::estimate::{EstimatorSettings, MachineSign, SensorFault, Tracker, WearEstimate, WearStatus};
@@ -119,19 +125,18 @@ pub fn evaluate(case: &Case, ensemble: &Arc<Ensemble>, settings: &EvaluationSett
         .into_par_iter()
         .map(|run| {
             let observations = observe(&bank, faulty.as_ref(), &shape, settings.seed.wrapping_add(7919 * (run as u64 + 1)));
-            judge(&observations, ensemble, case.shape_deviation, fault_from)
+            judge(&observations, ensemble, fault_from)
         })
         .collect();
     Ok(Score::of(&case.name, &runs, BASELINE, 0.5 * max_wear_um))
 }
 
 /// Follows one run; `fault_from` is its first record with a fault.
-fn judge(observations: &[Observation], ensemble: &Arc<Ensemble>, shape_deviation: f64, fault_from: Option<usize>) -> Vec<Judged> {
+fn judge(observations: &[Observation], ensemble: &Arc<Ensemble>, fault_from: Option<usize>) -> Vec<Judged> {
     let limit_um = 0.8 * ensemble.described().max_wear_um();
     let settings = EstimatorSettings {
         baseline_records: BASELINE as u32,
         limit_um: Some(limit_um),
-        shape_deviation,
     };
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
     let mut state = tracker.start();

@@ -164,7 +164,7 @@ fn quantile(sorted: &[f64], level: f64) -> f64 {
 }
 
 /// Spearman's coefficient; none for fewer than 8 pairs.
-fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
+pub(super) fn rank_correlation(pairs: &[(f64, f64)]) -> Option<f64> {
     if pairs.len() < 8 {
         return None;
     }

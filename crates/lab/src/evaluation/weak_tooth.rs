@@ -38,7 +38,7 @@ impl Cycle<'_> {
         // The tooth takes over and hands over gradually.
         let bend = (TAU / 2.0 * periods.rem_euclid(1.0)).sin().powi(2);
         let left = if weak { 1.0 - self.loss * bend } else { 1.0 };
-        let errors = &self.pair.spec.errors;
+        let errors = &self.pair.errors;
         let clock = (seconds + SETTLING_S) * errors.random_clock_hz;
         let (tick, fraction) = ((clock.max(0.0) as usize).min(self.random.len() - 2), clock.fract());
         let random = self.random[tick] + fraction * (self.random[tick + 1] - self.random[tick]);
@@ -55,7 +55,7 @@ pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, lo
     let samples = (run.seconds * run.sample_rate_hz).round() as usize;
     let step = 1.0 / (run.sample_rate_hz * OVERSAMPLING as f64);
     let mut rng = ChaCha8Rng::seed_from_u64(run.seed);
-    let ticks = ((run.seconds + 2.0 * SETTLING_S) * pair.spec.errors.random_clock_hz) as usize + 4;
+    let ticks = ((run.seconds + 2.0 * SETTLING_S) * pair.errors.random_clock_hz) as usize + 4;
     let excitation = Cycle {
         cycle,
         pair,
@@ -68,7 +68,7 @@ pub(super) fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings, lo
     let damping = 2.0 * pair.spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt();
     let force = run.torque_nm / (pair.gears[0].base_radius_mm * 1e-3);
     let drive = force * inverse[0];
-    let supports = pair.spec.supports;
+    let supports = pair.supports;
     // The velocities less the damper's part c·x_m/m stay continuous whatever e does.
     let slope = |s: &[f64; 6], (k, e): (f64, f64)| -> [f64; 6] {
         let mesh = (s[0] - s[1] + s[2] - e).max(0.0);

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::check::{Check, listed};
 use super::flanks::ToothPair;
 use super::trend::{falls, highest_at, limits, range, rises};
-use flankwatch_gear::{FlankWear, GearError, GearPair, MeshCycle, PairSpec};
+use flankwatch_gear::{FlankWear, GearError, GearPair, MeshCycle};
 
 /// Points of the mesh period.
 const POINTS: usize = 4000;
@@ -105,7 +105,7 @@ impl Mesh {
 
 /// Total transmission error in µm along the line of action over one turn of the driving shaft, without its random part (Fig. 18b): turns
 /// and errors.
-pub(super) fn transmission_error_um(spec: &PairSpec, pair: &GearPair, mesh: &Mesh) -> (Vec<f64>, Vec<f64>) {
+pub(super) fn transmission_error_um(pair: &GearPair, mesh: &Mesh) -> (Vec<f64>, Vec<f64>) {
     let teeth = f64::from(pair.gears[0].teeth);
     let count = 100 * pair.gears[0].teeth as usize;
     let base_um = pair.gears[1].base_radius_mm * 1e3;
@@ -115,7 +115,7 @@ pub(super) fn transmission_error_um(spec: &PairSpec, pair: &GearPair, mesh: &Mes
         .map(|turn| {
             let period = turn * teeth;
             let place = (period.rem_euclid(1.0) * POINTS as f64).round() as usize % POINTS;
-            let periodic = spec.errors.long_period_um * (TAU * turn).sin() + spec.errors.short_period_um * (TAU * period).sin();
+            let periodic = pair.errors.long_period_um * (TAU * turn).sin() + pair.errors.short_period_um * (TAU * period).sin();
             periodic + base_um * mesh.e_wear_rad[place]
         })
         .collect();

@@ -153,7 +153,7 @@ impl FigureSettings {
 pub fn compute(spec: &PairSpec, settings: &FigureSettings, progress: &(dyn Fn(usize) + Sync)) -> Result<Figures, FiguresError> {
     settings.check()?;
     let pair = spec.resolve()?;
-    let (states, turns) = mesh_states(spec, &pair, settings)?;
+    let (states, turns) = mesh_states(&pair, settings)?;
     let finite_elements = finite_elements::points(spec);
     let vibration = vibration_figures(&pair, settings, progress)?;
 
@@ -175,7 +175,7 @@ pub fn compute(spec: &PairSpec, settings: &FigureSettings, progress: &(dyn Fn(us
     })
 }
 
-fn mesh_states(spec: &PairSpec, pair: &GearPair, settings: &FigureSettings) -> Result<(Vec<MeshState>, Vec<f64>), FiguresError> {
+fn mesh_states(pair: &GearPair, settings: &FigureSettings) -> Result<(Vec<MeshState>, Vec<f64>), FiguresError> {
     let [slight, moderate, severe] = settings.wear_um;
     let named = [("No wear", 0.0), ("Wear01", slight), ("Wear02", moderate), ("Wear03", severe)];
     let mut turns = Vec::new();
@@ -188,7 +188,7 @@ fn mesh_states(spec: &PairSpec, pair: &GearPair, settings: &FigureSettings) -> R
         };
         let tooth_pair = ToothPair::compute(pair, &wear)?;
         let mesh = Mesh::compute(pair, &wear, &tooth_pair)?;
-        let error = mesh::transmission_error_um(spec, pair, &mesh);
+        let error = mesh::transmission_error_um(pair, &mesh);
         turns = error.0;
         states.push(MeshState {
             name,

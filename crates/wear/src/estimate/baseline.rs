@@ -74,11 +74,6 @@ impl Baseline {
             points: records.iter().map(point).collect(),
         }
     }
-
-    /// Records that are kept.
-    pub(super) fn records(&self) -> usize {
-        self.points.len()
-    }
 }
 
 #[cfg(test)]
@@ -116,7 +111,7 @@ mod tests {
     fn a_long_baseline_is_thinned_evenly() {
         let records: Vec<Features> = (0..100).map(|i| features(&[("ln_mesh_1", f64::from(i))], &[])).collect();
         let baseline = Baseline::of(&records);
-        assert_eq!(baseline.records(), 34);
+        assert_eq!(baseline.points.len(), 34);
         assert_eq!(baseline.lines[0].values[..3], [0.0, 3.0, 6.0]);
     }
 }

@@ -2,13 +2,6 @@
 
 use super::wear::Posterior;
 
-/// Up to this depth in µm the grid is fine: wear of the size of the teeth's deflection changes the vibration fastest.
-const FINE_UP_TO_UM: f64 = 30.0;
-
-/// Steps below and above it in µm.
-const FINE_STEP_UM: f64 = 1.5;
-const COARSE_STEP_UM: f64 = 3.0;
-
 /// Rising wear depths from 0 to a library's last state; empty where there is no library.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DepthGrid {
@@ -16,14 +9,11 @@ pub(super) struct DepthGrid {
 }
 
 impl DepthGrid {
-    /// The grid up to a greatest depth in µm.
-    pub(super) fn up_to(max_wear_um: f64) -> Self {
-        let fine_end = FINE_UP_TO_UM.min(max_wear_um);
-        let fine = (fine_end / FINE_STEP_UM).round().max(1.0) as usize;
-        let coarse = ((max_wear_um - fine_end) / COARSE_STEP_UM).ceil() as usize;
-        let mut depths_um: Vec<f64> = (0..=fine).map(|i| fine_end * i as f64 / fine as f64).collect();
-        depths_um.extend((1..=coarse).map(|i| fine_end + (max_wear_um - fine_end) * i as f64 / coarse as f64));
-        Self { depths_um }
+    /// The grid of these depths in µm.
+    pub(super) fn of(depths_um: &[f64]) -> Self {
+        Self {
+            depths_um: depths_um.to_vec(),
+        }
     }
 
     /// The depths in µm.
@@ -31,8 +21,13 @@ impl DepthGrid {
         &self.depths_um
     }
 
+    /// The ends of all cells in µm.
+    pub(super) fn cells(&self) -> impl Iterator<Item = [f64; 2]> {
+        (0..self.depths_um.len()).map(|point| self.cell_um(point))
+    }
+
     /// The ends of a depth's cell: half way to its neighbours.
-    fn cell_um(&self, point: usize) -> [f64; 2] {
+    pub(super) fn cell_um(&self, point: usize) -> [f64; 2] {
         let depths = &self.depths_um;
         let low = if point == 0 {
             0.0
@@ -45,17 +40,6 @@ impl DepthGrid {
             0.5 * (depths[point] + depths[point + 1])
         };
         [low, high]
-    }
-
-    /// Probability falling as an exponential of this mean in µm around a depth.
-    pub(super) fn around(&self, centre_um: f64, mean_um: f64) -> Vec<f64> {
-        let weight = |point: usize| {
-            let [low, high] = self.cell_um(point);
-            (high - low) * (-(self.depths_um[point] - centre_um).abs() / mean_um).exp()
-        };
-        let weights: Vec<f64> = (0..self.depths_um.len()).map(weight).collect();
-        let total: f64 = weights.iter().sum();
-        weights.iter().map(|weight| weight / total).collect()
     }
 
     /// Mean depth in µm.
@@ -108,17 +92,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_grid_is_fine_where_the_vibration_changes_fast() {
-        let grid = DepthGrid::up_to(245.0);
-        let depths = grid.depths_um();
-        assert_eq!((depths[0], depths[1], depths[20], depths[92]), (0.0, 1.5, 30.0, 245.0));
-        assert!((depths[21] - 30.0 - 215.0 / 72.0).abs() < 1e-9);
-        assert_eq!(DepthGrid::up_to(12.0).depths_um().len(), 9);
-    }
-
-    #[test]
     fn quantiles_of_a_flat_density_are_the_closed_form() {
-        let grid = DepthGrid::up_to(245.0);
+        let grid = DepthGrid::of(&(0..50).map(|i| 5.0 * f64::from(i)).collect::<Vec<_>>());
         let flat: Vec<f64> = (0..grid.depths_um().len())
             .map(|i| {
                 let [low, high] = grid.cell_um(i);
@@ -130,15 +105,5 @@ mod tests {
             assert!((grid.quantile_um(&flat, level) - 245.0 * level).abs() < 1e-9);
             assert!((grid.probability_above(&flat, 245.0 * level) - (1.0 - level)).abs() < 1e-9);
         }
-    }
-
-    #[test]
-    fn what_lies_around_a_depth_has_it_as_its_median() {
-        let grid = DepthGrid::up_to(245.0);
-        let around = grid.around(120.0, 10.0);
-        assert!((around.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-        assert!((grid.quantile_um(&around, 0.5) - 120.0).abs() < 1.0);
-        // An exponential to both sides leaves e⁻² beyond twice its mean.
-        assert!((grid.probability_above(&around, 140.0) - 0.5 * (-2.0f64).exp()).abs() < 0.02);
     }
 }

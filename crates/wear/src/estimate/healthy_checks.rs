@@ -1,8 +1,12 @@
 //! What the values that wear hardly moves are on one asset when it is healthy.
 
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
 use super::baseline::{Baseline, HealthyFeature};
 use super::healthy::SpeedKernels;
-use super::hypotheses::Deviation;
+use super::novelty::Deviation;
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 
@@ -11,6 +15,19 @@ use flankwatch_signal::Features;
 const CHECK_DISCREPANCY: f64 = 0.05;
 const CHECK_RELATIVE_DISCREPANCY: f64 = 0.6;
 const CHECK_PART: f64 = 0.5;
+
+/// Wear that moves the mesh lines apart from each other moves what lies between them too, by something that no library
+/// knows: at most this part of how far the lines have moved apart, by kind of check.
+const MOVED_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.3), ("ln_tooth_", 0.5), ("ln_", 0.6)];
+
+/// How far wear moves the lines apart from each other within a unit of growth, at most: what moves at once is no wear.
+const SUDDEN: f64 = 0.1;
+
+/// Part of what a check may have moved by that differs from record to record.
+const UNSTEADY: f64 = 0.1;
+
+/// Part of the newest record in what is known of the drift.
+const NEWEST_PART: f64 = 0.15;
 
 /// Checks in which a simulation without noise has rounding, and no wear.
 const UNMOVED: [&str; 2] = ["ln_shaft_", "ln_tooth_"];
@@ -27,6 +44,64 @@ struct Check {
     weights: Vec<f64>,
     /// Expected change by depth; one number without a library.
     change: Vec<f64>,
+}
+
+/// How wear has moved the checks so far: slowly, and no further than in proportion to what it did to the mesh lines.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Drift {
+    /// How far the lines have moved apart.
+    apart: f64,
+    /// By check.
+    offsets: BTreeMap<String, f64>,
+}
+
+/// The drift that a record may show.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Drifting<'a> {
+    drift: &'a Drift,
+    apart: f64,
+    units: f64,
+}
+
+impl Drift {
+    /// What a record may show whose lines are `apart` from each other, `units` of growth after the one before.
+    pub(super) fn at(&self, apart: f64, units: f64) -> Drifting<'_> {
+        Drifting {
+            drift: self,
+            apart: apart.min(self.apart + SUDDEN * units),
+            units,
+        }
+    }
+
+    /// What is known after a record that wear explains.
+    pub(super) fn after(&self, apart: f64, units: f64, checks: &[Deviation]) -> Self {
+        let apart = self.at(apart, units).apart;
+        let offset = |check: &Deviation| {
+            let before = self.offsets.get(&check.name).copied().unwrap_or(0.0);
+            let most = part(&check.name) * apart;
+            (check.name.clone(), (before + NEWEST_PART * check.residual).clamp(-most, most))
+        };
+        Self {
+            apart: self.apart + NEWEST_PART * (apart - self.apart),
+            offsets: checks.iter().map(offset).collect(),
+        }
+    }
+}
+
+impl Drifting<'_> {
+    /// Where a check is expected, and the variance of that.
+    fn of(&self, check: &str) -> (f64, f64) {
+        let offset = self.drift.offsets.get(check).copied().unwrap_or(0.0);
+        let step = part(check) * (SUDDEN * self.units).min(self.apart);
+        let scatter = part(check) * UNSTEADY * self.apart;
+        (offset, step * step + scatter * scatter)
+    }
+}
+
+/// How far a check moves at most for what the lines have moved apart.
+fn part(check: &str) -> f64 {
+    let kind = MOVED_PARTS.iter().find(|(kind, _)| check.starts_with(kind));
+    kind.map_or(0.0, |(_, part)| *part)
 }
 
 /// The checks of one baseline.
@@ -50,8 +125,8 @@ impl HealthyChecks {
             let change = match ensemble.filter(|_| wears) {
                 None => vec![0.0],
                 Some(ensemble) => {
-                    let curves = ensemble.members()[0].curves();
-                    let change = |um: &f64| CHECK_PART * curves.change(&feature.name, *um).unwrap_or(0.0);
+                    let library = ensemble.described();
+                    let change = |um: &f64| CHECK_PART * library.check_change(&feature.name, *um).unwrap_or(0.0);
                     depths_um.iter().map(change).collect()
                 }
             };
@@ -69,17 +144,18 @@ impl HealthyChecks {
         Self { kernels, checks }
     }
 
-    /// How each check of a record deviates from what is expected at a depth of the grid and a logarithm of the speed.
-    pub(super) fn deviations(&self, record: &Features, log_speed: f64, depth: usize) -> Vec<Deviation> {
+    /// How each check of a record deviates from what is expected at a depth of the grid, a logarithm of the speed and a drift.
+    pub(super) fn deviations(&self, record: &Features, log_speed: f64, depth: usize, drifting: Drifting<'_>) -> Vec<Deviation> {
         let at = self.kernels.weights(log_speed);
         let deviation = |check: &Check| {
             let value = record.checks.get(&check.name)?;
             let change = check.change[depth.min(check.change.len() - 1)];
+            let (offset, drift_variance) = drifting.of(&check.name);
             let wrong = CHECK_DISCREPANCY + CHECK_RELATIVE_DISCREPANCY * change.abs();
             Some(Deviation {
                 name: check.name.clone(),
-                residual: value - check.constant - at.path(check.kernel, &check.weights) - change,
-                deviation: (wrong * wrong + check.variance * (1.0 + at.variance(check.kernel))).sqrt(),
+                residual: value - check.constant - at.path(check.kernel, &check.weights) - change - offset,
+                deviation: (wrong * wrong + drift_variance + check.variance * (1.0 + at.variance(check.kernel))).sqrt(),
             })
         };
         self.checks.iter().filter_map(deviation).collect()

@@ -6,19 +6,19 @@
 
 mod alarm;
 mod baseline;
-mod belief;
 mod channel;
 mod chart;
 mod depth_grid;
 mod event;
+mod filter;
+mod growth;
 mod healthy;
 mod healthy_checks;
-mod hypotheses;
+mod healthy_lines;
+mod likelihood;
 mod novelty;
-mod path_gain;
 mod prognosis;
 mod tracker;
-mod transition;
 mod wear;
 
 pub use alarm::{
@@ -26,8 +26,8 @@ pub use alarm::{
     AlarmState, PanelAction, PanelChange, Severity,
 };
 pub use channel::{ChannelEstimator, ChannelState, RecordResult};
-pub use event::{MaintenanceEvent, MaintenanceKind};
+pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
-pub use tracker::{EstimatorSettings, KNOWN_SHAPE, Tracker, TrackerState, UNKNOWN_SHAPE, shape_deviation};
-pub use wear::{BaselineProgress, BestState, METHOD, Posterior, WearEstimate, WearStatus};
+pub use tracker::{EstimatorSettings, Tracker, TrackerState};
+pub use wear::{BaselineProgress, BestState, Interval, METHOD, Posterior, WearEstimate, WearStatus};

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use super::chart::Charts;
-use super::hypotheses::Deviation;
 use flankwatch_signal::{Absence, Features};
 
 /// Below this p-value a record is not explained.
@@ -142,6 +141,16 @@ pub struct Novelty {
     pub lasting: Option<String>,
     /// The features that deviate most.
     pub most: Vec<FeatureDeviation>,
+}
+
+/// One feature of a record against what was expected.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Deviation {
+    pub(super) name: String,
+    /// Measured less expected, in logarithms.
+    pub(super) residual: f64,
+    /// Standard deviation of what was expected.
+    pub(super) deviation: f64,
 }
 
 /// Judges a record by its deviations from the best state: of lines, of what wear hardly moves, and by what has lasted over the records before.

@@ -1,40 +1,38 @@
 //! The fold over an asset's records: baseline first, then a probability over wear depths that each record sharpens.
 
+mod answer;
+
 use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
-use super::belief::{Belief, Updated};
 use super::chart::Charts;
 use super::depth_grid::DepthGrid;
-use super::event::{MaintenanceEvent, MaintenanceKind};
-use super::hypotheses::{Beginning, Hypotheses};
-use super::novelty::{Novelty, judge};
-use super::prognosis::{Now, WearHistory};
-use super::transition::Growth;
-use super::wear::{BaselineProgress, BestState, WearEstimate, WearStatus};
-use crate::library::{Ensemble, Library};
+use super::event::{Inspection, MaintenanceEvent, MaintenanceKind};
+use super::filter::{Believed, Filter};
+use super::growth::Growth;
+use super::healthy_checks::{Drift, Drifting, HealthyChecks};
+use super::healthy_lines::{HealthyLines, Measured};
+use super::likelihood::{Anchor, Discrepancy, Likelihood, Reference};
+use super::novelty::{Deviation, judge};
+use super::prognosis::prognosis;
+use super::wear::{WearEstimate, WearStatus};
+use crate::library::{DEPTHS, Ensemble, MESH_LINES};
 use flankwatch_signal::Features;
 
 /// Fewest lines that a comparison is made on.
 const LEAST_LINES: usize = 3;
 
-/// An interval of the tracked depth wider than this part of the library says that the records do not tell.
-const WIDEST_INTERVAL: f64 = 0.6;
+/// Longest interval between two records in units of growth: what a machine does while nobody records is not known.
+const MAX_UNITS: f64 = 100.0;
 
-/// [`EstimatorSettings::shape_deviation`] where nobody has measured the shape of the wear: exponents from 2.5 to 6 for 4, tip ratios from 0.4 for 0.7 and floors to
-/// 0.3 for 0.05 look like the described shape at 0.66 to 1.4 times their greatest depth.
-pub const UNKNOWN_SHAPE: f64 = 0.32;
+/// Part of the newest record in the mean of the lines that an inspection is compared with.
+const NEWEST_PART: f32 = 0.3;
 
-/// The same where the shape is known.
-pub const KNOWN_SHAPE: f64 = 0.0;
-
-/// [`EstimatorSettings::shape_deviation`] of a shape that is known or not.
-pub fn shape_deviation(known: bool) -> f64 {
-    if known { KNOWN_SHAPE } else { UNKNOWN_SHAPE }
-}
+/// Records in a row whose own best depth lies outside the interval before the search begins anew.
+const MAX_DISAGREEING: u8 = 10;
 
 /// What a user decides about the estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,9 +41,6 @@ pub struct EstimatorSettings {
     pub baseline_records: u32,
     /// Wear depth in µm that the prognosis is about.
     pub limit_um: Option<f64>,
-    /// Standard deviation of the logarithm of the true greatest depth over that of the described shape of wear which changes the vibration alike:
-    /// how unsure the described shape is. Wear of another shape looks like the described one at another depth.
-    pub shape_deviation: f64,
 }
 
 /// What is known after the records so far; an exact copy in JSON continues with the same bits.
@@ -68,9 +63,19 @@ enum Stage {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Tracking {
     baseline: Baseline,
-    carried: Option<Carried>,
-    belief: Option<Belief>,
-    history: WearHistory,
+    /// Seconds between two records of the baseline on the mean, and the time of the newest record.
+    unit_s: f64,
+    newest: Timestamp,
+    /// Time of the newest record of all.
+    seen: Timestamp,
+    drift: Drift,
+    filter: Option<Filter>,
+    /// By member, the depth at which the baseline was taken; none for a new machine.
+    reference: Option<Vec<u8>>,
+    anchor: Option<Anchor>,
+    /// Mean change of each line over the last records.
+    recent: Vec<Option<f32>>,
+    disagreeing: u8,
     #[serde(default)]
     charts: Charts,
     #[serde(skip)]
@@ -86,16 +91,22 @@ struct Meshless {
     prepared: Prepared,
 }
 
-/// What goes on over a new baseline: what was believed before, and the history of wear.
+/// What goes on over a new baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Carried {
-    beginning: Beginning,
-    history: WearHistory,
+    filter: Filter,
+}
+
+/// What follows from the baseline.
+#[derive(Debug)]
+struct Healthy {
+    lines: HealthyLines,
+    checks: HealthyChecks,
 }
 
 /// What follows from the baseline and is worked out again where a state was read.
 #[derive(Debug, Clone, Default)]
-struct Prepared(Option<Arc<Hypotheses>>);
+struct Prepared(Option<Arc<Healthy>>);
 
 impl PartialEq for Prepared {
     /// It says nothing that the baseline does not say.
@@ -111,6 +122,7 @@ pub struct Tracker {
     ensemble: Option<Arc<Ensemble>>,
     grid: DepthGrid,
     growth: Growth,
+    discrepancy: Option<Discrepancy>,
 }
 
 impl Tracker {
@@ -118,14 +130,14 @@ impl Tracker {
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>) -> Self {
         let grid = ensemble
             .as_deref()
-            .map(|ensemble| DepthGrid::up_to(ensemble.described().max_wear_um()))
+            .map(|ensemble| DepthGrid::of(ensemble.depths_um()))
             .unwrap_or_default();
-        let growth = Growth::on(grid.depths_um());
         Self {
             settings,
-            ensemble,
+            growth: Growth::on(grid.depths_um()),
+            discrepancy: ensemble.as_deref().map(Discrepancy::of),
             grid,
-            growth,
+            ensemble,
         }
     }
 
@@ -159,17 +171,8 @@ impl Tracker {
                 records.push(features.clone());
                 let (have, need) = (records.len() as u32, self.settings.baseline_records);
                 if have >= need {
-                    let history = carried
-                        .as_ref()
-                        .map_or_else(|| WearHistory::from(start.unwrap_or(at)), |carried| carried.history.clone());
-                    state.0 = Stage::Tracking(Box::new(Tracking {
-                        baseline: Baseline::of(records),
-                        carried: carried.take(),
-                        belief: None,
-                        history,
-                        charts: Charts::default(),
-                        prepared: Prepared::default(),
-                    }));
+                    let began = start.unwrap_or(at);
+                    state.0 = Stage::Tracking(Box::new(self.begin(records, began, at, carried.take())));
                 }
                 self.no_number(
                     WearStatus::CollectingBaseline,
@@ -181,12 +184,44 @@ impl Tracker {
         }
     }
 
-    /// Takes an event: a new baseline is learnt, and unless the gear was replaced, wear goes on from where it was.
+    /// The tracking after a baseline of these records, which began at `began` and ended at `ended`.
+    fn begin(&self, records: &[Features], began: Timestamp, ended: Timestamp, carried: Option<Carried>) -> Tracking {
+        let intervals = records.len().saturating_sub(1).max(1) as f64;
+        let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
+        let filter = carried
+            .map(|carried| carried.filter)
+            .filter(|filter| filter.fits(members, self.variants()));
+        Tracking {
+            baseline: Baseline::of(records),
+            unit_s: ended.duration_since(began).as_secs_f64().max(0.0) / intervals,
+            newest: ended,
+            seen: ended,
+            drift: Drift::default(),
+            reference: filter.as_ref().map(Filter::mean_depths),
+            filter,
+            anchor: None,
+            recent: vec![None; MESH_LINES],
+            disagreeing: 0,
+            charts: Charts::default(),
+            prepared: Prepared::default(),
+        }
+    }
+
+    /// Takes an event: an inspection says how deep the wear is; else a new baseline is learnt, and unless the gear was replaced, wear goes
+    /// on from where it was.
     pub fn event(&self, state: &mut TrackerState, event: &MaintenanceEvent) {
         let carried = match (&mut state.0, event.kind) {
+            (Stage::Tracking(tracking), MaintenanceKind::Inspected) => {
+                if let Some(inspection) = &event.inspection {
+                    self.inspect(tracking, inspection);
+                }
+                return;
+            }
+            // Nothing has been compared yet that a depth could tell from.
+            (Stage::Collecting { .. }, MaintenanceKind::Inspected) => return,
             (_, MaintenanceKind::GearReplaced) => None,
             (Stage::Collecting { carried, .. }, _) => carried.take(),
-            (Stage::Tracking(tracking), _) => self.carried(tracking),
+            (Stage::Tracking(tracking), _) => tracking.filter.take().map(|filter| Carried { filter }),
         };
         state.0 = Stage::Collecting {
             records: Vec::new(),
@@ -196,13 +231,37 @@ impl Tracker {
         };
     }
 
-    fn carried(&self, tracking: &mut Tracking) -> Option<Carried> {
-        let hypotheses = self.prepare(tracking);
-        let belief = tracking.belief.as_ref()?;
-        Some(Carried {
-            beginning: belief.carried(&hypotheses, &self.grid),
-            history: tracking.history.clone(),
-        })
+    /// Takes a depth that was measured on the teeth.
+    fn inspect(&self, tracking: &mut Tracking, inspection: &Inspection) {
+        let Some(ensemble) = self.ensemble.as_deref() else { return };
+        let members = ensemble.members().len();
+        let filter = match tracking.filter.take() {
+            Some(filter) if filter.fits(members, self.variants()) => filter,
+            _ => Filter::start(self.grid.depths_um(), members, self.variants()),
+        };
+        let filter = tracking.filter.insert(filter);
+        let gear = inspection.gear.map(|gear| usize::from(gear.saturating_sub(1)));
+        let at_place = |member: &crate::library::Member| member.at_place(gear, inspection.place);
+        let likelihood: Vec<f32> = ensemble
+            .members()
+            .iter()
+            .flat_map(|member| {
+                let parts = at_place(member);
+                let deviates = self.grid.cells().zip(parts).map(|([low, high], part)| {
+                    // The error of a cell is the measured one's and the cell's own width.
+                    let (middle, width) = (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
+                    let variance = inspection.error_um * inspection.error_um + width * width / 12.0;
+                    (-0.5 * (inspection.depth_um - middle).powi(2) / variance).exp().max(1e-30) as f32
+                });
+                deviates.collect::<Vec<_>>()
+            })
+            .collect();
+        filter.inspect(&likelihood);
+        tracking.anchor = Some(Anchor {
+            depths: Anchor::depths_at(ensemble, inspection.depth_um, gear, inspection.place),
+            changes: tracking.recent.clone(),
+        });
+        tracking.disagreeing = 0;
     }
 
     /// Why a record cannot be part of the baseline.
@@ -229,9 +288,13 @@ impl Tracker {
         );
         if known {
             let Meshless { records, charts, prepared } = meshless;
-            let make = || Arc::new(Hypotheses::new(&Baseline::of(records), None, &[], None));
-            let hypotheses = prepared.0.get_or_insert_with(make);
-            let novelty = judge(features, &hypotheses.deviations(features, None), hypotheses.freedom(), charts);
+            let healthy = prepared.0.get_or_insert_with(|| self.healthy(&Baseline::of(records)));
+            let novelty = judge(
+                features,
+                &[Vec::new(), healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0))],
+                healthy.checks.freedom(),
+                charts,
+            );
             self.tell_novelty(&mut answer, novelty);
         } else if usable {
             meshless.records.push(features.clone());
@@ -239,31 +302,34 @@ impl Tracker {
         answer
     }
 
-    fn prepare(&self, tracking: &mut Tracking) -> Arc<Hypotheses> {
-        let Tracking {
-            baseline,
-            carried,
-            prepared,
-            ..
-        } = tracking;
-        let make = || {
-            let beginning = carried.as_ref().map(|carried| &carried.beginning);
-            Arc::new(Hypotheses::new(
-                baseline,
-                self.ensemble.as_deref(),
-                self.grid.depths_um(),
-                beginning,
-            ))
+    fn healthy(&self, baseline: &Baseline) -> Arc<Healthy> {
+        let nominal = match self.ensemble.as_deref() {
+            Some(ensemble) => {
+                let operation = &ensemble.described().pair().operation;
+                [operation.shaft_speed_hz, operation.torque_nm]
+            }
+            None => [0, 1].map(|i| baseline.points.iter().find_map(|point| point[i]).unwrap_or(1.0)),
         };
-        Arc::clone(prepared.0.get_or_insert_with(make))
+        let lines = HealthyLines::new(baseline, nominal);
+        let log_speeds = lines.log_speeds(baseline);
+        Arc::new(Healthy {
+            checks: HealthyChecks::new(baseline, log_speeds, self.ensemble.as_deref(), self.grid.depths_um()),
+            lines,
+        })
     }
 
     fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let hypotheses = self.prepare(tracking);
-        let Some(ensemble) = self.ensemble.as_deref() else {
-            let deviations = hypotheses.deviations(features, None);
-            let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
+        let Tracking { baseline, prepared, .. } = &mut *tracking;
+        let healthy = Arc::clone(prepared.0.get_or_insert_with(|| self.healthy(baseline)));
+        let freedom = healthy.checks.freedom();
+        let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
+            let novelty = judge(
+                features,
+                &[Vec::new(), healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0))],
+                freedom,
+                &mut tracking.charts,
+            );
             let mut answer = self.no_number(
                 WearStatus::NoLibrary,
                 need,
@@ -272,141 +338,109 @@ impl Tracker {
             self.tell_novelty(&mut answer, novelty);
             return answer;
         };
-        if hypotheses.lines() < LEAST_LINES {
+        if healthy.lines.len() < LEAST_LINES {
             let reason = format!(
-                "{} lines stand above the noise in the baseline, expected at least {LEAST_LINES}: wear cannot be told from this channel",
-                hypotheses.lines()
+                "{} lines stand above the noise in the baseline, expected at least {LEAST_LINES}: this channel cannot show wear",
+                healthy.lines.len()
             );
             return self.no_number(WearStatus::NotIdentifiable, need, &reason);
         }
-        let belief = match &mut tracking.belief {
-            Some(belief) if belief.fits(&hypotheses, &self.grid) => belief,
-            other => other.insert(Belief::start(&hypotheses, &self.grid)),
-        };
-        let compared = hypotheses.compare(features, ensemble, belief.path());
-        if compared.lines == 0 {
+        let measured = healthy.lines.measured(features);
+        if measured.lines.is_empty() {
             let mut answer = self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's lines");
             // Less than usual without a mesh line is a machine that stands still.
-            let mut deviations = hypotheses.deviations(features, None);
-            deviations[1].retain(|deviation| deviation.residual > 0.0);
-            let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
+            let mut checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
+            checks.retain(|deviation| deviation.residual > 0.0);
+            let novelty = judge(features, &[Vec::new(), checks], freedom, &mut tracking.charts);
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
-        let best = compared.best(self.grid.depths_um().len());
-        let deviations = hypotheses.deviations(features, Some((&compared, best)));
-        let novelty = judge(features, &deviations, hypotheses.freedom(), &mut tracking.charts);
+        let reference = Reference {
+            depths: tracking.reference.as_deref(),
+            anchor: tracking.anchor.as_ref(),
+        };
+        let likelihood = discrepancy.compare(ensemble, &measured, reference);
+        let apart = measured.apart();
+        let unseen = self.units(tracking, tracking.seen, at).max(1.0);
+        let lines = discrepancy.deviations(ensemble, &measured, likelihood.best, reference);
+        tracking.seen = at.max(tracking.seen);
+        let checks = healthy.checks_at(features, likelihood.best.1, tracking.drift.at(apart, unseen));
+        let drift = tracking.drift.after(apart, unseen, &checks);
+        let novelty = judge(features, &[lines, checks], freedom, &mut tracking.charts);
         if novelty.outside {
             // What is not wear does not move the estimate of wear.
             let mut answer = self.no_number(WearStatus::OutsideLibrary, need, "");
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
-        let updated = belief.update(&compared, &hypotheses, &self.grid, &self.growth);
-        let tracked = belief.probability(&self.grid);
-        let probability = belief.spread_probability(&self.grid, self.settings.shape_deviation);
-        let member = hypotheses.all[updated.best.0].member;
-        let resolved = hypotheses.resolved(&compared, belief.likeliest(&self.grid));
-        let [low, median, high] = [0.05, 0.5, 0.95].map(|level| self.grid.quantile_um(&tracked, level));
-        let told = high - low <= WIDEST_INTERVAL * ensemble.described().max_wear_um();
-        let mut answer = self.answer(ensemble, &probability, &updated, member, told);
-        answer.resolved_um = Some(resolved.map(|point| self.grid.depths_um()[point]));
-        let half_width = 0.5 * (high - low);
-        tracking.history.push(at, median, half_width);
-        if let Some(limit_um) = self.settings.limit_um {
-            let now = Now {
-                at,
-                depth_um: median,
-                half_width_um: half_width,
-            };
-            answer.prognosis = tracking.history.prognosis(now, limit_um, self.settings.shape_deviation);
-            answer.above_limit = Some(self.grid.probability_above(&probability, limit_um));
-        }
-        answer.novelty = Some(novelty);
-        answer
-    }
-
-    /// Puts a record's novelty into an answer without a number.
-    fn tell_novelty(&self, answer: &mut WearEstimate, novelty: Novelty) {
-        if let Some(fault) = novelty.sensor_fault {
-            answer.status = WearStatus::SensorFault;
-            answer.reason = fault.words().to_owned();
-        } else if let Some(sign) = novelty.machine_sign {
-            answer.status = WearStatus::OutsideLibrary;
-            answer.reason = match &novelty.lasting {
-                Some(check) => format!("{} ({check} has deviated for several records)", sign.words()),
-                None => format!("{}: off are {}", sign.words(), most_deviating(&novelty)),
-            };
-        } else if novelty.outside {
-            answer.status = WearStatus::OutsideLibrary;
-            let what = match &self.ensemble {
-                Some(_) if novelty.lasting.is_some() => "no wear of the library has explained several records well",
-                Some(_) => "no wear of the library explains this record",
-                None if novelty.lasting.is_some() => "several records have been unlike the healthy ones",
-                None => "this record is unlike the healthy ones",
-            };
-            answer.reason = format!("{what}: off are {}", most_deviating(&novelty));
-        }
-        answer.novelty = Some(novelty);
-    }
-
-    fn answer(&self, ensemble: &Ensemble, probability: &[f64], updated: &Updated, member: usize, told: bool) -> WearEstimate {
-        let library = ensemble.described();
-        let quantile = |level| self.grid.quantile_um(probability, level);
-        let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
-        let (status, reason) = if told {
-            (
-                WearStatus::Estimated,
-                format!("wear {median:.0} µm, between {p05:.0} and {p95:.0} µm with 90 % probability"),
-            )
+        tracking.drift = drift;
+        let believed = self.take(tracking, at, &measured, &likelihood);
+        let mut answer = self.answer(ensemble, &believed, &likelihood);
+        let median_outside = self.disagrees(&answer, &likelihood);
+        tracking.disagreeing = if median_outside {
+            tracking.disagreeing.saturating_add(1)
         } else {
-            (
-                WearStatus::NotIdentifiable,
-                format!("wear anywhere between {p05:.0} and {p95:.0} µm explains the records"),
-            )
+            0
         };
-        let mut answer = self.no_number(status, self.settings.baseline_records, &reason);
-        answer.median_um = Some(median);
-        answer.mean_um = Some(self.grid.mean_um(probability));
-        answer.p05_um = Some(p05);
-        answer.p25_um = Some(quantile(0.25));
-        answer.p75_um = Some(quantile(0.75));
-        answer.p95_um = Some(p95);
-        answer.log_evidence = updated.log_evidence.is_finite().then_some(updated.log_evidence);
-        answer.best_state = Some(best_state(library, self.grid.depths_um()[updated.best.1], member));
-        answer.posterior = Some(self.grid.posterior(probability));
+        if tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated {
+            answer.status = WearStatus::NotIdentifiable;
+            answer.reason = format!("{}: the last records say otherwise than those before", answer.reason);
+        }
+        if let Some(limit_um) = self.settings.limit_um {
+            answer.prognosis = prognosis(&believed.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
+            answer.above_limit = Some(self.grid.probability_above(&believed.by_depth(), limit_um));
+        }
+        answer.novelty = Some(novelty);
         answer
     }
 
-    fn no_number(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
-        let baseline = BaselineProgress {
-            have,
-            need: self.settings.baseline_records,
-        };
-        let ensemble = self.ensemble.as_ref();
-        WearEstimate {
-            library_id: ensemble.map(|ensemble| ensemble.described().id().to_owned()),
-            ensemble_id: ensemble.map(|ensemble| ensemble.id().to_owned()),
-            ..WearEstimate::without_number(status, reason.to_owned(), baseline)
+    /// Whether the depth that explains a record best by itself lies outside the interval.
+    fn disagrees(&self, answer: &WearEstimate, likelihood: &Likelihood) -> bool {
+        let best_um = self.grid.depths_um()[likelihood.best.1];
+        match (answer.p05_um, answer.p95_um) {
+            (Some(low), Some(high)) => !(low..=high).contains(&best_um),
+            _ => false,
         }
+    }
+
+    fn variants(&self) -> usize {
+        self.ensemble.as_deref().map_or(1, Ensemble::variants)
+    }
+
+    /// Units of growth between two times.
+    fn units(&self, tracking: &Tracking, from: Timestamp, to: Timestamp) -> f64 {
+        if tracking.unit_s > 0.0 {
+            (to.duration_since(from).as_secs_f64() / tracking.unit_s).clamp(0.0, MAX_UNITS)
+        } else {
+            1.0
+        }
+    }
+
+    /// Lets wear grow up to a record, and takes it.
+    fn take(&self, tracking: &mut Tracking, at: Timestamp, measured: &Measured, likelihood: &Likelihood) -> Believed {
+        let members = likelihood.log.len() / DEPTHS;
+        let units = self.units(tracking, tracking.newest, at);
+        tracking.newest = at.max(tracking.newest);
+        for line in &measured.lines {
+            let recent = &mut tracking.recent[line.index];
+            let change = line.change as f32;
+            *recent = Some(recent.map_or(change, |mean| mean + NEWEST_PART * (change - mean)));
+        }
+        let filter = match tracking.filter.take() {
+            Some(filter) if filter.fits(members, self.variants()) => filter,
+            _ => Filter::start(self.grid.depths_um(), members, self.variants()),
+        };
+        tracking
+            .filter
+            .insert(filter)
+            .update(&self.growth, units * measured.load, likelihood)
     }
 }
 
-/// The features that deviate most, in words.
-fn most_deviating(novelty: &Novelty) -> String {
-    let most = novelty.most.iter();
-    let most = most.map(|d| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp()));
-    most.collect::<Vec<_>>().join(", ")
-}
-
-/// The library state nearest to a depth.
-fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
-    let far = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
-    let index = (0..library.states().len()).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
-    BestState {
-        index,
-        wear_um: library.states()[index].wear_um,
-        member,
+impl Healthy {
+    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid and a drift.
+    fn checks_at(&self, record: &Features, depth: usize, drifting: Drifting<'_>) -> Vec<Deviation> {
+        self.checks.deviations(record, self.lines.log_speed(record), depth, drifting)
     }
 }
 

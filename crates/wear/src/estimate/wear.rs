@@ -7,7 +7,7 @@ use super::prognosis::Prognosis;
 use flankwatch_signal::{Indicators, PREPROCESSING};
 
 /// Identifier of the estimator.
-pub const METHOD: &str = "path-filter-2";
+pub const METHOD: &str = "ensemble-filter-1";
 
 /// What kind of answer a wear estimate is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -50,9 +50,21 @@ pub struct BestState {
     pub index: usize,
     /// Its greatest wear depth in µm.
     pub wear_um: f64,
-    /// Which contact rule explains it: 0 is the described one, 1 the other.
+    /// Which member of the ensemble explains it.
     #[serde(default)]
     pub member: usize,
+}
+
+/// A median with its 5 % and 95 % quantiles.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Interval {
+    /// Median.
+    pub median: f64,
+    /// 5 % quantile.
+    pub p05: f64,
+    /// 95 % quantile.
+    pub p95: f64,
 }
 
 /// Probability of each wear depth on the tracking grid.
@@ -93,6 +105,13 @@ pub struct WearEstimate {
     /// 95 % quantile of wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p95_um: Option<f64>,
+    /// Transmission error that the wear adds under load, peak to peak in µm along the line of action: what the mesh lines see, alike for
+    /// shapes of wear whose greatest depths differ by a factor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transmission_error_um: Option<Interval>,
+    /// Where the interval reaches the library's end: the wear is at least this deep in µm, with 95 % probability.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_least_um: Option<f64>,
     /// Probability that the user's limit is passed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub above_limit: Option<f64>,
@@ -147,6 +166,8 @@ impl WearEstimate {
             p25_um: None,
             p75_um: None,
             p95_um: None,
+            transmission_error_um: None,
+            at_least_um: None,
             above_limit: None,
             log_evidence: None,
             best_state: None,

@@ -19,7 +19,7 @@ const FACTORS: (f64, f64) = (0.01, 100.0);
 pub struct GridSettings {
     /// Number of wear states, equally spaced from unworn to `max_wear_um`.
     pub states: usize,
-    /// Greatest wear depth of the last state in µm.
+    /// Greatest wear depth of the last state in µm; [`GridSettings::for_pair`] makes it one of another pair's size.
     pub max_wear_um: f64,
     /// Length of each simulated record in seconds.
     pub seconds: f64,
@@ -34,7 +34,7 @@ pub struct GridSettings {
 }
 
 impl Default for GridSettings {
-    /// The paper's grid: 50 states of 5 µm from 0 to 0.245 mm at the nominal operating point.
+    /// The paper's grid: 50 states of 5 µm from 0 to 0.245 mm, for module 6 mm, at the nominal operating point.
     fn default() -> Self {
         Self {
             states: 50,
@@ -58,6 +58,16 @@ pub struct OperatingRange {
 }
 
 impl GridSettings {
+    /// The grid for a pair where these settings are meant for pairs of any size: their depths are those of module 6 mm, and go with the
+    /// module.
+    #[must_use]
+    pub fn for_pair(&self, pair: &PairSpec) -> Self {
+        Self {
+            max_wear_um: self.max_wear_um * pair.size(),
+            ..self.clone()
+        }
+    }
+
     /// Greatest wear depth of a state in µm.
     pub fn wear_um(&self, index: usize) -> f64 {
         self.max_wear_um * index as f64 / (self.states - 1) as f64
@@ -135,7 +145,18 @@ pub(super) fn place(factors: &[f64], factor: f64) -> (usize, f64) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::made_up_library;
     use super::{GridSettings, place};
+
+    #[test]
+    fn depths_go_with_the_module() {
+        let mut pair = made_up_library().pair().clone();
+        let usual = GridSettings::default();
+        assert_eq!(usual.for_pair(&pair), usual);
+        pair.geometry.module_mm = 0.3;
+        assert!((usual.for_pair(&pair).max_wear_um - 12.25).abs() < 1e-12);
+        assert_eq!(usual.for_pair(&pair).states, 50);
+    }
 
     #[test]
     fn places_are_held_at_the_ends() {

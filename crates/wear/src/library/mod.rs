@@ -25,7 +25,11 @@ pub use build::{build, library_id};
 #[cfg(feature = "files")]
 pub use checkpoint::checkpoint_beside;
 pub use control::BuildControl;
-pub use ensemble::{Ensemble, EnsembleSettings, LibrarySource, Member, MemberCurves};
+pub(crate) use ensemble::line_name;
+pub use ensemble::{
+    DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, VARIANTS, decode_ensemble, encode_ensemble,
+    ensemble_id,
+};
 pub use file::{FORMAT_VERSION, decode, encode};
 pub use grid::{GridSettings, OperatingRange};
 #[cfg(feature = "files")]
@@ -129,6 +133,21 @@ impl Library {
     /// Greatest wear depth of the last state in µm.
     pub fn max_wear_um(&self) -> f64 {
         self.states.last().map_or(0.0, |state| state.wear_um)
+    }
+
+    /// How far a value that wear hardly moves ([`Features::checks`]) has moved from unworn at a depth in µm, linear between the
+    /// states and held at the ends; `None` where a state lacks it.
+    pub fn check_change(&self, name: &str, wear_um: f64) -> Option<f64> {
+        let value = |index: usize| self.states.get(index)?.features.checks.get(name).copied();
+        let upper = self.states.partition_point(|state| state.wear_um <= wear_um);
+        let at = if upper == 0 || upper == self.states.len() {
+            value(upper.saturating_sub(1))?
+        } else {
+            let (before, after) = (self.states[upper - 1].wear_um, self.states[upper].wear_um);
+            let part = (wear_um - before) / (after - before);
+            value(upper - 1)? * (1.0 - part) + value(upper)? * part
+        };
+        Some(at - value(0)?)
     }
 
     /// Features that every state has, with their values over the states, at the nominal operating point.

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::checkpoint::Checkpoint;
-use super::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, Manifest, build, decode, encode, library_id};
+use super::{
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, Manifest, build, decode, decode_ensemble, encode,
+    encode_ensemble, ensemble_id, library_id,
+};
 use flankwatch_gear::PairSpec;
 
 /// Ending of library files.
@@ -42,26 +45,56 @@ impl LibraryShelf {
         build_into(&self.path(&id), pair, grid, control).map(Arc::new)
     }
 
-    /// A library with its neighbours, which are kept in a folder of their own: they are nobody's own and not listed. `progress` is called with the
-    /// libraries done and their number.
+    /// The ensemble around a library: loaded where it is kept and whole, else simulated and kept.
     ///
     /// # Errors
-    /// Those of [`LibraryShelf::get_or_build`] for the described pair.
+    /// Those of [`Ensemble::build`]; [`LibraryError::Io`] where it cannot be kept.
     pub fn ensemble(
         &self,
         library: Arc<Library>,
         settings: &EnsembleSettings,
-        progress: &dyn Fn(usize, usize),
+        control: &BuildControl<'_>,
     ) -> Result<Ensemble, LibraryError> {
-        let neighbours = self.neighbours();
-        let get = |pair: &PairSpec, grid: &GridSettings| neighbours.get_or_build(pair, grid, &BuildControl::silent());
-        Ensemble::around(library, settings, &get, progress)
+        if let Some(kept) = self.kept_ensemble(&library, settings)? {
+            return Ok(kept);
+        }
+        let ensemble = Ensemble::build(library, settings, control)?;
+        self.put_ensemble(&ensemble)?;
+        Ok(ensemble)
     }
 
-    /// The shelf of the neighbours.
-    #[must_use]
-    pub fn neighbours(&self) -> Self {
-        Self::new(self.folder.join("neighbours"))
+    /// The ensemble around a library, where it is kept; one that is damaged is reported and counts as not kept.
+    ///
+    /// # Errors
+    /// [`LibraryError::Io`].
+    pub fn kept_ensemble(&self, library: &Arc<Library>, settings: &EnsembleSettings) -> Result<Option<Ensemble>, LibraryError> {
+        let id = ensemble_id(library.id(), settings);
+        let path = self.ensemble_path(&id);
+        let bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(LibraryError::Io { path, source }),
+        };
+        match decode_ensemble(&bytes, Arc::clone(library)) {
+            Ok(ensemble) if ensemble.id() == id => Ok(Some(ensemble)),
+            Ok(_) => Ok(None),
+            Err(error) => {
+                tracing::warn!(ensemble = %id, %error, "failed to read the kept ensemble; simulating it again");
+                Ok(None)
+            }
+        }
+    }
+
+    /// Keeps an ensemble.
+    ///
+    /// # Errors
+    /// [`LibraryError::Io`].
+    pub fn put_ensemble(&self, ensemble: &Ensemble) -> Result<(), LibraryError> {
+        keep_bytes(&self.ensemble_path(ensemble.id()), &encode_ensemble(ensemble))
+    }
+
+    fn ensemble_path(&self, id: &str) -> PathBuf {
+        self.folder.join("ensembles").join(id).with_extension("fwens")
     }
 
     /// Keeps a library.
@@ -146,6 +179,10 @@ pub fn build_into(path: &Path, pair: &PairSpec, grid: &GridSettings, control: &B
 
 /// Writes a library to a file so that a reader sees all of it or none.
 pub fn keep(path: &Path, library: &Library) -> Result<(), LibraryError> {
+    keep_bytes(path, &encode(library))
+}
+
+fn keep_bytes(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
     let failed = |source| LibraryError::Io {
         path: path.to_owned(),
         source,
@@ -157,7 +194,7 @@ pub fn keep(path: &Path, library: &Library) -> Result<(), LibraryError> {
     fs::create_dir_all(folder).map_err(failed)?;
     let temporary = path.with_extension(format!("{}.part", std::process::id()));
     let mut file = File::create(&temporary).map_err(failed)?;
-    file.write_all(&encode(library)).and_then(|()| file.sync_all()).map_err(failed)?;
+    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed)?;
     fs::rename(&temporary, path).map_err(failed)?;
     File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
 }

@@ -43,6 +43,7 @@ impl AlarmQuantity {
     pub(super) fn begins_again(&self, event: MaintenanceKind) -> bool {
         match event {
             MaintenanceKind::GearReplaced => true,
+            MaintenanceKind::Inspected => false,
             MaintenanceKind::SensorReplaced | MaintenanceKind::RegimeChanged => !self.is_wear(),
         }
     }

@@ -128,6 +128,7 @@ fn a_new_gear_ends_what_the_old_one_raised() {
         kind,
         by: String::new(),
         comment: String::new(),
+        inspection: None,
     };
     for alarm in &mut panel.alarms {
         feed(alarm, &rules[0], &[150.0, 150.0]);

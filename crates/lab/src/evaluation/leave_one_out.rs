@@ -1,0 +1,72 @@
+//! Runs that a member of the ensemble makes, for an estimate with all other members: how far a few hundred pairs stand for one
+//! that is not among them.
+
+use std::sync::Arc;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+use super::recorded::RecordedRun;
+use super::run::Observation;
+use flankwatch_signal::Features;
+use flankwatch_wear::library::{Ensemble, MESH_LINES, Member};
+
+/// Records of a run, healthy ones at its beginning, and the last one's depth in parts of the greatest.
+const RECORDS: usize = 150;
+const HEALTHY: usize = 30;
+const LAST_PART: f64 = 0.9;
+
+/// Standard deviations of the logarithms of the path's gains, and of a line from record to record.
+const PATH: f64 = 1.0;
+const SCATTER: f64 = 0.12;
+
+/// Logarithm of the noise beside a healthy line over the line.
+const NOISE: f64 = -3.0;
+
+/// Runs of `count` members, evenly chosen, each with the ensemble that lacks the member's group.
+pub fn leave_one_out(ensemble: &Ensemble, count: usize) -> Vec<(RecordedRun, Arc<Ensemble>)> {
+    let variants = ensemble.variants();
+    let groups = ensemble.members().len() / variants;
+    let count = count.min(groups.saturating_sub(1));
+    let run = |index: usize| {
+        let group = index * groups / count;
+        let number = group * variants + index % variants;
+        let run = run_of(&ensemble.members()[number], ensemble.depths_um(), number);
+        (run, Arc::new(ensemble.without_group(group)))
+    };
+    (0..count).map(run).collect()
+}
+
+fn run_of(member: &Member, depths_um: &[f64], number: usize) -> RecordedRun {
+    let mut rng = ChaCha8Rng::seed_from_u64(number as u64);
+    let normal = Normal::new(0.0, 1.0).expect("1 is a standard deviation");
+    let path: Vec<f64> = (0..MESH_LINES).map(|_| PATH * normal.sample(&mut rng)).collect();
+    let greatest_um = depths_um.last().copied().unwrap_or(0.0);
+    let mut record = |index: usize| {
+        let part = index.saturating_sub(HEALTHY) as f64 / (RECORDS - 1 - HEALTHY) as f64;
+        let wear_um = LAST_PART * greatest_um * part;
+        let upper = depths_um.partition_point(|um| *um <= wear_um).clamp(1, depths_um.len() - 1);
+        let between = (wear_um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
+        let mut features = Features::default();
+        for (line, gain) in path.iter().enumerate() {
+            let changes = member.change(line);
+            let [before, after] = [upper - 1, upper].map(|depth| f64::from(changes[depth]));
+            let amplitude = before + between * (after - before) + SCATTER * normal.sample(&mut rng);
+            // Noise and line add by squares.
+            let seen = 0.5 * ((2.0 * amplitude).exp() + (2.0 * NOISE).exp()).ln();
+            let name = format!("ln_mesh_{}", line + 1);
+            features.background.insert(name.clone(), gain + NOISE);
+            features.values.insert(name, gain + seen);
+        }
+        Observation {
+            wear_um,
+            features,
+            single: [0.0; 3],
+        }
+    };
+    RecordedRun {
+        name: format!("member {number}"),
+        records: (0..RECORDS).map(&mut record).collect(),
+    }
+}

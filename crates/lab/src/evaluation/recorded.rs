@@ -1,0 +1,176 @@
+//! Recorded runs of any origin with the truth beside them, and what the estimator makes of each.
+
+use std::sync::Arc;
+
+use jiff::{SignedDuration, Timestamp};
+use serde::Serialize;
+
+use super::run::Observation;
+use super::score::rank_correlation;
+use flankwatch_wear::estimate::{EstimatorSettings, Inspection, MaintenanceEvent, MaintenanceKind, Tracker, WearEstimate, WearStatus};
+use flankwatch_wear::library::{Ensemble, FlankPlace};
+
+/// Width in µm below which an interval is narrow.
+const NARROW_UM: f64 = 20.0;
+
+/// One run, in the order of time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedRun {
+    /// What it is called.
+    pub name: String,
+    /// Its records with the truth.
+    pub records: Vec<Observation>,
+}
+
+/// What is changed about a run before it is followed.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Trial {
+    /// Records that are missing in its middle.
+    pub gap: usize,
+    /// Standard deviation in µm of an inspection at half of the run.
+    pub inspection_um: Option<f64>,
+}
+
+/// One record's answer beside the truth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Answer {
+    /// The record's place in the run.
+    pub record: usize,
+    /// True greatest depth in µm.
+    pub truth_um: f64,
+    /// Median, 5 % and 95 % quantiles in µm, where wear was claimed.
+    pub wear_um: Option<[f64; 3]>,
+    /// Whether the record was taken for something else than wear.
+    pub flagged: bool,
+    /// The answer in words.
+    pub reason: String,
+}
+
+/// The scores of one run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunScore {
+    /// The run.
+    pub run: String,
+    /// Records after the baseline.
+    pub records: usize,
+    /// Those with a depth, those taken for something else than wear, and the others.
+    pub estimated: usize,
+    /// Records that were taken for something else than wear.
+    pub flagged: usize,
+    /// Records without an answer.
+    pub without: usize,
+    /// Part of the estimates whose 90 % interval holds the truth.
+    pub coverage: f64,
+    /// Most estimates in a row whose interval does not.
+    pub longest_miss: usize,
+    /// Rank correlation of median and truth; none where the truth stands still.
+    pub rank: Option<f64>,
+    /// Mean absolute error of the median, and mean of median less truth, in µm.
+    pub mean_error_um: f64,
+    /// Mean of median less truth in µm.
+    pub bias_um: f64,
+    /// Mean width of the interval in µm.
+    pub width_um: f64,
+    /// Intervals below 20 µm, and how many of them hold the truth.
+    pub narrow: [usize; 2],
+    /// The last estimate.
+    pub last: Option<[f64; 3]>,
+    /// Mean absolute error in µm from the inspection on.
+    pub error_after_um: Option<f64>,
+    /// Mean width in µm from the inspection on.
+    pub width_after_um: Option<f64>,
+}
+
+/// Follows a run, one record an hour, with the first `baseline` records as the baseline.
+pub fn follow(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial: Trial) -> Vec<Answer> {
+    let settings = EstimatorSettings {
+        baseline_records: baseline,
+        limit_um: None,
+    };
+    let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
+    let mut state = tracker.start();
+    let half = run.records.len() / 2;
+    let gap = half - trial.gap.min(half) / 2..half + trial.gap.div_ceil(2);
+    let mut answers = Vec::with_capacity(run.records.len());
+    let mut inspection = trial.inspection_um;
+    for (record, observation) in run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record)) {
+        let at = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
+        if record >= half
+            && let Some(error_um) = inspection.take()
+        {
+            tracker.event(&mut state, &inspected(at, observation.wear_um, error_um));
+        }
+        let told = tracker.update(&mut state, at, &observation.features);
+        answers.push(Answer {
+            record,
+            truth_um: observation.wear_um,
+            wear_um: median_and_interval(&told),
+            flagged: matches!(told.status, WearStatus::OutsideLibrary | WearStatus::SensorFault),
+            reason: told.reason,
+        });
+    }
+    answers
+}
+
+/// Scores the answers of a run after its baseline.
+pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: Option<usize>) -> RunScore {
+    let answers: Vec<&Answer> = answers.iter().filter(|answer| answer.record >= baseline).collect();
+    let told: Vec<(usize, f64, [f64; 3])> = answers
+        .iter()
+        .filter_map(|answer| Some((answer.record, answer.truth_um, answer.wear_um?)))
+        .collect();
+    let holds = |truth: f64, [_, low, high]: [f64; 3]| low <= truth && truth <= high;
+    type Told = (usize, f64, [f64; 3]);
+    let mean = |values: &dyn Fn(&Told) -> f64, from: usize| {
+        let chosen: Vec<f64> = told.iter().filter(|(record, ..)| *record >= from).map(values).collect();
+        chosen.iter().sum::<f64>() / chosen.len().max(1) as f64
+    };
+    let (mut longest_miss, mut missed) = (0, 0);
+    for (_, truth, wear) in &told {
+        missed = if holds(*truth, *wear) { 0 } else { missed + 1 };
+        longest_miss = longest_miss.max(missed);
+    }
+    let narrow: Vec<bool> = told
+        .iter()
+        .filter(|(.., [_, low, high])| high - low < NARROW_UM)
+        .map(|(_, truth, wear)| holds(*truth, *wear))
+        .collect();
+    let pairs: Vec<(f64, f64)> = told.iter().map(|(_, truth, [median, ..])| (*truth, *median)).collect();
+    let flagged = answers.iter().filter(|answer| answer.flagged).count();
+    RunScore {
+        run: name.to_owned(),
+        records: answers.len(),
+        estimated: told.len(),
+        flagged,
+        without: answers.len() - told.len() - flagged,
+        coverage: told.iter().filter(|(_, truth, wear)| holds(*truth, *wear)).count() as f64 / told.len().max(1) as f64,
+        longest_miss,
+        rank: rank_correlation(&pairs),
+        mean_error_um: mean(&|(_, truth, [median, ..])| (median - truth).abs(), 0),
+        bias_um: mean(&|(_, truth, [median, ..])| median - truth, 0),
+        width_um: mean(&|(.., [_, low, high])| high - low, 0),
+        narrow: [narrow.len(), narrow.iter().filter(|held| **held).count()],
+        last: told.last().map(|(.., wear)| *wear),
+        error_after_um: inspected_at.map(|from| mean(&|(_, truth, [median, ..])| (median - truth).abs(), from)),
+        width_after_um: inspected_at.map(|from| mean(&|(.., [_, low, high])| high - low, from)),
+    }
+}
+
+fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent {
+    MaintenanceEvent {
+        time,
+        kind: MaintenanceKind::Inspected,
+        by: String::new(),
+        comment: String::new(),
+        inspection: Some(Inspection {
+            depth_um,
+            error_um,
+            gear: None,
+            place: FlankPlace::Greatest,
+        }),
+    }
+}
+
+fn median_and_interval(told: &WearEstimate) -> Option<[f64; 3]> {
+    Some([told.median_um?, told.p05_um?, told.p95_um?])
+}

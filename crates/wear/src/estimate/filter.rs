@@ -1,0 +1,300 @@
+//! What is believed of a machine: a probability over the members of the ensemble, the depth of wear and its rate.
+//!
+//! What a member has wrong it has wrong in the next record too, so a thousand records of a machine whose wear stands still are
+//! not a thousand pieces of evidence. The filter therefore takes each record at a small part of its weight
+//! ([`CARRIED`]), in proportion to the growth that may have gone on since the record before, and the answer adds a part of the
+//! newest record ([`ADDED`]). With a small probability a record
+//! is the first of a story that begins anew from the prior ([`FORGOTTEN`]; fixed share, Herbster and Warmuth 1998), so that no
+//! belief is ever beyond recall.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD_NO_PAD;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use super::growth::{Growth, PRIOR, RATES};
+use super::likelihood::Likelihood;
+use crate::library::DEPTHS;
+
+/// Weight of a record's likelihood in what is carried on, a unit of growth since the record before: records that come more often say no more.
+/// The most is for the first record after a long interval.
+const CARRIED: f32 = 0.03;
+
+/// Weight of the newest record's likelihood in the answer.
+const ADDED: f32 = 0.08;
+
+/// Probability that what was believed before a record is forgotten for the prior.
+const FORGOTTEN: f32 = 0.003;
+
+/// Mean depth at the end of a new machine's baseline, in parts of the greatest.
+const BEGINNING_PART: f64 = 0.006;
+
+/// Cells of one group.
+const BLOCK: usize = RATES * DEPTHS;
+
+/// The probability, packed: a number of 16 bits a cell. Members of one group share the probability of depth and rate; each has a part of
+/// the group.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Filter {
+    /// By group, rate and depth.
+    cells: Packed,
+    /// By member: its part of its group.
+    parts: Packed,
+    /// What would be believed without any record, by rate and depth.
+    prior: Vec<f32>,
+}
+
+/// What is believed after a record, and by the record itself.
+pub(super) struct Believed {
+    /// By member and depth; the sum is 1.
+    pub(super) joint: Vec<f32>,
+    /// By rate and depth; the sum is 1.
+    pub(super) by_rate: Vec<f32>,
+}
+
+impl Believed {
+    /// By depth.
+    pub(super) fn by_depth(&self) -> Vec<f64> {
+        let mut total = vec![0.0; DEPTHS];
+        for row in self.joint.chunks_exact(DEPTHS) {
+            total.iter_mut().zip(row).for_each(|(total, p)| *total += f64::from(*p));
+        }
+        total
+    }
+}
+
+impl Filter {
+    /// At the end of a new machine's baseline, for members in groups of `variants`.
+    pub(super) fn start(depths_um: &[f64], members: usize, variants: usize) -> Self {
+        let beginning_um = BEGINNING_PART * depths_um.last().copied().unwrap_or(0.0);
+        let near = |um: &f64| (-um / beginning_um.max(f64::MIN_POSITIVE)).exp() as f32;
+        let widths = depths_um
+            .iter()
+            .enumerate()
+            .map(|(i, um)| depths_um.get(i + 1).map_or(0.0, |next| (next - um) as f32));
+        let depths: Vec<f32> = depths_um.iter().map(near).zip(widths).map(|(near, width)| near * width).collect();
+        let total: f32 = depths.iter().sum();
+        let prior: Vec<f32> = PRIOR.iter().flat_map(|rate| depths.iter().map(move |p| rate * p / total)).collect();
+        Self {
+            cells: Packed::of(&prior.repeat(members / variants)),
+            parts: Packed::of(&vec![1.0; members]),
+            prior,
+        }
+    }
+
+    /// Whether this is about as many members in as many groups.
+    pub(super) fn fits(&self, members: usize, variants: usize) -> bool {
+        self.cells.0.len() == members / variants * BLOCK && self.parts.0.len() == members && self.prior.len() == BLOCK
+    }
+
+    /// Lets wear grow over `units` and takes one record.
+    pub(super) fn update(&mut self, growth: &Growth, units: f64, likelihood: &Likelihood) -> Believed {
+        let mut cells = self.cells.unpacked();
+        let mut parts = self.parts.unpacked();
+        let variants = parts.len() / (cells.len() / BLOCK);
+        parts.chunks_exact_mut(variants).for_each(normalise);
+        growth.advance(&mut cells, units);
+        growth.advance(&mut self.prior, units);
+        normalise(&mut self.prior);
+        let groups = cells.len() / BLOCK;
+        let total: f32 = cells.iter().sum();
+        let (kept, fresh) = ((1.0 - FORGOTTEN) / total, FORGOTTEN / groups as f32);
+        for block in cells.chunks_exact_mut(BLOCK) {
+            let old_and_new = block.iter_mut().zip(&self.prior);
+            old_and_new.for_each(|(cell, prior)| *cell = kept * *cell + fresh * prior);
+        }
+        let believed = believe(&cells, &parts, &likelihood.to_power(ADDED));
+        let carried = likelihood.to_power(CARRIED * (units as f32).min(1.0));
+        let weights = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
+        for ((block, parts), weights) in weights.zip(carried.chunks_exact(variants * DEPTHS)) {
+            weigh(block, parts, weights);
+        }
+        self.cells = Packed::of(&cells);
+        self.parts = Packed::of(&parts);
+        believed
+    }
+
+    /// Takes what an inspection says: a likelihood by member and depth, in full.
+    pub(super) fn inspect(&mut self, likelihood: &[f32]) {
+        let mut cells = self.cells.unpacked();
+        let mut parts = self.parts.unpacked();
+        let variants = parts.len() / (cells.len() / BLOCK);
+        parts.chunks_exact_mut(variants).for_each(normalise);
+        let members = parts.len();
+        let weights = cells.chunks_exact_mut(BLOCK).zip(parts.chunks_exact_mut(variants));
+        for ((block, parts), weights) in weights.zip(likelihood.chunks_exact(variants * DEPTHS)) {
+            weigh(block, parts, weights);
+        }
+        let mean = |depth: usize| (0..members).map(|member| likelihood[member * DEPTHS + depth]).sum::<f32>();
+        for (index, prior) in self.prior.iter_mut().enumerate() {
+            // What the prior had no probability for is possible too: the inspection knows better.
+            *prior = (*prior + 1e-3) * mean(index % DEPTHS);
+        }
+        normalise(&mut self.prior);
+        self.cells = Packed::of(&cells);
+        self.parts = Packed::of(&parts);
+    }
+
+    /// The index of the mean depth of each member.
+    pub(super) fn mean_depths(&self) -> Vec<u8> {
+        let cells = self.cells.unpacked();
+        let variants = self.parts.0.len() / (cells.len() / BLOCK);
+        let mean = |block: &[f32]| {
+            let (mut sum, mut total) = (0.0, f32::MIN_POSITIVE);
+            for (index, p) in block.iter().enumerate() {
+                sum += p * (index % DEPTHS) as f32;
+                total += p;
+            }
+            (sum / total).round().clamp(0.0, (DEPTHS - 1) as f32) as u8
+        };
+        let groups = cells.chunks_exact(BLOCK).map(mean);
+        groups.flat_map(|mean| std::iter::repeat_n(mean, variants)).collect()
+    }
+}
+
+/// Multiplies a group's cells with weights by member and depth, and each member's part of the group with what it has of them.
+fn weigh(block: &mut [f32], parts: &mut [f32], weights: &[f32]) {
+    let depths = by_depth(block);
+    let of_group: [f32; DEPTHS] = std::array::from_fn(|depth| {
+        let rows = parts.iter().zip(weights.chunks_exact(DEPTHS));
+        rows.map(|(part, row)| part * row[depth]).sum()
+    });
+    for (part, row) in parts.iter_mut().zip(weights.chunks_exact(DEPTHS)) {
+        *part *= row.iter().zip(&depths).map(|(weight, p)| weight * p).sum::<f32>();
+    }
+    normalise(parts);
+    let even = 1.0 / parts.len() as f32;
+    parts.iter_mut().for_each(|part| *part += FORGOTTEN * (even - *part));
+    for row in block.chunks_exact_mut(DEPTHS) {
+        row.iter_mut().zip(&of_group).for_each(|(cell, weight)| *cell *= weight);
+    }
+}
+
+/// A group's probability over the depths.
+fn by_depth(block: &[f32]) -> [f32; DEPTHS] {
+    let mut depths = [0.0; DEPTHS];
+    for row in block.chunks_exact(DEPTHS) {
+        depths.iter_mut().zip(row).for_each(|(sum, p)| *sum += p);
+    }
+    depths
+}
+
+fn believe(cells: &[f32], parts: &[f32], weights: &[f32]) -> Believed {
+    let variants = parts.len() / (cells.len() / BLOCK);
+    let mut joint = Vec::with_capacity(weights.len());
+    let mut by_rate = vec![0.0; BLOCK];
+    let groups = cells.chunks_exact(BLOCK).zip(parts.chunks_exact(variants));
+    for ((block, parts), weights) in groups.zip(weights.chunks_exact(variants * DEPTHS)) {
+        let depths = by_depth(block);
+        let mut of_group = [0.0; DEPTHS];
+        for (part, row) in parts.iter().zip(weights.chunks_exact(DEPTHS)) {
+            for depth in 0..DEPTHS {
+                let weight = part * row[depth];
+                of_group[depth] += weight;
+                joint.push(depths[depth] * weight);
+            }
+        }
+        for (row, by_rate) in block.chunks_exact(DEPTHS).zip(by_rate.chunks_exact_mut(DEPTHS)) {
+            for depth in 0..DEPTHS {
+                by_rate[depth] += row[depth] * of_group[depth];
+            }
+        }
+    }
+    normalise(&mut joint);
+    normalise(&mut by_rate);
+    Believed { joint, by_rate }
+}
+
+fn normalise(values: &mut [f32]) {
+    let total: f64 = values.iter().map(|value| f64::from(*value)).sum();
+    if total > 0.0 {
+        values.iter_mut().for_each(|value| *value = (f64::from(*value) / total) as f32);
+    }
+}
+
+/// Probabilities over the highest one, of 5 bits of exponent and 11 of fraction: to a part in 4000, down to 2⁻³¹.
+#[derive(Debug, Clone, PartialEq)]
+struct Packed(Vec<u16>);
+
+/// Bits of a single-precision fraction that are dropped, and the exponent below which nothing is kept.
+const DROPPED_BITS: u32 = 12;
+const LEAST_EXPONENT: u32 = (127 - 31) << 23;
+
+impl Packed {
+    fn of(values: &[f32]) -> Self {
+        let highest = values.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+        let packed = |value: &f32| {
+            let bits = (value / highest).to_bits().saturating_add(1 << (DROPPED_BITS - 1));
+            (bits.saturating_sub(LEAST_EXPONENT) >> DROPPED_BITS).min(u32::from(u16::MAX)) as u16
+        };
+        Self(values.iter().map(packed).collect())
+    }
+
+    fn unpacked(&self) -> Vec<f32> {
+        let value = |packed: &u16| match packed {
+            0 => 0.0,
+            packed => f32::from_bits((u32::from(*packed) << DROPPED_BITS) + LEAST_EXPONENT),
+        };
+        self.0.iter().map(value).collect()
+    }
+}
+
+/// In text: cells in little-endian order, a run of zeros as a zero and its length, in Base64.
+impl Serialize for Packed {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut bytes = Vec::with_capacity(self.0.len());
+        let mut cells = self.0.iter().peekable();
+        while let Some(cell) = cells.next() {
+            bytes.extend_from_slice(&cell.to_le_bytes());
+            if *cell == 0 {
+                let mut run: u16 = 1;
+                while run < u16::MAX && cells.next_if(|next| **next == 0).is_some() {
+                    run += 1;
+                }
+                bytes.extend_from_slice(&run.to_le_bytes());
+            }
+        }
+        serializer.serialize_str(&STANDARD_NO_PAD.encode(bytes))
+    }
+}
+
+impl<'de> Deserialize<'de> for Packed {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        let bytes = STANDARD_NO_PAD.decode(text).map_err(serde::de::Error::custom)?;
+        let mut words = bytes.chunks_exact(2).map(|two| u16::from_le_bytes([two[0], two[1]]));
+        let mut cells = Vec::new();
+        while let Some(cell) = words.next() {
+            let run = if cell == 0 { words.next().unwrap_or(1) } else { 1 };
+            cells.extend(std::iter::repeat_n(cell, run.into()));
+        }
+        Ok(Self(cells))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packing_keeps_a_part_in_four_thousand() {
+        let values: Vec<f32> = (0..2000).map(|i| (-0.01 * i as f32).exp()).collect();
+        let packed = Packed::of(&values);
+        for (value, back) in values.iter().zip(packed.unpacked()) {
+            assert!((value - back).abs() <= value / 4000.0 || *value < 1e-9, "{value} {back}");
+        }
+        // Once packed, the same again.
+        assert_eq!(Packed::of(&packed.unpacked()), packed);
+        let text = serde_json::to_string(&packed).unwrap();
+        assert_eq!(serde_json::from_str::<Packed>(&text).unwrap(), packed);
+    }
+
+    #[test]
+    fn a_run_of_zeros_is_short() {
+        let mut values = vec![0.0_f32; 200_000];
+        values[100_000] = 1.0;
+        let packed = Packed::of(&values);
+        let text = serde_json::to_string(&packed).unwrap();
+        assert!(text.len() < 60, "{}", text.len());
+        assert_eq!(serde_json::from_str::<Packed>(&text).unwrap(), packed);
+    }
+}

@@ -1,0 +1,178 @@
+//! How wear grows: never down, at a rate that is in the state.
+//!
+//! Archard's law lets wear grow with load, sliding and turns times a coefficient that nobody knows. The unit of growth is
+//! the load and the turns between two records of the baseline; the rate in µm a unit stands for the coefficient.
+
+use crate::library::DEPTHS;
+
+/// Rates in parts of the greatest depth a unit: none, and from hardly any to a gear that fails within fifty records.
+const RATE_PARTS: [f64; RATES] = [0.0, 4e-4, 2e-3, 6.5e-3, 2e-2];
+
+/// Rates in µm a unit on these depths.
+pub(super) fn rates_um(depths_um: &[f64]) -> [f64; RATES] {
+    let greatest = depths_um.last().copied().unwrap_or(0.0);
+    RATE_PARTS.map(|part| part * greatest)
+}
+
+/// How many rates there are.
+pub(super) const RATES: usize = 5;
+
+/// Their prior probabilities: most machines do not wear at most times.
+pub(super) const PRIOR: [f32; RATES] = [0.3, 0.2, 0.2, 0.2, 0.1];
+
+/// Probability within a unit that the rate is drawn anew.
+const CHANGES: f64 = 0.06;
+
+/// Probability within a unit that wear is anywhere above where it was: a tooth was damaged, or the oil was lost.
+const JUMPS: f64 = 0.003;
+
+/// Longest interval in units at a rate that does not change.
+const MAX_PART: f64 = 5.0;
+
+/// Most steps of one interval.
+const MAX_STEPS: usize = 256;
+
+/// Growth on the depths of an ensemble.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Growth {
+    /// Distance in µm to the next depth.
+    widths_um: Vec<f32>,
+    /// The least of them.
+    least_um: f64,
+    rates_um: [f64; RATES],
+}
+
+impl Growth {
+    /// On these depths in µm.
+    pub(super) fn on(depths_um: &[f64]) -> Self {
+        let widths_um: Vec<f32> = depths_um.windows(2).map(|two| (two[1] - two[0]) as f32).collect();
+        let least_um = widths_um.iter().copied().fold(f32::INFINITY, f32::min).into();
+        Self {
+            widths_um,
+            least_um,
+            rates_um: rates_um(depths_um),
+        }
+    }
+
+    /// Lets probabilities by rate and depth, one block of [`RATES`] × [`DEPTHS`] a member, grow over `units`.
+    pub(super) fn advance(&self, blocks: &mut [f32], units: f64) {
+        // Within a long interval the rate changes too.
+        let parts = (units / MAX_PART).ceil().max(1.0);
+        for _ in 0..parts as usize {
+            self.advance_part(blocks, units / parts);
+        }
+    }
+
+    fn advance_part(&self, blocks: &mut [f32], units: f64) {
+        let moves: Vec<(usize, Vec<f32>)> = self.rates_um.iter().map(|rate_um| self.moves(rate_um * units)).collect();
+        let drawn_anew = (1.0 - (1.0 - CHANGES).powf(units)) as f32;
+        let jumping = (1.0 - (1.0 - JUMPS).powf(units)) as f32;
+        for block in blocks.chunks_exact_mut(RATES * DEPTHS) {
+            let (rows, _) = block.as_chunks_mut::<DEPTHS>();
+            for (row, (steps, moving)) in rows.iter_mut().zip(&moves) {
+                for _ in 0..*steps {
+                    step(row, moving);
+                }
+                self.jump(row, jumping);
+            }
+            for depth in 0..DEPTHS {
+                let total: f32 = rows.iter().map(|row| row[depth]).sum();
+                for (row, prior) in rows.iter_mut().zip(PRIOR) {
+                    row[depth] += drawn_anew * (prior * total - row[depth]);
+                }
+            }
+        }
+    }
+
+    /// Number of steps that a growth of `mean_um` takes, and the part of each depth that moves on in a step.
+    fn moves(&self, mean_um: f64) -> (usize, Vec<f32>) {
+        if mean_um <= 0.0 {
+            return (0, Vec::new());
+        }
+        let steps = ((mean_um / (0.8 * self.least_um)).ceil() as usize).clamp(1, MAX_STEPS);
+        let each = (mean_um / steps as f64) as f32;
+        (steps, self.widths_um.iter().map(|width| (each / width).min(1.0)).collect())
+    }
+
+    /// Spreads a part of each depth's probability over all greater depths.
+    fn jump(&self, row: &mut [f32; DEPTHS], part: f32) {
+        let whole: f32 = self.widths_um.iter().sum();
+        let (mut falling, mut left) = (0.0_f32, whole);
+        for (depth, (value, width)) in row.iter_mut().zip(&self.widths_um).enumerate() {
+            let arrives = if depth == 0 { 0.0 } else { falling * self.widths_um[depth - 1] };
+            let leaves = part * *value;
+            *value += arrives - leaves;
+            falling += leaves / left.max(f32::MIN_POSITIVE);
+            left -= width;
+        }
+        row[DEPTHS - 1] += falling * self.widths_um[DEPTHS - 2];
+    }
+}
+
+fn step(row: &mut [f32; DEPTHS], moving: &[f32]) {
+    let mut arrives = 0.0;
+    for (value, part) in row.iter_mut().zip(moving) {
+        let leaves = *value * part;
+        *value += arrives - leaves;
+        arrives = leaves;
+    }
+    row[DEPTHS - 1] += arrives;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid() -> Vec<f64> {
+        (0..DEPTHS).map(|i| 5.0 * i as f64).collect()
+    }
+
+    #[test]
+    fn nothing_is_lost_and_nothing_heals() {
+        let growth = Growth::on(&grid());
+        let mut block = vec![0.0; RATES * DEPTHS];
+        for (rate, prior) in PRIOR.iter().enumerate() {
+            block[rate * DEPTHS + 10] = *prior;
+        }
+        for _ in 0..30 {
+            growth.advance(&mut block, 1.0);
+        }
+        assert!((block.iter().sum::<f32>() - 1.0).abs() < 1e-4);
+        let below: f32 = block.chunks(DEPTHS).map(|row| row[..10].iter().sum::<f32>()).sum();
+        assert!(below.abs() < 1e-6);
+    }
+
+    #[test]
+    fn growth_is_the_rate_times_the_units() {
+        let growth = Growth::on(&grid());
+        let (steps, moving) = growth.moves(40.0);
+        let mut row = [0.0; DEPTHS];
+        row[4] = 1.0;
+        (0..steps).for_each(|_| step(&mut row, &moving));
+        let mean: f64 = row.iter().zip(grid()).map(|(p, um)| f64::from(*p) * um).sum();
+        assert!((mean - 60.0).abs() < 1e-3, "{mean}");
+    }
+
+    #[test]
+    fn a_long_interval_reaches_at_least_as_far_as_many_short_ones() {
+        let growth = Growth::on(&grid());
+        let start = || {
+            let mut block = vec![0.0_f32; RATES * DEPTHS];
+            block[3 * DEPTHS] = 1.0;
+            block
+        };
+        let (mut long, mut short) = (start(), start());
+        growth.advance(&mut long, 20.0);
+        (0..20).for_each(|_| growth.advance(&mut short, 1.0));
+        let mean = |block: &[f32]| -> f64 {
+            let depths = grid();
+            block.iter().enumerate().map(|(i, p)| f64::from(*p) * depths[i % DEPTHS]).sum()
+        };
+        assert!(
+            mean(&long) > mean(&short) && mean(&long) < 3.0 * mean(&short),
+            "{} {}",
+            mean(&long),
+            mean(&short)
+        );
+    }
+}

@@ -1,0 +1,181 @@
+//! What the mesh lines are on one asset when it is healthy, as functions of the speed.
+//!
+//! The transmission path multiplies each line by its gain, which changes with the speed where a resonance lies near. It is learnt
+//! from the baseline alone ([`SpeedKernels`]); outside the baseline's speeds it is as unsure as the fit says. Later records do not
+//! move it: what they could teach of the path cannot be distinguished from wear.
+
+use super::baseline::{Baseline, HealthyFeature};
+use super::healthy::SpeedKernels;
+use crate::library::{MESH_LINES, line_name};
+use flankwatch_signal::Features;
+
+/// Least standard deviation of a line from record to record.
+const LEAST_SCATTER: f64 = 0.08;
+
+/// Variance of a line's logarithm over the square of the noise beside it as a part of its amplitude: ½ for Gaussian noise, and a little
+/// for reading the line at its highest point.
+const NOISE_VARIANCE: f64 = 0.6;
+
+/// Largest part of a healthy line's power that is taken for noise.
+const MAX_NOISE: f64 = 0.5;
+
+/// Greatest distance of the lines from each other that counts.
+const MAX_APART: f64 = 1.5;
+
+/// The fit of one line over the baseline's speeds.
+#[derive(Debug, Clone)]
+struct Line {
+    /// 0 is the first mesh harmonic.
+    index: usize,
+    kernel: usize,
+    variance: f64,
+    constant: f64,
+    weights: Vec<f64>,
+    background: Option<f64>,
+    /// Logarithm of amplitude over the healthy one at which the line has sunk into its noise.
+    floor: f64,
+}
+
+/// The lines of one baseline.
+#[derive(Debug, Clone)]
+pub(super) struct HealthyLines {
+    kernels: SpeedKernels,
+    lines: Vec<Line>,
+    nominal_speed_hz: f64,
+    nominal_torque_nm: f64,
+}
+
+/// One line of a record.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MeasuredLine {
+    /// 0 is the first mesh harmonic.
+    pub(super) index: usize,
+    /// Logarithm of its amplitude over the healthy one at this speed and torque.
+    pub(super) change: f64,
+    /// Variance of that without wear.
+    pub(super) variance: f64,
+    /// Least change that can be seen above the noise.
+    pub(super) floor: f64,
+}
+
+/// The lines of a record and its torque.
+#[derive(Debug, Clone)]
+pub(super) struct Measured {
+    pub(super) lines: Vec<MeasuredLine>,
+    /// Torque over the described one; 1 where it is not given.
+    pub(super) load: f64,
+}
+
+impl Measured {
+    /// How far the lines have moved apart from each other: the standard deviation of their changes beyond their scatter. A change of the
+    /// sensor's gain moves all alike.
+    pub(super) fn apart(&self) -> f64 {
+        let count = self.lines.len().max(2) as f64;
+        let mean = self.lines.iter().map(|line| line.change).sum::<f64>() / count;
+        let square: f64 = self.lines.iter().map(|line| (line.change - mean).powi(2) - line.variance).sum();
+        (square / (count - 1.0)).max(0.0).sqrt().min(MAX_APART)
+    }
+}
+
+impl HealthyLines {
+    /// Fits a baseline; `nominal` are the described speed in hertz and torque in N·m.
+    pub(super) fn new(baseline: &Baseline, nominal: [f64; 2]) -> Self {
+        let [nominal_speed_hz, nominal_torque_nm] = nominal;
+        let log_speeds = baseline
+            .points
+            .iter()
+            .map(|point| relative(point[0], nominal_speed_hz).ln())
+            .collect();
+        let kernels = SpeedKernels::new(log_speeds);
+        let log_loads: Vec<f64> = baseline
+            .points
+            .iter()
+            .map(|point| relative(point[1], nominal_torque_nm).ln())
+            .collect();
+        let fit = |(index, feature): (usize, &HealthyFeature)| {
+            let values: Vec<f64> = feature
+                .values
+                .iter()
+                .zip(&log_loads)
+                .map(|(value, load)| f64::from(*value) - load)
+                .collect();
+            let evidence: Vec<f64> = (0..kernels.len()).map(|kernel| kernels.log_evidence(kernel, &values)).collect();
+            let kernel = (0..evidence.len())
+                .max_by(|&a, &b| evidence[a].total_cmp(&evidence[b]))
+                .unwrap_or(0);
+            let (constant, weights) = kernels.fit(kernel, &values);
+            let noise = feature
+                .background
+                .map_or(0.0, |background| (2.0 * (background - feature.mean())).exp().min(MAX_NOISE));
+            Line {
+                index,
+                kernel,
+                variance: kernels.variance(kernel, &values).max(LEAST_SCATTER * LEAST_SCATTER),
+                constant,
+                weights,
+                background: feature.background,
+                floor: 0.5 * noise.ln(),
+            }
+        };
+        let named = (0..MESH_LINES).filter_map(|index| {
+            let name = line_name(index);
+            baseline.lines.iter().find(|line| line.name == name).map(|line| (index, line))
+        });
+        let lines = named.map(fit).collect();
+        Self {
+            kernels,
+            lines,
+            nominal_speed_hz,
+            nominal_torque_nm,
+        }
+    }
+
+    /// Lines that are compared.
+    pub(super) fn len(&self) -> usize {
+        self.lines.len()
+    }
+
+    /// Logarithms of the speeds of a baseline's records over the nominal one.
+    pub(super) fn log_speeds(&self, baseline: &Baseline) -> Vec<f64> {
+        baseline
+            .points
+            .iter()
+            .map(|point| relative(point[0], self.nominal_speed_hz).ln())
+            .collect()
+    }
+
+    /// Logarithm of a record's speed over the nominal one.
+    pub(super) fn log_speed(&self, record: &Features) -> f64 {
+        relative(record.operating_point.shaft_speed_hz, self.nominal_speed_hz).ln()
+    }
+
+    /// A record's lines against the healthy ones.
+    pub(super) fn measured(&self, record: &Features) -> Measured {
+        let at = self.kernels.weights(self.log_speed(record));
+        let load = relative(record.operating_point.torque_nm, self.nominal_torque_nm);
+        let line = |line: &Line| {
+            let value = *record.values.get(&line_name(line.index))?;
+            let noise = line
+                .background
+                .map_or(0.0, |background| (2.0 * (background - value)).exp().min(1.0));
+            Some(MeasuredLine {
+                index: line.index,
+                change: value - load.ln() - line.constant - at.path(line.kernel, &line.weights),
+                variance: line.variance * (1.0 + at.variance(line.kernel)) + NOISE_VARIANCE * noise,
+                floor: line.floor,
+            })
+        };
+        Measured {
+            lines: self.lines.iter().filter_map(line).collect(),
+            load,
+        }
+    }
+}
+
+/// A value as a part of its nominal one; 1 where either is not known.
+fn relative(value: Option<f64>, nominal: f64) -> f64 {
+    match value {
+        Some(value) if value > 0.0 && nominal > 0.0 => value / nominal,
+        _ => 1.0,
+    }
+}

@@ -1,0 +1,134 @@
+//! What is believed after a record, in numbers and in words.
+
+use super::Tracker;
+use crate::estimate::filter::Believed;
+use crate::estimate::likelihood::Likelihood;
+use crate::estimate::novelty::Novelty;
+use crate::estimate::wear::{BaselineProgress, BestState, Interval, WearEstimate, WearStatus};
+use crate::library::{DEPTHS, Ensemble, Library};
+
+/// An interval of the tracked depth wider than this part of the library says that the records do not tell.
+const WIDEST_INTERVAL: f64 = 0.6;
+
+impl Tracker {
+    /// Puts a record's novelty into an answer without a number.
+    pub(super) fn tell_novelty(&self, answer: &mut WearEstimate, novelty: Novelty) {
+        if let Some(fault) = novelty.sensor_fault {
+            answer.status = WearStatus::SensorFault;
+            answer.reason = fault.words().to_owned();
+        } else if let Some(sign) = novelty.machine_sign {
+            answer.status = WearStatus::OutsideLibrary;
+            answer.reason = match &novelty.lasting {
+                Some(check) => format!("{} ({check} has deviated for several records)", sign.words()),
+                None => format!("{}: off are {}", sign.words(), most_deviating(&novelty)),
+            };
+        } else if novelty.outside {
+            answer.status = WearStatus::OutsideLibrary;
+            let what = match &self.ensemble {
+                Some(_) if novelty.lasting.is_some() => "no wear of the library has explained several records well",
+                Some(_) => "no wear of the library explains this record",
+                None if novelty.lasting.is_some() => "several records have been unlike the healthy ones",
+                None => "this record is unlike the healthy ones",
+            };
+            answer.reason = format!("{what}: off are {}", most_deviating(&novelty));
+        }
+        answer.novelty = Some(novelty);
+    }
+
+    /// The answer to a record that wear explains.
+    pub(super) fn answer(&self, ensemble: &Ensemble, believed: &Believed, likelihood: &Likelihood) -> WearEstimate {
+        let library = ensemble.described();
+        let probability = believed.by_depth();
+        let quantile = |level| self.grid.quantile_um(&probability, level);
+        let (p05, median, p95) = (quantile(0.05), quantile(0.5), quantile(0.95));
+        let end_um = library.max_wear_um();
+        let at_end = p95 >= self.grid.cell_um(DEPTHS - 2)[0];
+        let (status, reason) = if p95 - p05 > WIDEST_INTERVAL * end_um {
+            (
+                WearStatus::NotIdentifiable,
+                format!("wear anywhere between {p05:.0} and {p95:.0} µm explains the records"),
+            )
+        } else if at_end {
+            (
+                WearStatus::Estimated,
+                format!("wear of at least {p05:.0} µm with 95 % probability; the library ends at {end_um:.0} µm"),
+            )
+        } else {
+            (
+                WearStatus::Estimated,
+                format!("wear {median:.0} µm, between {p05:.0} and {p95:.0} µm with 90 % probability"),
+            )
+        };
+        let (member, depth) = likelihood.best;
+        let mut answer = self.no_number(status, self.settings.baseline_records, &reason);
+        answer.median_um = Some(median);
+        answer.mean_um = Some(self.grid.mean_um(&probability));
+        answer.p05_um = Some(p05);
+        answer.p25_um = Some(quantile(0.25));
+        answer.p75_um = Some(quantile(0.75));
+        answer.p95_um = Some(p95);
+        answer.at_least_um = at_end.then_some(p05);
+        answer.transmission_error_um = transmission_error(ensemble, &believed.joint);
+        answer.log_evidence = likelihood.highest.is_finite().then_some(likelihood.highest);
+        answer.best_state = Some(best_state(library, self.grid.depths_um()[depth], member));
+        answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.depths_um()[depth]));
+        answer.posterior = Some(self.grid.posterior(&probability));
+        answer
+    }
+
+    /// An answer without a depth.
+    pub(super) fn no_number(&self, status: WearStatus, have: u32, reason: &str) -> WearEstimate {
+        let baseline = BaselineProgress {
+            have,
+            need: self.settings.baseline_records,
+        };
+        let ensemble = self.ensemble.as_ref();
+        WearEstimate {
+            library_id: ensemble.map(|ensemble| ensemble.described().id().to_owned()),
+            ensemble_id: ensemble.map(|ensemble| ensemble.id().to_owned()),
+            ..WearEstimate::without_number(status, reason.to_owned(), baseline)
+        }
+    }
+}
+
+/// The transmission error due to wear, of a probability by member and depth.
+fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
+    let errors = ensemble
+        .members()
+        .iter()
+        .flat_map(|member| member.transmission_error_um().iter().copied());
+    let mut weighted: Vec<(f32, f32)> = errors.zip(joint.iter().copied()).filter(|(_, p)| *p > 1e-7).collect();
+    weighted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f32 = weighted.iter().map(|(_, p)| p).sum();
+    let quantile = |level: f32| {
+        let mut below = 0.0;
+        let found = weighted.iter().find(|(_, p)| {
+            below += p;
+            below >= level * total
+        });
+        found.map(|(error_um, _)| f64::from(*error_um))
+    };
+    Some(Interval {
+        median: quantile(0.5)?,
+        p05: quantile(0.05)?,
+        p95: quantile(0.95)?,
+    })
+}
+
+/// The features that deviate most, in words.
+fn most_deviating(novelty: &Novelty) -> String {
+    let most = novelty.most.iter();
+    let most = most.map(|d| format!("{} by a factor of {:.2}", d.feature, d.ln_ratio.exp()));
+    most.collect::<Vec<_>>().join(", ")
+}
+
+/// The library state nearest to a depth.
+fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
+    let far = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
+    let index = (0..library.states().len()).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+    BestState {
+        index,
+        wear_um: library.states()[index].wear_um,
+        member,
+    }
+}

@@ -1,0 +1,248 @@
+//! One pair that a machine may be: how its mesh lines and its transmission error move with wear.
+
+use serde::{Deserialize, Serialize};
+
+use super::super::Library;
+use super::{DEPTHS, MESH_LINES, VARIANTS, prior};
+use flankwatch_gear::{
+    ContactRule, ElasticBodies, FlankWear, GearError, GearPair, MeshCycle, PairSpec, RunSettings, WearShape, simulate_together,
+};
+
+/// Positions of the mesh cycle.
+const CYCLE_POINTS: usize = 500;
+
+/// Samples of a mesh period, and mesh periods of a response: whole ones, so that a Fourier coefficient is exact.
+const SAMPLES_A_PERIOD: f64 = 40.0;
+const PERIODS: f64 = 2.0;
+
+/// Least amplitude in m/s² whose logarithm is taken.
+const LEAST_AMPLITUDE: f64 = 1e-12;
+
+/// A place on a flank where its wear may be measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum FlankPlace {
+    /// Wherever it is deepest.
+    #[default]
+    Greatest,
+    /// The start of the active profile.
+    Root,
+    /// The pitch point.
+    Pitch,
+    /// The tip.
+    Tip,
+}
+
+/// How one pair wears. Tables have one entry a depth of the ensemble.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Member {
+    /// Number of the draw; none for the described library itself.
+    pub(super) draw: Option<usize>,
+    /// Contact rule of the pair.
+    pub contact: ContactRule,
+    /// Mesh damping ratio ζ of the pair.
+    pub mesh_damping_ratio: f64,
+    /// Whether its wear follows Archard's law.
+    pub archard: bool,
+    /// By line and depth: natural logarithm of the amplitude over that of the unworn pair; NaN where it is not known.
+    pub(super) changes: Vec<f32>,
+    /// Peak-to-peak transmission error that wear adds under load, in µm along the line of action.
+    pub(super) transmission_error_um: Vec<f32>,
+    /// By gear, place (root, pitch, tip, greatest) and depth: depth there over the greatest of both gears.
+    pub(super) places: Vec<f32>,
+}
+
+impl Member {
+    /// The described library on a grid of depths in µm. Its transmission error is that of the kept mesh cycles, its places are those of
+    /// the greatest depth.
+    pub(super) fn of_library(library: &Library, depths_um: &[f64]) -> Self {
+        let states: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
+        let curves = library.feature_curves();
+        let mut changes = Vec::with_capacity(MESH_LINES * DEPTHS);
+        for line in 0..MESH_LINES {
+            let curve = curves.get(line_name(line).as_str());
+            changes.extend(depths_um.iter().map(|um| match curve {
+                Some(curve) => (interpolated(&states, curve, *um) - curve[0]) as f32,
+                None => f32::NAN,
+            }));
+        }
+        let pair = library.pair();
+        let errors: Vec<Vec<f64>> = match pair.resolve() {
+            Ok(pair) => library
+                .states()
+                .iter()
+                .map(|state| errors_um(&pair, &state.cycle.uste_rad, &state.cycle.stiffness_n_per_m))
+                .collect(),
+            Err(_) => vec![Vec::new(); states.len()],
+        };
+        let swings = swings_um(&errors);
+        Self {
+            draw: None,
+            contact: pair.dynamics.contact,
+            mesh_damping_ratio: pair.dynamics.mesh_damping_ratio,
+            archard: pair.wear.shape == WearShape::Archard,
+            changes,
+            transmission_error_um: depths_um.iter().map(|um| interpolated(&states, &swings, *um) as f32).collect(),
+            places: vec![1.0; 8 * DEPTHS],
+        }
+    }
+
+    /// Draws [`VARIANTS`] pairs of the same gears and wear and simulates them at depths in µm.
+    pub(super) fn simulated(described: &PairSpec, draw: usize, depths_um: &[f64]) -> Result<Vec<Self>, GearError> {
+        let mut drawn = prior::draw(described, draw as u32, VARIANTS as u32)?;
+        match Self::of_drawn(&drawn, draw, depths_um) {
+            // Rigid flanks of this shape leave each other, or hammer without bound; elastic ones do neither.
+            Err(GearError::NoContact { .. } | GearError::Unstable { .. }) if drawn.contact() == Some(ContactRule::Threshold) => {
+                drawn.specs.iter_mut().for_each(|spec| spec.dynamics.contact = ContactRule::Loaded);
+                Self::of_drawn(&drawn, draw, depths_um)
+            }
+            members => members,
+        }
+    }
+
+    fn of_drawn(drawn: &prior::Drawn, draw: usize, depths_um: &[f64]) -> Result<Vec<Self>, GearError> {
+        let Some(spec) = drawn.specs.first() else { return Ok(Vec::new()) };
+        let pair = spec.resolve()?;
+        let depths_mm: Vec<f64> = depths_um.iter().map(|um| um * 1e-3).collect();
+        let worn = FlankWear::from_shape_coarsely_at(&pair, &depths_mm)?;
+        // What the teeth give way changes little with their wear: the bodies stay those of the unworn gears.
+        let bodies = match spec.dynamics.contact {
+            ContactRule::Loaded if drawn.independent_teeth => Some(ElasticBodies::independent_teeth(&pair)?),
+            ContactRule::Loaded => Some(ElasticBodies::new(&pair, &FlankWear::none())?),
+            ContactRule::Threshold => None,
+        };
+        let cycles: Vec<MeshCycle> = worn
+            .iter()
+            .map(|wear| MeshCycle::coarse(&pair, bodies.as_ref(), wear, CYCLE_POINTS))
+            .collect::<Result<_, _>>()?;
+        let errors: Vec<Vec<f64>> = cycles
+            .iter()
+            .map(|cycle| errors_um(&pair, &cycle.uste_rad, &cycle.stiffness_n_per_m))
+            .collect();
+        let transmission_error_um: Vec<f32> = swings_um(&errors).into_iter().map(|um| um as f32).collect();
+        let places = places(&pair, &worn, &depths_mm);
+        let member = |spec: &PairSpec| {
+            Ok(Self {
+                draw: Some(draw),
+                contact: spec.dynamics.contact,
+                mesh_damping_ratio: spec.dynamics.mesh_damping_ratio,
+                archard: spec.wear.shape == WearShape::Archard,
+                changes: changes(spec, &cycles)?,
+                transmission_error_um: transmission_error_um.clone(),
+                places: places.clone(),
+            })
+        };
+        drawn.specs.iter().map(member).collect()
+    }
+
+    /// How far line `line` (0 is the first mesh harmonic) has moved, by depth.
+    pub fn change(&self, line: usize) -> &[f32] {
+        &self.changes[line * DEPTHS..(line + 1) * DEPTHS]
+    }
+
+    /// Peak-to-peak transmission error due to wear in µm, by depth.
+    pub fn transmission_error_um(&self) -> &[f32] {
+        &self.transmission_error_um
+    }
+
+    /// Depth at a place of gear `gear` (0 drives; none: the deeper of both) over the greatest depth, by depth.
+    pub fn at_place(&self, gear: Option<usize>, place: FlankPlace) -> Vec<f32> {
+        let index = match place {
+            FlankPlace::Root => 0,
+            FlankPlace::Pitch => 1,
+            FlankPlace::Tip => 2,
+            FlankPlace::Greatest => 3,
+        };
+        let of = |gear: usize| &self.places[(gear * 4 + index) * DEPTHS..(gear * 4 + index + 1) * DEPTHS];
+        match gear {
+            Some(gear) => of(gear.min(1)).to_vec(),
+            None => of(0).iter().zip(of(1)).map(|(a, b)| a.max(*b)).collect(),
+        }
+    }
+}
+
+/// Name of the feature of a line.
+pub(crate) fn line_name(line: usize) -> String {
+    format!("ln_mesh_{}", line + 1)
+}
+
+/// Relative depths at root, pitch point, tip and where it is deepest, of both gears.
+fn places(pair: &GearPair, worn: &[FlankWear], depths_mm: &[f64]) -> Vec<f32> {
+    let mut parts = Vec::with_capacity(8 * DEPTHS);
+    for (index, gear) in pair.gears.iter().enumerate() {
+        for radius in [Some(gear.sap_radius_mm), Some(gear.pitch_radius_mm), Some(gear.tip_radius_mm), None] {
+            // Without wear the first step's shape stands for it.
+            let states = worn.iter().zip(depths_mm).enumerate();
+            parts.extend(states.map(|(i, (wear, depth_mm))| {
+                let (wear, depth_mm) = if i == 0 { (&worn[1], &depths_mm[1]) } else { (wear, depth_mm) };
+                let at = match radius {
+                    Some(radius) => wear.depth_mm(index, radius),
+                    None => wear.greatest_depth_mm(pair)[index],
+                };
+                (at / depth_mm) as f32
+            }));
+        }
+    }
+    parts
+}
+
+/// Loaded static transmission errors in µm along the line of action: the unloaded ones, and what the mesh gives way.
+fn errors_um(pair: &GearPair, uste_rad: &[f64], stiffness_n_per_m: &[f64]) -> Vec<f64> {
+    let [driving, driven] = pair.gears.each_ref().map(|gear| gear.base_radius_mm * 1e-3);
+    let force_n = pair.spec.operation.torque_nm / driving;
+    let places = uste_rad.iter().zip(stiffness_n_per_m);
+    places
+        .map(|(uste, stiffness)| 1e6 * (uste * driven + force_n / stiffness))
+        .collect()
+}
+
+/// Peak to peak of what each state's transmission error has more than the first one's.
+fn swings_um(errors: &[Vec<f64>]) -> Vec<f64> {
+    let swing = |errors_um: &Vec<f64>| {
+        let added = errors_um.iter().zip(&errors[0]).map(|(worn, new)| worn - new);
+        let (low, high) = added.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(e), high.max(e)));
+        if high >= low { high - low } else { 0.0 }
+    };
+    errors.iter().map(swing).collect()
+}
+
+/// By line and mesh cycle: natural logarithm of the response's amplitude over that with the first cycle.
+fn changes(spec: &PairSpec, cycles: &[MeshCycle]) -> Result<Vec<f32>, GearError> {
+    let pair = spec.resolve()?;
+    let mesh_hz = spec.operation.shaft_speed_hz * f64::from(spec.geometry.teeth[0]);
+    let run = RunSettings {
+        sample_rate_hz: SAMPLES_A_PERIOD * mesh_hz,
+        seconds: PERIODS / mesh_hz,
+        ..RunSettings::nominal(&pair, SAMPLES_A_PERIOD * mesh_hz, 1.0)
+    };
+    let responses = simulate_together(&pair, &cycles.iter().collect::<Vec<_>>(), &run, None)?;
+    let amplitudes: Vec<Vec<f64>> = responses.iter().map(|response| log_amplitudes(response)).collect();
+    let cells = (0..MESH_LINES).flat_map(|line| amplitudes.iter().map(move |at| (line, at)));
+    Ok(cells.map(|(line, at)| (at[line] - amplitudes[0][line]) as f32).collect())
+}
+
+/// Natural logarithms of the amplitudes of the mesh harmonics of a response over whole mesh periods.
+fn log_amplitudes(response: &[f64]) -> Vec<f64> {
+    let amplitude = |line: usize| {
+        let step = std::f64::consts::TAU * (line + 1) as f64 / SAMPLES_A_PERIOD;
+        let (mut re, mut im) = (0.0, 0.0);
+        for (n, value) in response.iter().enumerate() {
+            let (sin, cos) = (step * n as f64).sin_cos();
+            re += value * cos;
+            im += value * sin;
+        }
+        (2.0 * re.hypot(im) / response.len() as f64).max(LEAST_AMPLITUDE).ln()
+    };
+    (0..MESH_LINES).map(amplitude).collect()
+}
+
+/// Linear between rising points, held at the ends.
+fn interpolated(points: &[f64], values: &[f64], at: f64) -> f64 {
+    let upper = points.partition_point(|point| *point <= at);
+    if upper == 0 || upper == points.len() {
+        return values[upper.saturating_sub(1)];
+    }
+    let part = (at - points[upper - 1]) / (points[upper] - points[upper - 1]);
+    values[upper - 1] + part * (values[upper] - values[upper - 1])
+}

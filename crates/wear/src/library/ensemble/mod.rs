@@ -1,0 +1,238 @@
+//! What nobody knows of a real pair: many pairs drawn around the described one, each worn from new to the library's end.
+//!
+//! One library says what wear of one shape does to one pair. Of a real machine nobody knows the damping of the mesh, the
+//! bodies' stiffness, the teeth's small errors, or where on the flank wear is deepest; each of them changes how the mesh
+//! lines move with depth. So the estimate compares a record with several hundred pairs ([`prior`] says which), and
+//! lets the records decide.
+
+mod file;
+mod member;
+mod prior;
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::control::Counter;
+use super::file::hex;
+use super::{BuildControl, Library, LibraryError};
+use flankwatch_gear::MODEL_VERSION;
+
+pub use file::{decode_ensemble, encode_ensemble};
+pub(crate) use member::line_name;
+pub use member::{FlankPlace, Member};
+
+/// Mesh harmonics that a member is known by.
+pub const MESH_LINES: usize = 16;
+
+/// Wear depths of a member.
+pub const DEPTHS: usize = 50;
+
+/// Members of the same gears and the same wear; they differ in damping, supports and the teeth's small errors. The mesh cycles take
+/// most of the time that a member costs.
+pub const VARIANTS: usize = 4;
+
+/// Members that a first answer is made with while the rest are simulated.
+pub const FIRST_MEMBERS: usize = 96;
+
+/// Identifier of the prior: it changes when other pairs are drawn, or when they are simulated in another way.
+const PRIOR_VERSION: &str = "prior-6";
+
+/// How many pairs are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EnsembleSettings {
+    /// Pairs; 0 for the described pair alone.
+    pub members: usize,
+}
+
+impl Default for EnsembleSettings {
+    fn default() -> Self {
+        Self { members: 1280 }
+    }
+}
+
+impl EnsembleSettings {
+    /// The described pair and no other.
+    pub fn described_alone() -> Self {
+        Self { members: 0 }
+    }
+
+    /// The first members of these, which are simulated in seconds.
+    #[must_use]
+    pub fn first(self) -> Self {
+        Self {
+            members: self.members.min(FIRST_MEMBERS),
+        }
+    }
+}
+
+/// Pairs that a machine may be, each worn in steps.
+#[derive(Debug, Clone)]
+pub struct Ensemble {
+    id: String,
+    described: Arc<Library>,
+    depths_um: Vec<f64>,
+    members: Vec<Member>,
+}
+
+/// The name of an ensemble: a hash of all that it depends on.
+pub fn ensemble_id(library_id: &str, settings: &EnsembleSettings) -> String {
+    let inputs = format!("{library_id} {MODEL_VERSION} {PRIOR_VERSION} {}", settings.members);
+    hex(inputs.as_bytes())[..16].to_owned()
+}
+
+/// Depths in µm from 0 to a greatest one, closer together where wear is small and the lines move fast.
+fn depths_um(greatest_um: f64) -> Vec<f64> {
+    let part = |index: usize| index as f64 / (DEPTHS - 1) as f64;
+    (0..DEPTHS)
+        .map(|index| greatest_um * part(index) * (0.25 + 0.75 * part(index)))
+        .collect()
+}
+
+impl Ensemble {
+    /// The described library as the only member.
+    pub fn of(library: Arc<Library>) -> Self {
+        let depths_um = depths_um(library.max_wear_um());
+        Self {
+            id: ensemble_id(library.id(), &EnsembleSettings::described_alone()),
+            members: vec![Member::of_library(&library, &depths_um)],
+            depths_um,
+            described: library,
+        }
+    }
+
+    /// Draws and simulates the members, in parallel. The result depends on the library and the settings alone; members of a
+    /// smaller ensemble of the same library are the first of a larger one.
+    ///
+    /// A drawn pair that cannot be simulated is left out.
+    ///
+    /// # Errors
+    /// [`LibraryError::Cancelled`]; [`LibraryError::Gear`] where no drawn pair can be simulated, with the first one's reason.
+    pub fn build(library: Arc<Library>, settings: &EnsembleSettings, control: &BuildControl<'_>) -> Result<Self, LibraryError> {
+        Self::of(Arc::clone(&library)).extended(settings, control)
+    }
+
+    /// The ensemble with these settings, with the members that this one has already.
+    ///
+    /// # Errors
+    /// As [`Ensemble::build`].
+    pub fn extended(&self, settings: &EnsembleSettings, control: &BuildControl<'_>) -> Result<Self, LibraryError> {
+        let described = Arc::clone(&self.described);
+        if settings.members == 0 {
+            return Ok(Self::of(described));
+        }
+        let mut members: Vec<Member> = self.members.iter().filter(|member| member.draw.is_some()).cloned().collect();
+        let first = members.iter().filter_map(|member| member.draw).max().map_or(0, |last| last + 1);
+        let groups = settings.members.div_ceil(VARIANTS);
+        let counter = Counter::new(control, groups.saturating_sub(first));
+        let drawn: Vec<Result<Vec<Member>, LibraryError>> = (first..groups)
+            .into_par_iter()
+            .map(|draw| {
+                control.check()?;
+                let group = Member::simulated(self.described.pair(), draw, &self.depths_um);
+                counter.add(1);
+                group.map_err(LibraryError::from)
+            })
+            .collect();
+        let mut refused = None;
+        for group in drawn {
+            match group {
+                Ok(group) => members.extend(group),
+                Err(LibraryError::Cancelled) => return Err(LibraryError::Cancelled),
+                Err(error) => refused = refused.or(Some(error)),
+            }
+        }
+        match refused {
+            Some(error) if members.is_empty() => Err(error),
+            _ => Ok(Self {
+                id: ensemble_id(described.id(), settings),
+                depths_um: self.depths_um.clone(),
+                members,
+                described,
+            }),
+        }
+    }
+
+    /// Hash of all that it depends on.
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    /// The library of the pair as it is described.
+    pub fn described(&self) -> &Arc<Library> {
+        &self.described
+    }
+
+    /// Depths in µm that every member is known at, from 0 on.
+    pub fn depths_um(&self) -> &[f64] {
+        &self.depths_um
+    }
+
+    /// The members, all equally probable beforehand.
+    pub fn members(&self) -> &[Member] {
+        &self.members
+    }
+
+    /// Members of one group, which stand one after the other: they have the same gears and the same wear.
+    pub fn variants(&self) -> usize {
+        let drawn = self.members.first().is_some_and(|member| member.draw.is_some());
+        if drawn { VARIANTS } else { 1 }
+    }
+
+    /// The same without one group of members: for scoring the estimate on the vibration of one of them.
+    #[must_use]
+    pub fn without_group(&self, group: usize) -> Self {
+        let mut other = self.clone();
+        other.members.drain(group * self.variants()..(group + 1) * self.variants());
+        other.id = format!("{}-without-{group}", self.id);
+        other
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::made_up_library;
+    use super::*;
+
+    #[test]
+    fn depths_are_close_together_where_wear_is_small() {
+        let depths = depths_um(245.0);
+        assert_eq!((depths[0], depths[49]), (0.0, 245.0));
+        assert!(depths[1] < 1.5 && depths[49] - depths[48] < 9.0);
+        assert!(depths.windows(3).all(|d| d[2] - d[1] > d[1] - d[0]));
+    }
+
+    #[test]
+    fn the_described_library_is_a_member_by_itself() {
+        let library = Arc::new(made_up_library());
+        let ensemble = Ensemble::of(Arc::clone(&library));
+        assert_eq!(ensemble.members().len(), 1);
+        let curve = &library.feature_curves()["ln_mesh_1"].clone();
+        let change = ensemble.members()[0].change(0);
+        assert!((f64::from(change[49]) - (curve[49] - curve[0])).abs() < 1e-6);
+        assert_eq!(change[0], 0.0);
+        // Lines that the library does not have do not move.
+        assert!(ensemble.members()[0].change(7).iter().all(|c| c.is_nan()));
+    }
+
+    #[test]
+    fn a_smaller_ensemble_is_the_beginning_of_a_larger_one() {
+        let library = Arc::new(made_up_library());
+        let settings = |members| EnsembleSettings { members };
+        let control = BuildControl::silent();
+        let small = Ensemble::build(Arc::clone(&library), &settings(4), &control).unwrap();
+        let large = small.extended(&settings(8), &control).unwrap();
+        let whole = Ensemble::build(library, &settings(8), &control).unwrap();
+        assert_eq!(large.members(), whole.members());
+        assert_eq!((large.id(), whole.id()), (whole.id(), whole.id()));
+        assert_ne!(small.id(), large.id());
+        assert_eq!(
+            decode_ensemble(&encode_ensemble(&large), Arc::clone(large.described()))
+                .unwrap()
+                .members(),
+            large.members()
+        );
+    }
+}

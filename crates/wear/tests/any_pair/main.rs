@@ -1,0 +1,90 @@
+//! Any pair that an engineer may describe has a library and an ensemble, or is refused at its description with the field, the value and the bound.
+//!
+//! 48 pairs in a usual run; `FLANKWATCH_PAIRS=500` draws as many as it says.
+
+mod plausible;
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use flankwatch_gear::{GearError, PairSpec};
+use flankwatch_wear::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, VARIANTS, build};
+
+/// Pairs of a usual run.
+const PAIRS: u64 = 48;
+/// What counts as hanging: a quick library takes a tenth of a second of processor time, but waits here for the other test's work on the same threads.
+const LONGEST: Duration = Duration::from_secs(120);
+
+fn pairs() -> u64 {
+    std::env::var("FLANKWATCH_PAIRS").map_or(PAIRS, |pairs| pairs.parse().expect("FLANKWATCH_PAIRS is a number"))
+}
+
+/// Three wear states, a quarter of a second each, down to the usual depth.
+fn quick_library(spec: &PairSpec) -> Result<Library, LibraryError> {
+    let grid = GridSettings {
+        states: 3,
+        seconds: 0.25,
+        ..GridSettings::default()
+    };
+    build(spec, &grid.for_pair(spec), &BuildControl::silent())
+}
+
+fn described(number: u64) -> PairSpec {
+    let spec = plausible::pair(number);
+    let text = toml::to_string(&spec).expect("a pair can be written");
+    let read = PairSpec::from_toml(&text).expect("what is written can be read");
+    assert_eq!(read, spec, "pair {number} is read as it is written");
+    spec
+}
+
+#[test]
+fn each_pair_has_a_library_or_is_refused_at_its_description() {
+    // One after the other: a build uses every core by itself.
+    let refused: usize = (0..pairs())
+        .map(|number| {
+            let spec = described(number);
+            match spec.check() {
+                Ok(_) => {
+                    let start = Instant::now();
+                    let library = quick_library(&spec).unwrap_or_else(|error| panic!("pair {number} was accepted: {error}"));
+                    assert!(start.elapsed() < LONGEST, "pair {number} took {:?}", start.elapsed());
+                    assert_eq!(library.states().len(), 3);
+                    0
+                }
+                Err(GearError::Field { field, value, expected }) => {
+                    assert!(field.contains('.') && !value.is_empty() && !expected.is_empty(), "pair {number}");
+                    1
+                }
+                Err(error) => panic!("pair {number} is refused without a field: {error}"),
+            }
+        })
+        .sum();
+    println!("{refused} of {} pairs are refused", pairs());
+    assert!(
+        refused as u64 * 10 < pairs(),
+        "{refused} of {} plausible pairs are refused",
+        pairs()
+    );
+}
+
+/// A group of members around each eighth pair; none of them is left out.
+#[test]
+fn each_accepted_pair_has_members_around_it() {
+    (0..pairs() / 8).for_each(|number| {
+        let spec = described(number);
+        if spec.check().is_ok() {
+            let library = quick_library(&spec).unwrap();
+            let settings = EnsembleSettings { members: VARIANTS };
+            let start = Instant::now();
+            let ensemble = Ensemble::build(Arc::new(library), &settings, &BuildControl::silent()).unwrap();
+            assert_eq!(ensemble.members().len(), VARIANTS, "pair {number}");
+            assert!(start.elapsed() < LONGEST, "the members of pair {number} took {:?}", start.elapsed());
+            for member in ensemble.members() {
+                assert!(
+                    (0..16).all(|line| member.change(line).iter().all(|change| change.is_finite())),
+                    "pair {number}"
+                );
+            }
+        }
+    });
+}

@@ -1,0 +1,56 @@
+//! `flankwatch backup` and `flankwatch restore`: a data folder copied, and put back.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::CliError;
+use super::output::print;
+use super::store_place::{StorePlace, runtime};
+use crate::store::{Copied, back_up, put_back};
+
+/// What is done instead where the store is a cluster's.
+const INSTEAD: &str = "back up PostgreSQL and the bucket with their own tools";
+
+/// Copy a data folder, also while a service works on it; into an earlier backup only what is new is copied.
+#[derive(Debug, Clone, Args)]
+pub(super) struct BackupArgs {
+    /// Folder to copy into.
+    #[arg(value_name = "TO")]
+    to: PathBuf,
+    #[command(flatten)]
+    place: StorePlace,
+}
+
+/// Put a backup into a data folder that has no database.
+#[derive(Debug, Clone, Args)]
+pub(super) struct RestoreArgs {
+    /// The backup.
+    #[arg(value_name = "FROM")]
+    from: PathBuf,
+    #[command(flatten)]
+    place: StorePlace,
+}
+
+pub(super) fn back_up_folder(args: &BackupArgs) -> Result<(), CliError> {
+    let folder = args.place.folder(INSTEAD)?;
+    report(&runtime()?.block_on(back_up(&folder, &args.to))?)
+}
+
+pub(super) fn restore(args: &RestoreArgs) -> Result<(), CliError> {
+    let folder = args.place.folder(INSTEAD)?;
+    report(&runtime()?.block_on(put_back(&args.from, &folder))?)
+}
+
+fn report(copied: &Copied) -> Result<(), CliError> {
+    let mut text = String::new();
+    for failed in &copied.failed {
+        text += &format!("not copied: {failed}\n");
+    }
+    text += &format!("{} raw recordings, {} of them new\n", copied.objects, copied.new);
+    print(&text)?;
+    match copied.failed.len() {
+        0 => Ok(()),
+        found => Err(CliError::Findings(found as u64)),
+    }
+}

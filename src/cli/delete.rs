@@ -1,0 +1,88 @@
+//! `flankwatch delete`: records of an asset that a server is to forget.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use jiff::Timestamp;
+use ureq::tls::TlsConfig;
+
+use super::replay::trusted;
+use super::{CliError, output};
+use crate::asset::AssetId;
+
+/// Delete records of an asset, in a range of time or one by its identifier; raw recordings go into quarantine.
+#[derive(Args)]
+#[command(group(clap::ArgGroup::new("which").required(true).multiple(true).args(["segment", "from", "to"])))]
+pub(super) struct DeleteArgs {
+    /// The asset
+    #[arg(long, required_unless_present = "segment")]
+    asset: Option<String>,
+    /// One record, by the identifier of its segment
+    #[arg(long, conflicts_with_all = ["asset", "channel", "from", "to"])]
+    segment: Option<String>,
+    /// Only records of this channel
+    #[arg(long)]
+    channel: Option<String>,
+    /// Only records that start at this time or later
+    #[arg(long)]
+    from: Option<Timestamp>,
+    /// Only records that start before this time
+    #[arg(long)]
+    to: Option<Timestamp>,
+    /// The server
+    #[arg(long, default_value = "http://127.0.0.1:8600")]
+    url: String,
+    /// Certificates (PEM) that the server's certificate rests on, in place of the public ones
+    #[arg(long, value_name = "FILE")]
+    ca: Option<PathBuf>,
+    /// Token to show to the server, with the scope admin [default: the variable FLANKWATCH_TOKEN]
+    #[arg(long)]
+    token: Option<String>,
+}
+
+pub(super) fn run(args: &DeleteArgs) -> Result<(), CliError> {
+    let agent: ureq::Agent = ureq::Agent::config_builder()
+        .http_status_as_error(false)
+        .timeout_global(Some(Duration::from_secs(600)))
+        .tls_config(TlsConfig::builder().root_certs(trusted(args.ca.as_deref())?).build())
+        .build()
+        .into();
+    let server = args.url.trim_end_matches('/');
+    let url = match (&args.segment, &args.asset) {
+        (Some(segment), _) => {
+            if !segment.bytes().all(|byte| byte.is_ascii_alphanumeric()) {
+                return Err(CliError::Argument(format!(
+                    "--segment is {segment:?}, expected the identifier of a segment"
+                )));
+            }
+            format!("{server}/v1/segments/{segment}")
+        }
+        (None, asset) => {
+            let asset = AssetId::new(asset.clone().unwrap_or_default()).map_err(|error| CliError::Argument(error.to_string()))?;
+            format!("{server}/v1/assets/{asset}/segments")
+        }
+    };
+    let mut request = agent.delete(&url);
+    for (name, value) in [
+        ("channel", args.channel.clone()),
+        ("from", args.from.map(|time| time.to_string())),
+        ("to", args.to.map(|time| time.to_string())),
+    ] {
+        if let Some(value) = value {
+            request = request.query(name, value);
+        }
+    }
+    if let Some(token) = args.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()) {
+        request = request.header("authorization", format!("Bearer {token}"));
+    }
+    let failed = |reason: String| CliError::Server { url: url.clone(), reason };
+    let mut response = request.call().map_err(|error| failed(error.to_string()))?;
+    let (status, body) = (response.status(), response.body_mut().read_to_string().unwrap_or_default());
+    if !status.is_success() {
+        return Err(failed(format!("the server answered {}: {body}", status.as_u16())));
+    }
+    let answer: Option<serde_json::Value> = serde_json::from_str(&body).ok();
+    let deleted = answer.and_then(|answer| answer["deleted"].as_u64()).unwrap_or(1);
+    output::print(&format!("{deleted} records deleted\n"))
+}

@@ -1,0 +1,100 @@
+//! `flankwatch rebuild`: the database made again from the raw recordings.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+
+use clap::Args;
+use jiff::Timestamp;
+
+use super::CliError;
+use super::output::print;
+use super::serve::ServeError;
+use super::store_place::{StorePlace, runtime};
+use crate::service::{Role, Service, ServiceFolders, SystemClock};
+use crate::store::{Store, StoreSettings};
+
+/// Take in every raw recording that the database does not have, and compute what is derived from it. The service must not run.
+#[derive(Debug, Clone, Args)]
+pub(super) struct RebuildArgs {
+    #[command(flatten)]
+    place: StorePlace,
+    /// Move the database aside first and make all of it anew
+    #[arg(long)]
+    anew: bool,
+    /// Also take in records that were deleted and whose raw recordings are there
+    #[arg(long)]
+    with_deleted: bool,
+}
+
+pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
+    let (resolved, settings) = args.place.resolve()?;
+    let config = resolved.service;
+    if args.anew {
+        match &settings {
+            StoreSettings::Folder(folder) => set_aside(folder)?,
+            #[cfg(feature = "cluster")]
+            StoreSettings::Shared(_) => {
+                return Err(CliError::Argument(
+                    "--anew is for a data folder: give a cluster an empty database".to_owned(),
+                ));
+            }
+        }
+    }
+    let rebuilt = runtime()?.block_on(async {
+        let store = Store::open_to_rebuild(&settings).await?;
+        let folders = ServiceFolders {
+            libraries: config.data_dir.join("libraries"),
+            recordings: config.data_dir.join("recordings"),
+            uploads: config.data_dir.join("uploads"),
+        };
+        let service = Service::new(
+            store.clone(),
+            folders,
+            &config.work,
+            config.grid,
+            Arc::new(SystemClock),
+            Role::Standalone,
+        )?;
+        let told = |done: usize, all: usize| {
+            if done.is_multiple_of(1000) {
+                tracing::info!(done, all, "records taken in");
+            }
+        };
+        let rebuilt = service.rebuild(args.with_deleted, told).await;
+        store.close().await;
+        Ok::<_, CliError>(rebuilt?)
+    })?;
+    let mut text = String::new();
+    for failure in &rebuilt.failures {
+        text += &format!("not taken in: {failure}\n");
+    }
+    text += &format!(
+        "{} assets and {} records taken in; {} records were there, {} had been deleted, {} have no raw recording any more, {} no asset\n",
+        rebuilt.assets, rebuilt.records, rebuilt.known, rebuilt.removed, rebuilt.without_raw, rebuilt.without_asset
+    );
+    print(&text)?;
+    match rebuilt.failed {
+        0 => Ok(()),
+        failed => Err(CliError::Findings(failed)),
+    }
+}
+
+/// Moves the database away, so that a new one is made; a service must not work on it.
+fn set_aside(folder: &Path) -> Result<(), CliError> {
+    let lock = folder.join("lock");
+    let file = fs::File::create(&lock).map_err(CliError::io(&lock))?;
+    if file.try_lock().is_err() {
+        let in_use = crate::store::StoreError::InUse(folder.to_path_buf());
+        return Err(in_use.into());
+    }
+    let date = Timestamp::now().strftime("%Y%m%dT%H%M%SZ").to_string();
+    for name in ["flankwatch.db", "flankwatch.db-wal", "flankwatch.db-shm"] {
+        let path = folder.join(name);
+        if path.exists() {
+            let aside = folder.join(name.replace("flankwatch.db", &format!("flankwatch.{date}.db")));
+            fs::rename(&path, &aside).map_err(CliError::io(&path))?;
+        }
+    }
+    file.unlock().map_err(|source| ServeError::from(source).into())
+}

@@ -1,0 +1,41 @@
+//! `flankwatch verify`: whether everything is there and whole.
+
+use clap::Args;
+
+use super::CliError;
+use super::output::print;
+use super::store_place::{StorePlace, runtime};
+use crate::store::Store;
+
+/// Compare the database with the raw recordings, also while a service works on them. Fails where something is wrong.
+#[derive(Debug, Clone, Args)]
+pub(super) struct VerifyArgs {
+    #[command(flatten)]
+    place: StorePlace,
+    /// Look only whether raw recordings are there, and not at their bytes
+    #[arg(long)]
+    without_hashes: bool,
+}
+
+pub(super) fn run(args: &VerifyArgs) -> Result<(), CliError> {
+    let (_, settings) = args.place.resolve()?;
+    let audit = runtime()?.block_on(async {
+        let store = Store::open_to_read(&settings).await?;
+        let audit = store.audit(!args.without_hashes).await;
+        store.close().await;
+        audit
+    })?;
+    let mut text = String::new();
+    for finding in &audit.findings {
+        text += &format!("{finding}\n");
+    }
+    text += &format!(
+        "{} records, {} raw recordings of {} bytes, {} in quarantine\n",
+        audit.records, audit.objects, audit.bytes, audit.quarantined
+    );
+    print(&text)?;
+    match audit.found {
+        0 => Ok(()),
+        found => Err(CliError::Findings(found)),
+    }
+}

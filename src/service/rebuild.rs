@@ -1,0 +1,174 @@
+//! The database made again from what is kept with the raw recordings.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use futures_util::{StreamExt, stream};
+use jiff::Timestamp;
+
+use super::error::ServiceError;
+use super::parts::Service;
+use super::work_queue::QueuedRecord;
+use super::workers::blocking;
+use crate::asset::{AssetId, SegmentId};
+use crate::store::{AssetNote, Objects, RecordNote, StoreError, StoredEvent};
+
+/// Records taken in at once: they share a transaction and its wait for the disk.
+const AT_ONCE: usize = 8;
+
+/// Failures that are told by name.
+const MAX_FAILURES: usize = 20;
+
+/// What was made again.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Rebuilt {
+    /// Assets that were not there.
+    pub assets: u64,
+    /// Records that were there already.
+    pub known: u64,
+    /// Records that were taken in.
+    pub records: u64,
+    /// Records whose raw bytes are not kept any more.
+    pub without_raw: u64,
+    /// Records that people had removed, and that were left out.
+    pub removed: u64,
+    /// Records of assets that nothing is known of.
+    pub without_asset: u64,
+    /// Records that could not be taken in.
+    pub failed: u64,
+    /// The first of those, each with why.
+    pub failures: Vec<String>,
+}
+
+impl Service {
+    /// Takes in every asset and every record that is noted beside the raw recordings and that the database
+    /// does not have, records in the order of time; `told` is told how many of how many records are done.
+    /// Once all are there, the database counts as that of the raw recordings.
+    ///
+    /// Records that people removed stay away, unless `with_removed`.
+    pub async fn rebuild(&self, with_removed: bool, told: impl Fn(usize, usize)) -> Result<Rebuilt, ServiceError> {
+        let mut rebuilt = Rebuilt::default();
+        let mut assets = self.on_objects(Objects::asset_notes).await?;
+        // Those whose sensor others share come before those.
+        assets.sort_by_key(|note| note.spec.sensor.of.is_some());
+        for note in assets {
+            rebuilt.assets += u64::from(self.take_in_asset(note).await?);
+        }
+        let removed = if with_removed { HashMap::new() } else { self.removed().await? };
+        let notes = self.noted(&removed, &mut rebuilt).await?;
+        let all = notes.len();
+        let mut created: HashMap<AssetId, Option<Timestamp>> = HashMap::new();
+        let mut missing = Vec::new();
+        for note in notes {
+            if !created.contains_key(&note.asset_id) {
+                let asset = match self.store.asset(&note.asset_id).await {
+                    Ok(asset) => Some(asset.created_at),
+                    Err(StoreError::AssetUnknown(_)) => None,
+                    Err(error) => return Err(error.into()),
+                };
+                created.insert(note.asset_id.clone(), asset);
+            }
+            match created.get(&note.asset_id).copied().flatten() {
+                Some(created_at) => missing.push(QueuedRecord::noted(note, created_at)),
+                None => rebuilt.without_asset += 1,
+            }
+        }
+        let taken_in = stream::iter(&missing).map(|record| self.take_in(record));
+        let mut taken_in = taken_in.buffered(AT_ONCE);
+        let mut done = 0;
+        while let Some(outcome) = taken_in.next().await {
+            done += 1;
+            told(done, all);
+            match outcome {
+                Ok(()) => rebuilt.records += 1,
+                Err(ServiceError::Store(StoreError::ObjectMissing(_))) => rebuilt.without_raw += 1,
+                Err(error) => {
+                    rebuilt.failed += 1;
+                    if rebuilt.failures.len() < MAX_FAILURES {
+                        let record = &missing[done - 1];
+                        rebuilt.failures.push(format!(
+                            "record {} of {} at {}: {error}",
+                            record.id, record.asset_id, record.start_time
+                        ));
+                    }
+                }
+            }
+        }
+        if rebuilt.failed == 0 {
+            self.store.accept_objects().await?;
+        }
+        Ok(rebuilt)
+    }
+
+    /// Takes in an asset and what was done to it; returns whether it was not there.
+    async fn take_in_asset(&self, note: AssetNote) -> Result<bool, ServiceError> {
+        let id = note.spec.id.clone();
+        match self.store.insert_asset(&note.spec, None, note.created_at).await {
+            Ok(_) => {}
+            Err(StoreError::AssetExists(_)) => return Ok(false),
+            Err(error) => return Err(error.into()),
+        }
+        let mut commit = self.store.begin().await?;
+        for event in note.maintenance {
+            commit.add_maintenance(&id, &StoredEvent::new(event)?).await?;
+        }
+        commit.finish().await?;
+        Ok(true)
+    }
+
+    async fn take_in(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
+        let name = record.raw.sha256.clone();
+        // Before anything waits for a library.
+        if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
+            return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
+        }
+        loop {
+            let mut ticket = self.workers.admit()?;
+            ticket.grow(usize::try_from(record.raw.bytes).unwrap_or(usize::MAX))?;
+            match self.pipeline.process(record, ticket).await {
+                // Its library is being simulated.
+                Err(ServiceError::Busy { .. }) => tokio::time::sleep(std::time::Duration::from_secs(1)).await,
+                processed => return processed.map(|_| ()),
+            }
+        }
+    }
+
+    /// When records were removed last.
+    async fn removed(&self) -> Result<HashMap<SegmentId, Timestamp>, ServiceError> {
+        let mut removed = HashMap::new();
+        for note in self.on_objects(Objects::removals).await? {
+            for segment in note.segments {
+                let at = removed.entry(segment).or_insert(note.removed_at);
+                *at = note.removed_at.max(*at);
+            }
+        }
+        Ok(removed)
+    }
+
+    /// What is noted of records that the database does not have, by asset and in the order of time.
+    async fn noted(&self, removed: &HashMap<SegmentId, Timestamp>, rebuilt: &mut Rebuilt) -> Result<Vec<RecordNote>, ServiceError> {
+        let mut missing: BTreeMap<(AssetId, Timestamp, SegmentId), RecordNote> = BTreeMap::new();
+        for shard in 0..=u8::MAX {
+            let mut notes = self.on_objects(move |objects| objects.notes(shard)).await?;
+            let ids: Vec<SegmentId> = notes.iter().map(|note| note.id.clone()).collect();
+            let known: HashSet<SegmentId> = self.store.known_segments(&ids).await?;
+            rebuilt.known += known.len() as u64;
+            notes.retain(|note| !known.contains(&note.id));
+            for note in notes {
+                if removed.get(&note.id).is_some_and(|at| note.received_at <= *at) {
+                    rebuilt.removed += 1;
+                    continue;
+                }
+                missing.insert((note.asset_id.clone(), note.start_time, note.id.clone()), note);
+            }
+        }
+        Ok(missing.into_values().collect())
+    }
+
+    async fn on_objects<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Objects) -> Result<T, StoreError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let store = self.store.clone();
+        Ok(blocking("read what is noted", move || work(store.objects())).await??)
+    }
+}

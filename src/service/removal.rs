@@ -1,0 +1,83 @@
+//! Records that people remove: of a sensor that was loose, of a wrong asset or time.
+
+use std::sync::Arc;
+
+use super::clock::Clock;
+use super::error::ServiceError;
+use super::events::{Announcer, LiveEvent};
+use super::history::History;
+use super::pipeline::Committer;
+use super::raw::RawObjects;
+use super::sensor_group::SensorGroup;
+use crate::asset::{AssetId, Segment};
+use crate::store::{RecordRange, RemovalNote, Store};
+
+/// Records of each channel removed in one transaction; others have their turn in between.
+const AT_ONCE: u32 = 200;
+
+/// Removes records.
+pub struct Removals {
+    pub(crate) store: Store,
+    pub(crate) committer: Arc<Committer>,
+    pub(crate) raw: Arc<RawObjects>,
+    pub(crate) history: Arc<History>,
+    pub(crate) clock: Arc<dyn Clock>,
+    pub(crate) events: Announcer,
+}
+
+impl Removals {
+    /// Removes a record as if it had never come.
+    pub async fn remove_one(&self, segment: &Segment) -> Result<u64, ServiceError> {
+        let next = segment.start_time.saturating_add(jiff::SignedDuration::from_nanos(1));
+        let range = RecordRange {
+            channel: Some(segment.channel.clone()),
+            from: Some(segment.start_time),
+            to: next.ok(),
+            raw_sha256: Some(segment.raw.sha256.clone()),
+        };
+        self.remove(&segment.asset_id, &range).await
+    }
+
+    /// Removes records of an asset as if they had never come, and of all others of its sensor; returns how
+    /// many they were of the asset. Raw recordings go into quarantine, and histories are folded again in the
+    /// background.
+    ///
+    /// Error: [`ServiceError::SensorOfOther`] where they come for another asset.
+    pub async fn remove(&self, asset: &AssetId, range: &RecordRange) -> Result<u64, ServiceError> {
+        let group = SensorGroup::of(&self.store, asset).await?;
+        let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();
+        let mut count = 0;
+        loop {
+            let _exclusive = self.raw.exclusive().await;
+            let _pause = self.committer.pause().await;
+            let (mut segments, mut orphans) = (Vec::new(), Vec::new());
+            // What others of the sensor have is not looked for again once it is gone here.
+            for of in assets.iter().rev() {
+                let removed = self.store.remove_records(of, range, AT_ONCE).await?;
+                if of == asset {
+                    count += removed.segments.len() as u64;
+                }
+                segments.extend(removed.segments);
+                orphans.extend(removed.orphans);
+            }
+            if segments.is_empty() {
+                break;
+            }
+            self.raw
+                .note_removal(RemovalNote {
+                    removed_at: self.clock.now(),
+                    segments,
+                })
+                .await?;
+            self.raw.quarantine(orphans).await?;
+        }
+        if count > 0 {
+            tracing::info!(%asset, count, "removed records");
+            for asset in &assets {
+                self.events.announce(LiveEvent::AssetChanged(asset.clone()));
+            }
+            self.history.recompute_in_background(assets);
+        }
+        Ok(count)
+    }
+}

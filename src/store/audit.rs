@@ -1,0 +1,188 @@
+//! Rows against objects: what is there of both, and what is not as it should be.
+
+use std::fmt;
+
+use super::rows::get;
+use super::{Database, Objects, Store, StoreError, StoreSettings, integrity};
+use crate::asset::SegmentId;
+
+/// Names asked for by one statement.
+const AT_ONCE: i64 = 500;
+
+/// Findings that are kept by name; more are only counted.
+const MAX_FINDINGS: usize = 1000;
+
+/// What is in a store, and what is wrong with it.
+#[derive(Debug, Clone, Default)]
+pub struct Audit {
+    /// Records.
+    pub records: u64,
+    /// Raw objects that records refer to.
+    pub objects: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Raw objects in quarantine.
+    pub quarantined: u64,
+    /// What is wrong, at most the first thousand.
+    pub findings: Vec<Finding>,
+    /// How many things are wrong.
+    pub found: u64,
+}
+
+/// Something that is not as it should be.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Finding {
+    /// The database's file.
+    Database(String),
+    /// The database and the objects are not of one store, or not of one time.
+    Marks(String),
+    /// A record cannot be read.
+    Record {
+        /// Which.
+        segment: SegmentId,
+        /// Why not.
+        why: String,
+    },
+    /// A record refers to an object that is not there.
+    Missing(String),
+    /// An object's bytes are not those that were stored.
+    Damaged(String),
+    /// Nothing refers to an object.
+    Orphan(String),
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Database(what) => write!(f, "database: {what}"),
+            Self::Marks(what) => write!(f, "store: {what}"),
+            Self::Record { segment, why } => write!(f, "record {segment}: {why}"),
+            Self::Missing(name) => write!(f, "object {name}: missing"),
+            Self::Damaged(name) => write!(f, "object {name}: damaged"),
+            Self::Orphan(name) => write!(f, "object {name}: no record refers to it"),
+        }
+    }
+}
+
+impl Audit {
+    fn add(&mut self, finding: Finding) {
+        self.found += 1;
+        if self.findings.len() < MAX_FINDINGS {
+            self.findings.push(finding);
+        }
+    }
+}
+
+impl Store {
+    /// Opens a store to look at it, also while a service works on it. Nothing is written to a data
+    /// folder but the log and the index beside the database that SQLite reads with.
+    ///
+    /// Errors: as for [`open`](Self::open); there is no database.
+    pub async fn open_to_read(settings: &StoreSettings) -> Result<Self, StoreError> {
+        match settings {
+            StoreSettings::Folder(folder) => {
+                let database = Database::open_folder_to_read(folder).await?;
+                Ok(Self::of(database, Objects::open_to_read(folder.join("raw")), None))
+            }
+            #[cfg(feature = "cluster")]
+            shared @ StoreSettings::Shared(_) => Self::open(shared).await,
+        }
+    }
+
+    /// Compares rows and objects; `with_hashes` reads the bytes of every object.
+    pub async fn audit(&self, with_hashes: bool) -> Result<Audit, StoreError> {
+        let mut audit = Audit::default();
+        if let Some(path) = &self.inner.database.path {
+            for what in integrity::findings_of(path).await? {
+                audit.add(Finding::Database(what));
+            }
+        }
+        if let Some(why) = self.marks_differ().await? {
+            audit.add(Finding::Marks(why));
+        }
+        self.audit_records(&mut audit).await?;
+        self.audit_objects(with_hashes, &mut audit).await?;
+        self.audit_orphans(&mut audit).await?;
+        audit.quarantined = self.on_objects(Objects::quarantined).await?.len() as u64;
+        Ok(audit)
+    }
+
+    async fn audit_records(&self, audit: &mut Audit) -> Result<(), StoreError> {
+        let mut after = String::new();
+        loop {
+            let rows = sqlx::query("SELECT id FROM segments WHERE id > $1 ORDER BY id LIMIT $2")
+                .bind(after.as_str())
+                .bind(AT_ONCE)
+                .fetch_all(self.read())
+                .await?;
+            let Some(last) = rows.last() else { return Ok(()) };
+            after = get(last, "id")?;
+            for row in &rows {
+                let segment = SegmentId(get(row, "id")?);
+                audit.records += 1;
+                let why = match self.segment(&segment).await {
+                    Ok(Some(_)) => continue,
+                    Ok(None) => "its analysis or its estimate is missing".to_owned(),
+                    Err(error) => error.to_string(),
+                };
+                audit.add(Finding::Record { segment, why });
+            }
+        }
+    }
+
+    async fn audit_objects(&self, with_hashes: bool, audit: &mut Audit) -> Result<(), StoreError> {
+        let mut after = String::new();
+        loop {
+            let rows = sqlx::query(
+                "SELECT sha256, MAX(bytes) AS bytes FROM raw_objects WHERE sha256 > $1 GROUP BY sha256 ORDER BY sha256 LIMIT $2",
+            )
+            .bind(after.as_str())
+            .bind(AT_ONCE)
+            .fetch_all(self.read())
+            .await?;
+            let Some(last) = rows.last() else { return Ok(()) };
+            after = get(last, "sha256")?;
+            for row in &rows {
+                let name: String = get(row, "sha256")?;
+                let bytes = u64::try_from(get::<i64>(row, "bytes")?).unwrap_or(0);
+                audit.objects += 1;
+                audit.bytes += bytes;
+                let look = name.clone();
+                let looked_at = self.on_objects(move |objects| match with_hashes {
+                    true => objects.get(&look).map(|_| ()),
+                    false => objects.check_size(&look, bytes),
+                });
+                let finding = match looked_at.await {
+                    Ok(()) => continue,
+                    Err(StoreError::ObjectMissing(name)) => Finding::Missing(name),
+                    Err(StoreError::ObjectDamaged { expected, .. }) => Finding::Damaged(expected),
+                    Err(error) => return Err(error),
+                };
+                // It may have been given up meanwhile.
+                if self.orphans_among(vec![name]).await?.is_empty() {
+                    audit.add(finding);
+                }
+            }
+        }
+    }
+
+    async fn audit_orphans(&self, audit: &mut Audit) -> Result<(), StoreError> {
+        let mut suspects = Vec::new();
+        for shard in 0..=u8::MAX {
+            let listed = self.on_objects(move |objects| objects.list(shard)).await?;
+            suspects.extend(self.orphans_among(listed.into_iter().map(|object| object.name).collect()).await?);
+        }
+        if suspects.is_empty() {
+            return Ok(());
+        }
+        // What a service stores just now has its rows in a moment.
+        tokio::time::sleep(std::time::Duration::from_secs(2)).await;
+        for name in self.orphans_among(suspects).await? {
+            let asked = name.clone();
+            if self.on_objects(move |objects| objects.written_at(&asked)).await?.is_some() {
+                audit.add(Finding::Orphan(name));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,171 @@
+//! A data folder copied, put back, compared, and made again from its raw recordings.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::command::{Said, flankwatch};
+use crate::durability::{quarantined, raw_objects};
+use crate::program::Program;
+use crate::running::plain_asset;
+
+/// A command on a data folder.
+fn on(folder: &Path, words: &[&str]) -> Said {
+    let mut all = words.to_vec();
+    all.extend(["--data-dir", folder.to_str().unwrap()]);
+    flankwatch(&all)
+}
+
+fn remove_database(folder: &Path) {
+    for name in ["flankwatch.db", "flankwatch.db-wal", "flankwatch.db-shm"] {
+        let _ = std::fs::remove_file(folder.join(name));
+    }
+}
+
+/// What a service answers of an asset whose history stands still.
+fn told(program: &Program) -> Vec<Value> {
+    let mut told = program.history("pump");
+    told.push(program.get("/v1/assets/pump/maintenance"));
+    told.push(json!(program.segments("pump")));
+    told
+}
+
+fn wait_until_known(program: &Program) {
+    let ready = program.get("/readyz");
+    assert_eq!(ready["raw_recordings"], "ok", "{ready}");
+}
+
+#[test]
+fn a_backup_is_taken_while_the_service_works_and_newer_recordings_are_taken_in_again() {
+    let place = tempfile::tempdir().unwrap();
+    let (folder, copy, elsewhere) = (place.path().join("data"), place.path().join("copy"), place.path().join("elsewhere"));
+    let program = Program::start(&folder);
+    program.make(&plain_asset("pump"));
+    let event = json!({ "time": "2026-01-01T00:05:30Z", "kind": "sensor_replaced", "by": "A. Fitter" }).to_string();
+    let json = [("content-type", "application/json")];
+    let answer = program.send("POST", "/v1/assets/pump/maintenance", &json, event.as_bytes());
+    assert!(answer.status().is_success(), "{:?}", answer.into_body().read_to_string());
+    for n in 0..10 {
+        program.upload("pump", n).unwrap();
+    }
+    on(&folder, &["verify"]).expect_success();
+    assert!(
+        on(&folder, &["backup", copy.to_str().unwrap()])
+            .expect_success()
+            .out()
+            .contains("10 raw recordings, 10 of them new")
+    );
+    let at_backup = told(&program);
+    for n in 10..14 {
+        program.upload("pump", n).unwrap();
+    }
+    let at_end = told(&program);
+    // Raised within a minute of the last record, and by a start.
+    program.kill();
+    Program::start(&folder).kill();
+
+    on(&elsewhere, &["restore", copy.to_str().unwrap()]).expect_success();
+    on(&elsewhere, &["verify"]).expect_success();
+    let restored = Program::start(&elsewhere);
+    wait_until_known(&restored);
+    assert_eq!(told(&restored), at_backup);
+    restored.kill();
+
+    // The older database beside the newer recordings.
+    on(&folder, &["restore", copy.to_str().unwrap()]).expect_refusal(&["has a database already"]);
+    remove_database(&folder);
+    on(&folder, &["restore", copy.to_str().unwrap()]).expect_success();
+    let older = Program::start(&folder);
+    assert!(older.get("/readyz")["raw_recordings"].as_str().unwrap().contains("older"));
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    older.kill();
+    assert_eq!((raw_objects(&folder).len(), quarantined(&folder).len()), (14, 0));
+    let said = on(&folder, &["verify"]);
+    assert!(
+        said.out().contains("no record refers to it") && said.out().contains("older"),
+        "{}",
+        said.out()
+    );
+    said.expect_refusal(&["5 things"]);
+    assert!(
+        on(&folder, &["rebuild"])
+            .expect_success()
+            .out()
+            .contains("0 assets and 4 records taken in")
+    );
+    on(&folder, &["verify"]).expect_success();
+    let whole = Program::start(&folder);
+    wait_until_known(&whole);
+    assert_eq!(told(&whole), at_end);
+    whole.kill();
+
+    // Everything from the recordings alone.
+    assert!(
+        on(&folder, &["rebuild", "--anew"])
+            .expect_success()
+            .out()
+            .contains("1 assets and 14 records taken in")
+    );
+    on(&folder, &["verify"]).expect_success();
+    let anew = Program::start(&folder);
+    wait_until_known(&anew);
+    assert_eq!(told(&anew), at_end);
+    // A running service has its folder to itself.
+    on(&folder, &["rebuild"]).expect_refusal(&["in use"]);
+    anew.kill();
+}
+
+#[test]
+fn what_is_missing_damaged_or_left_over_is_named() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("data");
+    on(&folder, &["verify"]).expect_refusal(&["flankwatch.db"]);
+    let program = Program::start(&folder);
+    program.make(&plain_asset("pump"));
+    for n in 0..3 {
+        program.upload("pump", n).unwrap();
+    }
+    program.kill();
+    let objects = raw_objects(&folder);
+    std::fs::remove_file(&objects[0]).unwrap();
+    let mut bytes = std::fs::read(&objects[1]).unwrap();
+    bytes[50] ^= 1;
+    std::fs::write(&objects[1], bytes).unwrap();
+    let left = folder.join("raw/ab").join(format!("ab{}", "0".repeat(62)));
+    std::fs::create_dir_all(left.parent().unwrap()).unwrap();
+    std::fs::write(&left, b"left").unwrap();
+    let said = on(&folder, &["verify"]);
+    let out = said.out();
+    for (path, what) in [
+        (&objects[0], "missing"),
+        (&objects[1], "damaged"),
+        (&left, "no record refers to it"),
+    ] {
+        let name = path.file_name().unwrap().to_str().unwrap();
+        assert!(out.contains(&format!("object {name}: {what}")), "{out}");
+    }
+    said.expect_refusal(&["3 things"]);
+}
+
+#[test]
+fn what_is_in_quarantine_is_listed_and_comes_back() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("data");
+    let program = Program::start(&folder);
+    program.make(&plain_asset("pump"));
+    program.upload("pump", 1).unwrap();
+    let deleted = program.send("DELETE", "/v1/assets/pump", &[], b"");
+    assert_eq!(deleted.status(), 204);
+    // Described again: its records are wanted after all.
+    program.make(&plain_asset("pump"));
+    program.kill();
+    let name = quarantined(&folder).pop().unwrap();
+    assert!(on(&folder, &["quarantine", "list"]).expect_success().out().contains(&name));
+    on(&folder, &["quarantine", "restore", "no-such"]).expect_refusal(&["no-such"]);
+    on(&folder, &["quarantine", "restore", &name[..12]]).expect_success();
+    let said = on(&folder, &["rebuild"]).expect_success().out();
+    assert!(said.contains("1 records taken in"), "{said}");
+    let program = Program::start(&folder);
+    assert_eq!(program.segments("pump").len(), 1);
+    program.kill();
+}
