@@ -2,7 +2,7 @@
 
 import { h } from "./dom.js";
 
-const BEYOND = 6; // rows above and below the view, so that a slow scroll and the next press of Tab find them there
+const BEYOND = 6; // rows above and below the view and the focus, so that a slow scroll and the next press of Tab find them there
 
 /** Shows `items` as rows of `body`; `draw(item)` gives the element of one, `kind(item)` what rows of the same height have in common. */
 export class RowWindow {
@@ -26,6 +26,7 @@ export class RowWindow {
     addEventListener("beforeprint", () => this.#all(true), { signal });
     addEventListener("afterprint", () => this.#all(false), { signal });
     body.addEventListener("keydown", (event) => this.#walk(event), { signal });
+    body.addEventListener("focusin", () => this.#render(), { signal }); // the next press of Tab does not wait for a frame
   }
 
   /** Shows other items, or the same ones anew. */
@@ -87,12 +88,15 @@ export class RowWindow {
     const top = -this.#body.getBoundingClientRect().top;
     const from = Math.max(0, Math.min(this.#at(top), count - 1) - BEYOND);
     const to = Math.min(count, this.#at(top + innerHeight) + 1 + BEYOND);
-    const wanted = Array.from({ length: Math.max(0, to - from) }, (_, n) => from + n);
-    // a row with the keyboard's focus stays, wherever the page is scrolled to
+    const wanted = new Set();
+    for (let index = from; index < to; index++) wanted.add(index);
+    // a row with the keyboard's focus and its neighbours stay, wherever the page is scrolled to
     const held = this.#body.contains(document.activeElement) ? document.activeElement : null;
     const focused = held ? this.#items.findIndex((item) => this.#draw(item, true)?.contains(held)) : -1;
-    if (focused >= 0 && !wanted.includes(focused)) wanted.push(focused);
-    return wanted.sort((a, b) => a - b);
+    if (focused >= 0) {
+      for (let index = Math.max(0, focused - BEYOND); index <= Math.min(count - 1, focused + BEYOND); index++) wanted.add(index);
+    }
+    return [...wanted].sort((a, b) => a - b);
   }
 
   #render() {
