@@ -4,7 +4,7 @@ use super::band::Band;
 use super::checks::insert_checks;
 use super::envelope::{BandError, BandSource, EnvelopeBand, EnvelopeSearch, band_bins};
 use super::faults::fault;
-use super::features::Features;
+use super::features::{Extent, Features};
 use super::indicators::{Absence, Indicators};
 use super::kurtogram::KurtogramWork;
 use super::line::read_line;
@@ -145,7 +145,7 @@ impl Analyzer {
         let mut speed = located.speed;
         if let Ok(deviation) = deviation {
             let comb = located.mesh.ok().map(|mesh_bins| (mesh_bins, mesh));
-            insert_checks(work, comb, deviation, &mut features);
+            insert_checks(work, resolution_hz, comb, deviation, &mut features);
         }
         if let (Ok(mesh_bins), Ok(deviation)) = (located.mesh, deviation) {
             let place = Mesh {
@@ -173,6 +173,10 @@ impl Analyzer {
                 steadied.undo(work);
             }
         }
+        features.extent = Some(Extent {
+            seconds: record.samples().len() as f64 / record.sample_rate_hz(),
+            sample_rate_hz: record.sample_rate_hz(),
+        });
         features.operating_point = OperatingPoint {
             shaft_speed_hz: speed.map(|speed| speed.shaft_speed_hz),
             torque_nm: record.operating_point().torque_nm,

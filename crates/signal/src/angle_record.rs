@@ -1,6 +1,7 @@
 //! A record over the angle of a shaft instead of time.
 
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
 use realfft::num_complex::Complex;
@@ -52,16 +53,17 @@ pub struct OrderSpectrum {
 impl AngleRecord {
     /// The mean over all turns at each angle.
     pub fn synchronous_average(&self) -> Vec<f64> {
-        let [mut average, odd] = self.sums(self.turns);
+        let [mut average, odd] = self.sums(0..self.turns);
         let scale = 1.0 / self.turns as f64;
         average.iter_mut().zip(&odd).for_each(|(sum, odd)| *sum = (*sum + odd) * scale);
         average
     }
 
-    /// The sums over the even and over the odd ones of the first `turns`, counted from 0, at each angle.
-    pub(super) fn sums(&self, turns: usize) -> [Vec<f64>; 2] {
+    /// The sums over the even and over the odd ones of some turns, counted from the first of them, at each angle.
+    pub(super) fn sums(&self, turns: Range<usize>) -> [Vec<f64>; 2] {
         let mut sums = [vec![0.0; self.samples_per_turn], vec![0.0; self.samples_per_turn]];
-        for (number, turn) in self.samples.chunks_exact(self.samples_per_turn).take(turns).enumerate() {
+        let chosen = &self.samples[turns.start * self.samples_per_turn..turns.end * self.samples_per_turn];
+        for (number, turn) in chosen.chunks_exact(self.samples_per_turn).enumerate() {
             sums[number % 2].iter_mut().zip(turn).for_each(|(sum, sample)| *sum += sample);
         }
         sums

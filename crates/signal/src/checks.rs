@@ -1,18 +1,22 @@
 //! Values of a record that wear of the mesh hardly moves: they tell wear from other faults and from faults of the sensor.
 
+use std::f64::consts::SQRT_2;
+
 use super::features::Features;
-use super::line::{MAIN_LOBE_BINS, background, noise_amplitude, read_line, search_reach};
+use super::line::{MAIN_LOBE_BINS, noise_amplitude};
+use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::record_spectrum::RecordSpectrum;
 use super::speed::MeshContext;
 
-/// Bands of equal ratio between the lowest frequency and half the sampling rate.
-const BANDS: usize = 4;
-
-/// The lowest band begins at this part of half the sampling rate.
-const LOWEST_PART: f64 = 0.02;
+/// So many octaves are read, counted from the highest one that fits below half the sampling rate. They are those of IEC 61260 with base 2,
+/// so that records with other sampling rates share them.
+const OCTAVES: i32 = 6;
 
 /// The upper end leaves out where anti-aliasing filters act.
 const HIGHEST_PART: f64 = 0.9;
+
+/// Fewest bins of an octave.
+const LEAST_BINS: usize = 16;
 
 /// Bins that a band's noise floor is taken from.
 const FLOOR_BINS: usize = 400;
@@ -20,53 +24,87 @@ const FLOOR_BINS: usize = 400;
 /// Orders of the shaft that are read.
 const SHAFT_ORDERS: usize = 3;
 
-/// Shaft lines are read on top of this many times the noise beside them: what noise does to a line that is not there says nothing.
-const SHAFT_FLOOR: f64 = 3.0;
+/// A shaft line is all that lies within this part of the shaft rate to either side: the noise in it does not depend on the record's length.
+const SHAFT_REACH: f64 = 0.3;
+
+/// Equivalent noise bandwidth of the Hann window in bins: what a line's bins add up to by squares, over its own square.
+const NOISE_BANDWIDTH_BINS: f64 = 1.5;
 
 /// What belongs to a mesh harmonic, in shaft rates, and as a part of its frequency where the speed wanders.
 const COMB_SHAFTS: f64 = 3.5;
 const COMB_WANDER: f64 = 0.006;
 
 /// Puts down the noise floors, the energy beside the combs of this mesh and of others, and the shaft's own lines; of a record without a `mesh`
-/// (its place in bins and what is known of it) the floors and all energy of the bands.
-pub(super) fn insert_checks(work: &mut RecordSpectrum, mesh: Option<(f64, &MeshContext)>, deviation: f64, features: &mut Features) {
+/// (its place in bins and what is known of it) the floors and all energy of the octaves. Noise is a density, so that it does not depend on
+/// how long the record is.
+pub(super) fn insert_checks(
+    work: &mut RecordSpectrum,
+    resolution_hz: f64,
+    mesh: Option<(f64, &MeshContext)>,
+    deviation: f64,
+    features: &mut Features,
+) {
     let RecordSpectrum { amplitude, sorting, .. } = work;
-    let highest = amplitude.len().saturating_sub(1) as f64;
-    let edge = |i: usize| highest * LOWEST_PART * (HIGHEST_PART / LOWEST_PART).powf(i as f64 / BANDS as f64);
-    for band in 0..BANDS {
-        let (first, last) = (edge(band).ceil() as usize, edge(band + 1).floor() as usize);
-        if last < first + 16 || last >= amplitude.len() {
-            continue;
-        }
+    // The square of an amplitude over this is a density: half of it is a mean square, in 1.5 bins.
+    let to_density = (2.0 * NOISE_BANDWIDTH_BINS * resolution_hz).sqrt().recip();
+    for Octave { centre_hz, bins: [first, last] } in octaves(amplitude.len(), resolution_hz) {
         let bins = &amplitude[first..=last];
         sorting.clear();
         sorting.extend(bins.iter().step_by(bins.len().div_ceil(FLOOR_BINS)));
         if let Some(floor) = noise_amplitude(sorting) {
-            features.insert_check(format!("ln_floor_{}", band + 1), floor, deviation);
+            features.insert_check(format!("ln_floor_{centre_hz:.0}hz"), floor * to_density, deviation);
         }
         let Some((mesh_bins, mesh)) = mesh else {
-            let energy: f64 = amplitude[first..=last].iter().map(|a| a * a).sum();
-            let whole = (energy / (last - first + 1) as f64).sqrt();
-            features.insert_check(format!("ln_band_{}", band + 1), whole, deviation);
+            let energy: f64 = bins.iter().map(|a| a * a).sum();
+            let whole = (energy / bins.len() as f64).sqrt();
+            features.insert_check(format!("ln_band_{centre_hz:.0}hz"), whole * to_density, deviation);
             continue;
         };
         if let Some(rest) = beside_combs(amplitude, [first, last], mesh_bins, mesh) {
-            features.insert_check(format!("ln_rest_{}", band + 1), rest, deviation);
+            features.insert_check(format!("ln_rest_{centre_hz:.0}hz"), rest * to_density, deviation);
         }
     }
     let Some((mesh_bins, mesh)) = mesh else { return };
     let shaft_bins = mesh_bins / f64::from(mesh.teeth);
+    if shaft_bins < SHAFT_RESOLVED_BINS {
+        return;
+    }
     for order in 1..=SHAFT_ORDERS {
         let position = order as f64 * shaft_bins;
-        let reach = search_reach(position) + 2.0 * MAIN_LOBE_BINS;
-        if mesh.others.lie_at(order as f64, reach / shaft_bins) {
+        let reach = SHAFT_REACH * shaft_bins;
+        if mesh.others.lie_at(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins) {
             continue;
         }
-        let noise = background(amplitude, position, Some(shaft_bins), 2.0 * shaft_bins, sorting);
-        if let (Some(line), Some(noise)) = (read_line(amplitude, position), noise) {
-            features.insert_check(format!("ln_shaft_{order}"), line.amplitude.hypot(SHAFT_FLOOR * noise), deviation);
-        }
+        let (first, last) = ((position - reach).ceil() as usize, (position + reach).floor() as usize);
+        let Some(bins) = amplitude.get(first..=last) else { return };
+        let squares: f64 = bins.iter().map(|a| a * a).sum();
+        features.insert_check(format!("ln_shaft_{order}"), (squares / NOISE_BANDWIDTH_BINS).sqrt(), deviation);
     }
+}
+
+/// One octave of a spectrum.
+#[derive(Debug, Clone, Copy)]
+struct Octave {
+    /// Its centre, 1000 Hz times a power of two.
+    centre_hz: f64,
+    /// Its first and last bin.
+    bins: [usize; 2],
+}
+
+/// The octaves that a spectrum of so many bins holds.
+fn octaves(bins: usize, resolution_hz: f64) -> impl Iterator<Item = Octave> {
+    let highest_hz = HIGHEST_PART * bins.saturating_sub(1) as f64 * resolution_hz;
+    let top = (highest_hz / 1000.0 / SQRT_2).log2().floor();
+    let octave = move |below: i32| {
+        let centre_hz = 1000.0 * (top - f64::from(below)).exp2();
+        let edge = |hz: f64| (hz / resolution_hz).ceil() as usize;
+        let (first, end) = (edge(centre_hz / SQRT_2).max(1), edge(centre_hz * SQRT_2));
+        (end <= bins && end >= first + LEAST_BINS).then(|| Octave {
+            centre_hz,
+            bins: [first, end - 1],
+        })
+    };
+    (0..OCTAVES).filter_map(octave)
 }
 
 /// Root mean square of the bins between what belongs to harmonics of any mesh; `None` where the band has too few of them.

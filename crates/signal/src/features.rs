@@ -8,7 +8,7 @@ use super::indicators::Absence;
 use super::record::OperatingPoint;
 
 /// Identifier of what the features are made by. Values are comparable only where it is the same.
-pub const PREPROCESSING: &str = "steadied-lines-4";
+pub const PREPROCESSING: &str = "steadied-lines-5";
 
 /// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of amplitudes)
 /// and changes relative to a healthy baseline are differences.
@@ -46,21 +46,46 @@ pub struct Features {
     ///
     /// | name | natural logarithm of |
     /// | --- | --- |
-    /// | `ln_floor_b`, b = 1 … 4 | the noise floor (from the median bin) of the band b of four of equal ratio from 2 % to 90 % of half the sampling rate |
-    /// | `ln_rest_b`, b = 1 … 4 | the root mean square bin of the band outside the mesh harmonics and their sidebands |
-    /// | `ln_band_b`, b = 1 … 4 | the root mean square bin of the band, in a record without a mesh line |
-    /// | `ln_shaft_k`, k = 1 … 3 | the amplitude at k times the shaft rate, three times the noise beside it added by squares |
-    /// | `ln_tooth_repeated` | the part of the mean turn that lies between the mesh harmonics, over the same part of half the difference between even and odd turns: 0 where nothing but noise is there |
-    /// | `ln_tooth_worst` | the highest root mean square of that part over one tooth's pitch, over the median one |
-    /// | `ln_tooth_kurtosis` | the square root of that part's kurtosis |
+    /// | `ln_floor_fhz`, f = … 500, 1000, 2000 … | the noise floor (from the median bin) of the octave around f, as a density: the record's unit over √Hz; the five highest octaves below 45 % of the sampling rate |
+    /// | `ln_rest_fhz` | the same of the root mean square bin outside the mesh harmonics and their sidebands |
+    /// | `ln_band_fhz` | the same of all bins, in a record without a mesh line |
+    /// | `ln_shaft_k`, k = 1 … 3 | the amplitude that lies within 0.3 shaft rates of k times the shaft rate |
+    /// | `ln_tooth_repeated_n`, n = 2, 8, 32, 128 | in averages of n turns, the part that lies between the mesh harmonics, over the same part of half the difference between even and odd turns: 0 where nothing but noise is there; the three largest n that the record fills |
+    /// | `ln_tooth_worst_n` | the highest root mean square of that part over one tooth's pitch, over the median one |
+    /// | `ln_tooth_kurtosis_n` | the square root of that part's kurtosis |
+    ///
+    /// None depends on how long the record is, but for its scatter.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub checks: BTreeMap<String, f64>,
     /// Where the machine stood: the speed given or found, the torque as far as it is known.
     #[serde(default)]
     pub operating_point: OperatingPoint,
+    /// How long the record is, and how densely sampled.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub extent: Option<Extent>,
     /// What is wrong with the samples themselves: they do not vary, are clipped, or have gaps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fault: Option<Absence>,
+}
+
+/// How long a record is, and how densely sampled: records that differ in this cannot always be compared.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Extent {
+    /// Length in seconds.
+    pub seconds: f64,
+    /// Samples per second in hertz.
+    pub sample_rate_hz: f64,
+}
+
+/// Under the Hann window two lines are read apart where they are so many bins from each other: their main lobes and a bin between.
+const LINES_APART_BINS: f64 = 5.0;
+
+impl Extent {
+    /// How long a record has to be for the mesh lines of a shaft at this speed in hertz to be read apart from their sidebands.
+    pub fn seconds_apart(shaft_speed_hz: f64) -> f64 {
+        LINES_APART_BINS / shaft_speed_hz
+    }
 }
 
 /// The least amplitude as a part of the record's deviation: rounding of 32-bit samples lies above it, and no logarithm of

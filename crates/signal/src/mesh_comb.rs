@@ -1,5 +1,6 @@
 //! Finding the comb of mesh harmonics in a Hann amplitude spectrum. Positions are in bins.
 
+use super::smeared_comb;
 use super::line::{fits, noise_amplitude, read_line};
 
 /// Orders of the comb: the lowest harmonics are the ones that stand out.
@@ -87,6 +88,7 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], teeth: u32, scratch
         }
     }
     best.map(|(mesh, _)| refine(amplitude, mesh, noise))
+        .or_else(|| smeared_comb::find(amplitude, [low, high], scratch))
 }
 
 fn compress(ratio: f64) -> f64 {

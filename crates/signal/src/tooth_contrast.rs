@@ -19,8 +19,16 @@ const LEAST_TEETH: usize = 10;
 /// Below this part of the average's deviation a signal is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Puts down, of what lies between the harmonics of this mesh and of others, three ratios of a turn that no gain of the sensor changes, as natural logarithms of amplitudes; nothing for a gear with
-/// fewer than 10 teeth, and where order `teeth` + 1 lies above half the samples of a turn.
+/// Turns that are averaged. What noise leaves in an average depends on their number, so records of different lengths are compared on
+/// averages of as many turns.
+const GROUPS: [usize; 4] = [128, 32, 8, 2];
+
+/// So many of the largest groups that a record fills are taken.
+const MOST_GROUPS: usize = 3;
+
+/// Puts down, of what lies between the harmonics of this mesh and of others, three ratios of a turn that no gain of the sensor changes, as
+/// natural logarithms of amplitudes, for averages of 128, 32, 8 or 2 turns; nothing for a gear with fewer than 10 teeth, and where order
+/// `teeth` + 1 lies above half the samples of a turn.
 pub(super) fn insert_tooth_checks(
     turned: &AngleRecord,
     mesh: &MeshContext,
@@ -33,42 +41,81 @@ pub(super) fn insert_tooth_checks(
         return;
     }
     let highest = (harmonics * teeth + teeth / 2).min((per_turn - 1) / 2);
-    // As many even turns as odd ones: half their difference has the noise of the average and nothing of what repeats.
-    let turns = turned.turns / 2 * 2;
-    let [mut average, mut alternating] = turned.sums(turns);
-    let scale = 1.0 / turns as f64;
-    for (even, odd) in average.iter_mut().zip(&mut alternating) {
-        (*even, *odd) = ((*even + *odd) * scale, (*even - *odd) * scale);
-    }
-    let floor = (ROUNDING * mean_square(&average).sqrt()).powi(2);
-    let mut between_harmonics = |signal: &mut [f64]| {
-        let mut bins = Vec::new();
-        transforms.forward(signal, &mut bins);
-        for (order, bin) in bins.iter_mut().enumerate() {
-            let beside = (order % teeth).min(teeth - order % teeth);
-            if beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0) {
-                *bin = Complex::default();
-            }
-        }
-        transforms.inverse(&mut bins, signal);
-        let scale = 1.0 / per_turn as f64;
-        signal.iter_mut().for_each(|x| *x *= scale);
+    let left_out = |order: usize| {
+        let beside = (order % teeth).min(teeth - order % teeth);
+        beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0)
     };
-    between_harmonics(&mut average);
-    between_harmonics(&mut alternating);
-    let (repeated, noise) = (mean_square(&average), mean_square(&alternating));
-    if repeated <= floor {
-        return;
+    let left_out: Vec<bool> = (0..=per_turn / 2).map(left_out).collect();
+    for group in GROUPS.into_iter().filter(|group| *group <= turned.turns).take(MOST_GROUPS) {
+        let mut contrast = Contrast::default();
+        let groups = turned.turns / group;
+        for first in (0..groups).map(|index| index * group) {
+            contrast.add(turned.sums(first..first + group), group, teeth, &left_out, transforms);
+        }
+        contrast.insert(group, features);
     }
-    let fourth = average.iter().map(|x| x.powi(4)).sum::<f64>() / per_turn as f64;
-    let mut put = |name: &str, squared: f64| features.checks.insert(name.to_owned(), 0.5 * squared.ln());
-    put("ln_tooth_repeated", repeated / noise.max(floor));
-    put("ln_tooth_kurtosis", fourth / (repeated * repeated));
-    let mut energies = pitch_energies(&average, teeth);
-    let worst = energies.iter().copied().fold(0.0, f64::max);
-    let middle = energies.len() / 2;
-    let (_, median, _) = energies.select_nth_unstable_by(middle, f64::total_cmp);
-    put("ln_tooth_worst", worst / median.max(floor));
+}
+
+/// What several averages have between the mesh harmonics.
+#[derive(Debug, Default)]
+struct Contrast {
+    averages: f64,
+    /// Mean squares of what lies between the harmonics, of the noise in it, and the fourth moment.
+    repeated: f64,
+    noise: f64,
+    fourth: f64,
+    /// Below this it is rounding.
+    floor: f64,
+    /// Mean square over one pitch by angle.
+    by_pitch: Vec<f64>,
+}
+
+impl Contrast {
+    /// Takes one average, from the sums over its even and its odd turns.
+    fn add(&mut self, [mut average, mut alternating]: [Vec<f64>; 2], turns: usize, teeth: usize, left_out: &[bool], transforms: &mut Transforms) {
+        let scale = 1.0 / turns as f64;
+        // Half the difference between even and odd turns has the noise of the average and nothing of what repeats.
+        for (even, odd) in average.iter_mut().zip(&mut alternating) {
+            (*even, *odd) = ((*even + *odd) * scale, (*even - *odd) * scale);
+        }
+        self.floor = self.floor.max(ROUNDING * ROUNDING * mean_square(&average));
+        let mut between_harmonics = |signal: &mut [f64]| {
+            let mut bins = Vec::new();
+            transforms.forward(signal, &mut bins);
+            for (bin, out) in bins.iter_mut().zip(left_out) {
+                if *out {
+                    *bin = Complex::default();
+                }
+            }
+            transforms.inverse(&mut bins, signal);
+            let scale = 1.0 / signal.len() as f64;
+            signal.iter_mut().for_each(|x| *x *= scale);
+        };
+        between_harmonics(&mut average);
+        between_harmonics(&mut alternating);
+        self.averages += 1.0;
+        self.repeated += mean_square(&average);
+        self.noise += mean_square(&alternating);
+        self.fourth += average.iter().map(|x| x.powi(4)).sum::<f64>() / average.len() as f64;
+        let energies = pitch_energies(&average, teeth);
+        self.by_pitch.resize(energies.len(), 0.0);
+        self.by_pitch.iter_mut().zip(energies).for_each(|(sum, energy)| *sum += energy);
+    }
+
+    fn insert(mut self, turns: usize, features: &mut Features) {
+        let scale = 1.0 / self.averages;
+        let [repeated, noise, fourth] = [self.repeated, self.noise, self.fourth].map(|sum| sum * scale);
+        if repeated <= self.floor {
+            return;
+        }
+        let mut put = |name: &str, squared: f64| features.checks.insert(format!("{name}_{turns}"), 0.5 * squared.ln());
+        put("ln_tooth_repeated", repeated / noise.max(self.floor));
+        put("ln_tooth_kurtosis", fourth / (repeated * repeated));
+        let worst = self.by_pitch.iter().copied().fold(0.0, f64::max);
+        let middle = self.by_pitch.len() / 2;
+        let (_, median, _) = self.by_pitch.select_nth_unstable_by(middle, f64::total_cmp);
+        put("ln_tooth_worst", worst / median.max(self.floor * self.averages));
+    }
 }
 
 fn mean_square(signal: &[f64]) -> f64 {
@@ -159,9 +206,9 @@ mod tests {
     fn teeth_that_are_alike_have_noise_alone_whatever_the_mesh_does() {
         let calm = checks(1.0, 0.0).checks;
         // Noise: as much in the average as in half the difference, kurtosis 3.
-        assert!(calm["ln_tooth_repeated"].abs() < 0.15, "{calm:?}");
-        assert!((calm["ln_tooth_kurtosis"] - 0.5 * 3f64.ln()).abs() < 0.15, "{calm:?}");
-        assert!((0.1..0.6).contains(&calm["ln_tooth_worst"]), "{calm:?}");
+        assert!(calm["ln_tooth_repeated_8"].abs() < 0.15, "{calm:?}");
+        assert!((calm["ln_tooth_kurtosis_8"] - 0.5 * 3f64.ln()).abs() < 0.15, "{calm:?}");
+        assert!((0.1..0.6).contains(&calm["ln_tooth_worst_8"]), "{calm:?}");
         let loud = checks(4.0, 0.0).checks;
         for (name, value) in &calm {
             assert!((value - loud[name]).abs() < 1e-6, "{name}: {value} {}", loud[name]);
@@ -171,7 +218,7 @@ mod tests {
     #[test]
     fn one_tooth_that_differs_stands_out() {
         let (calm, cracked) = (checks(1.0, 0.0).checks, checks(1.0, 0.5).checks);
-        for (name, least) in [("ln_tooth_repeated", 0.2), ("ln_tooth_kurtosis", 0.3), ("ln_tooth_worst", 0.5)] {
+        for (name, least) in [("ln_tooth_repeated_8", 0.15), ("ln_tooth_kurtosis_8", 0.3), ("ln_tooth_worst_8", 0.5)] {
             assert!(cracked[name] - calm[name] > least, "{name}: {} {}", calm[name], cracked[name]);
         }
     }
@@ -186,7 +233,7 @@ mod tests {
         let loud = checks_beside(1.0, 0.0, 5.0, others).checks;
         let unknown = checks_beside(1.0, 0.0, 5.0, OtherMeshes::NONE).checks;
         assert!(
-            (unknown["ln_tooth_repeated"] - calm["ln_tooth_repeated"]).abs() > 0.5,
+            (unknown["ln_tooth_repeated_8"] - calm["ln_tooth_repeated_8"]).abs() > 0.5,
             "{unknown:?} {calm:?}"
         );
         for (name, value) in &calm {

@@ -183,7 +183,8 @@ fn verdict(told: &WearEstimate) -> Option<&'static str> {
     let machine = novelty.machine_sign.map(|sign| match sign {
         MachineSign::OneTooth => "one tooth",
         MachineSign::ShaftLines => "shaft lines",
-        MachineSign::BesideMesh => "beside the mesh",
+        MachineSign::ImpulsiveEnergy => "impulses",
+        MachineSign::BandEnergy => "energy in a band",
     });
     Some(sensor.or(machine).unwrap_or("outside the library"))
 }

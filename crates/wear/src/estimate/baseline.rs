@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::comparability::Comparability;
 use flankwatch_signal::Features;
 
 /// A line enters the comparison when its healthy amplitude stands above the noise beside it by this factor.
@@ -9,6 +10,9 @@ const LEAST_LINE_TO_BACKGROUND: f64 = 2.0;
 
 /// Records that the fit over the speed is made of: of a longer baseline, as many evenly spread ones.
 const MOST_RECORDS: usize = 40;
+
+/// The feature that says how impulsive a record is.
+pub(super) const KURTOSIS: &str = "ln_kurtosis";
 
 /// Healthy values of one feature.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,6 +38,12 @@ pub(super) struct Baseline {
     pub(super) lines: Vec<HealthyFeature>,
     /// Values that wear hardly moves.
     pub(super) checks: Vec<HealthyFeature>,
+    /// The kurtosis, where every record has one.
+    #[serde(default)]
+    pub(super) kurtosis: Option<HealthyFeature>,
+    /// What records can be compared with it.
+    #[serde(default)]
+    pub(super) comparability: Comparability,
     /// Speed and torque of each record, as far as they are known.
     pub(super) points: Vec<[Option<f64>; 2]>,
 }
@@ -67,10 +77,18 @@ impl Baseline {
                 background: None,
             })
         });
+        let kurtosis: Option<Vec<f32>> = records.iter().map(|record| Some(*record.values.get(KURTOSIS)? as f32)).collect();
+        let comparability = Comparability::of(records.iter().copied());
         let point = |record: &&Features| [record.operating_point.shaft_speed_hz, record.operating_point.torque_nm];
         Self {
             lines: lines.collect(),
             checks: checks.collect(),
+            kurtosis: kurtosis.filter(|values| !values.is_empty()).map(|values| HealthyFeature {
+                name: KURTOSIS.to_owned(),
+                values,
+                background: None,
+            }),
+            comparability,
             points: records.iter().map(point).collect(),
         }
     }

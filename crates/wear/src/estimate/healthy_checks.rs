@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::baseline::{Baseline, HealthyFeature};
+use super::baseline::{Baseline, HealthyFeature, KURTOSIS};
+use super::comparability::Comparability;
 use super::healthy::SpeedKernels;
 use super::novelty::Deviation;
 use crate::library::Ensemble;
@@ -104,11 +105,18 @@ fn part(check: &str) -> f64 {
     kind.map_or(0.0, |(_, part)| *part)
 }
 
+/// How many turns a check of the teeth averages.
+fn averaged_turns(check: &str) -> Option<u32> {
+    check.strip_prefix("ln_tooth_")?.rsplit('_').next()?.parse().ok()
+}
+
 /// The checks of one baseline.
 #[derive(Debug, Clone)]
 pub(super) struct HealthyChecks {
     kernels: SpeedKernels,
     checks: Vec<Check>,
+    kurtosis: Option<Check>,
+    comparability: Comparability,
 }
 
 impl HealthyChecks {
@@ -141,13 +149,29 @@ impl HealthyChecks {
             }
         };
         let checks = baseline.checks.iter().map(fit).collect();
-        Self { kernels, checks }
+        let kurtosis = baseline.kurtosis.as_ref().map(fit);
+        Self {
+            kernels,
+            checks,
+            kurtosis,
+            comparability: baseline.comparability,
+        }
     }
 
     /// How each check of a record deviates from what is expected at a depth of the grid, a logarithm of the speed and a drift.
+    ///
+    /// A record whose values scatter more, as it is shorter than the baseline's, has `scatter` times their variance. Of averages of different
+    /// numbers of turns the longest are compared that the record and the baseline have.
     pub(super) fn deviations(&self, record: &Features, log_speed: f64, depth: usize, drifting: Drifting<'_>) -> Vec<Deviation> {
+        let scatter = self.comparability.scatter(record);
         let at = self.kernels.weights(log_speed);
+        let compared = |check: &&Check| self.comparability.reaches_as_high(record) && record.checks.contains_key(&check.name);
+        let turns = self.checks.iter().filter(compared);
+        let most_turns = turns.filter_map(|check| averaged_turns(&check.name)).max();
         let deviation = |check: &Check| {
+            if averaged_turns(&check.name).is_some_and(|turns| Some(turns) != most_turns) {
+                return None;
+            }
             let value = record.checks.get(&check.name)?;
             let change = check.change[depth.min(check.change.len() - 1)];
             let (offset, drift_variance) = drifting.of(&check.name);
@@ -155,10 +179,39 @@ impl HealthyChecks {
             Some(Deviation {
                 name: check.name.clone(),
                 residual: value - check.constant - at.path(check.kernel, &check.weights) - change - offset,
-                deviation: (wrong * wrong + drift_variance + check.variance * (1.0 + at.variance(check.kernel))).sqrt(),
+                deviation: (wrong * wrong + drift_variance + check.variance * (scatter + at.variance(check.kernel))).sqrt(),
             })
         };
         self.checks.iter().filter_map(deviation).collect()
+    }
+
+    /// How what a gain multiplies stands to the healthy values, whatever wear does.
+    pub(super) fn gained(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
+        let gained = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
+        gained
+            .filter_map(|check| self.from_healthy(check, *record.checks.get(&check.name)?, log_speed))
+            .collect()
+    }
+
+    /// How a record's kurtosis stands to the healthy ones.
+    pub(super) fn kurtosis(&self, record: &Features, log_speed: f64) -> Option<Deviation> {
+        self.from_healthy(self.kurtosis.as_ref()?, *record.values.get(KURTOSIS)?, log_speed)
+    }
+
+    fn from_healthy(&self, check: &Check, value: f64, log_speed: f64) -> Option<Deviation> {
+        let at = self.kernels.weights(log_speed);
+        Some(Deviation {
+            name: check.name.clone(),
+            residual: value - check.constant - at.path(check.kernel, &check.weights),
+            deviation: (check.variance * (1.0 + at.variance(check.kernel))).sqrt(),
+        })
+    }
+
+    /// Checks that a baseline has, and how many of them a record has.
+    pub(super) fn shared(&self, record: &Features) -> [usize; 2] {
+        let of_energy = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
+        let shared = of_energy.clone().filter(|check| record.checks.contains_key(&check.name));
+        [of_energy.count(), shared.count()]
     }
 
     /// Degrees of freedom of a check's scatter.

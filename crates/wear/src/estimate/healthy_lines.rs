@@ -6,6 +6,7 @@
 
 use super::baseline::{Baseline, HealthyFeature};
 use super::healthy::SpeedKernels;
+use super::novelty::Deviation;
 use crate::library::{MESH_LINES, line_name};
 use flankwatch_signal::Features;
 
@@ -67,6 +68,21 @@ pub(super) struct Measured {
 }
 
 impl Measured {
+    /// The lines' changes from the healthy ones, whatever wear does.
+    pub(super) fn deviations(&self) -> impl Iterator<Item = Deviation> {
+        self.lines.iter().map(|line| Deviation {
+            name: line_name(line.index),
+            residual: line.change,
+            deviation: line.variance.sqrt(),
+        })
+    }
+
+    /// The lines' frequencies in hertz by name, for a mesh frequency in hertz.
+    pub(super) fn frequencies_hz(&self, mesh_hz: f64) -> Vec<(String, f64)> {
+        let lines = self.lines.iter();
+        lines.map(|line| (line_name(line.index), (line.index + 1) as f64 * mesh_hz)).collect()
+    }
+
     /// How far the lines have moved apart from each other: the standard deviation of their changes beyond their scatter. A change of the
     /// sensor's gain moves all alike.
     pub(super) fn apart(&self) -> f64 {
@@ -149,8 +165,14 @@ impl HealthyLines {
         relative(record.operating_point.shaft_speed_hz, self.nominal_speed_hz).ln()
     }
 
-    /// A record's lines against the healthy ones.
-    pub(super) fn measured(&self, record: &Features) -> Measured {
+    /// The least sampling rate in hertz that gives `lines` of the lines, at a mesh frequency in hertz.
+    pub(super) fn rate_needed_hz(&self, lines: usize, mesh_hz: f64) -> f64 {
+        let order = self.lines.get(lines.saturating_sub(1)).map_or(0, |line| line.index + 1);
+        2.0 * (order as f64 + 0.5) * mesh_hz
+    }
+
+    /// A record's lines against the healthy ones; `scatter` times as large is the variance of one that is shorter than they are.
+    pub(super) fn measured(&self, record: &Features, scatter: f64) -> Measured {
         let at = self.kernels.weights(self.log_speed(record));
         let load = relative(record.operating_point.torque_nm, self.nominal_torque_nm);
         let line = |line: &Line| {
@@ -161,7 +183,7 @@ impl HealthyLines {
             Some(MeasuredLine {
                 index: line.index,
                 change: value - load.ln() - line.constant - at.path(line.kernel, &line.weights),
-                variance: line.variance * (1.0 + at.variance(line.kernel)) + NOISE_VARIANCE * noise,
+                variance: line.variance * (scatter + at.variance(line.kernel)) + NOISE_VARIANCE * noise,
                 floor: line.floor,
             })
         };

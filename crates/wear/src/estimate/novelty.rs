@@ -1,5 +1,7 @@
 //! Whether wear explains a record at all, and if not, whether the sensor or the machine is the reason.
 
+use std::f64::consts::SQRT_2;
+
 use serde::{Deserialize, Serialize};
 
 use super::chart::Charts;
@@ -26,12 +28,6 @@ const WHOLE: [&str; 2] = ["lines", "checks"];
 /// broken tooth that moves the lines alone is seen after 3 to 6 records with 0.8, hardly at all with 1.
 const WHOLE_ALLOWANCE: f64 = 0.8;
 
-/// A gain that changed moves everything by at least this logarithm ...
-const LEAST_GAIN: f64 = 0.15;
-
-/// ... and leaves no more than this part of the sum of squares.
-const GAIN_LEAVES: f64 = 0.15;
-
 /// A dead sensor's noise floors lie this logarithm below the baseline's (a factor of 50).
 const DEAD: f64 = -3.9;
 
@@ -40,6 +36,12 @@ const LOOSE_LOSS: f64 = -1.4;
 
 /// ... more than in the lowest one.
 const LOOSE_SLOPE: f64 = -0.7;
+
+/// Fewest noise floors that a fault of the sensor is told from.
+const LEAST_FLOORS: usize = 4;
+
+/// What has grown by fewer standard deviations is not said to be possible too.
+const LEAST_ALSO: f64 = 3.0;
 
 /// What is wrong with the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,7 +54,8 @@ pub enum SensorFault {
     Clipped,
     /// Stretches of the record are missing.
     Gaps,
-    /// Noise floors and what lies between the lines have all moved alike: sensitivity or gain has changed.
+    /// From one record to the next, all lines and all noise have moved by one factor that stays, and the kurtosis has not: sensitivity or gain
+    /// has changed.
     GainChanged,
     /// High frequencies are lost, low ones are not: the sensor is loose.
     LooseMount,
@@ -65,7 +68,7 @@ impl SensorFault {
             Self::Dead => "the sensor gives no signal",
             Self::Clipped => "the signal is clipped",
             Self::Gaps => "samples are missing",
-            Self::GainChanged => "all noise floors moved alike: the sensor's gain has changed",
+            Self::GainChanged => "all lines and all noise moved by one factor at once: the sensor's gain has changed",
             Self::LooseMount => "high frequencies are lost: the sensor's mount is loose",
         }
     }
@@ -80,8 +83,10 @@ pub enum MachineSign {
     OneTooth,
     /// The shaft's own lines have grown.
     ShaftLines,
-    /// Energy that belongs to no mesh harmonic has grown.
-    BesideMesh,
+    /// Energy that belongs to no mesh harmonic has grown, and the record is more impulsive than the healthy ones.
+    ImpulsiveEnergy,
+    /// Energy that belongs to no mesh harmonic has grown, and the record is no more impulsive.
+    BandEnergy,
 }
 
 impl MachineSign {
@@ -90,18 +95,30 @@ impl MachineSign {
         match self {
             Self::OneTooth => "one tooth differs from the others: a crack or chip, not wear",
             Self::ShaftLines => "the shaft's own lines have grown: misalignment or unbalance, not wear",
-            Self::BesideMesh => "energy that does not belong to the mesh has grown: a bearing or looseness, not wear",
+            Self::ImpulsiveEnergy => "impulses beside the mesh lines have grown: a bearing or looseness, not wear",
+            Self::BandEnergy => "energy beside the mesh lines has grown: a bearing, looseness or another machine, not wear",
+        }
+    }
+
+    /// In few words.
+    pub fn short(self) -> &'static str {
+        match self {
+            Self::OneTooth => "one tooth that differs",
+            Self::ShaftLines => "misalignment or unbalance",
+            Self::ImpulsiveEnergy => "a bearing or looseness",
+            Self::BandEnergy => "a bearing, looseness or another machine",
         }
     }
 
     /// What a check that has grown is a sign of.
-    fn of(check: &str) -> Option<Self> {
+    fn of(check: &str, impulsive: bool) -> Option<Self> {
+        let energy = if impulsive { Self::ImpulsiveEnergy } else { Self::BandEnergy };
         let signs = [
             ("ln_tooth_", Self::OneTooth),
             ("ln_shaft_", Self::ShaftLines),
-            ("ln_rest_", Self::BesideMesh),
-            ("ln_band_", Self::BesideMesh),
-            ("ln_floor_", Self::BesideMesh),
+            ("ln_rest_", energy),
+            ("ln_band_", energy),
+            ("ln_floor_", energy),
         ];
         signs.into_iter().find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
     }
@@ -135,6 +152,12 @@ pub struct Novelty {
     /// What it looks like, where a check that wear hardly moves has grown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine_sign: Option<MachineSign>,
+    /// What else it may be, the likelier first: checks of other kinds that have grown at least half as much.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub also: Vec<MachineSign>,
+    /// The octave in hertz whose energy has grown most, where energy is the sign.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub band_hz: Option<[f64; 2]>,
     /// The check that has deviated for several records, where that says more than this record alone; `lines` or `checks` where it is the fit as a
     /// whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -153,8 +176,25 @@ pub(super) struct Deviation {
     pub(super) deviation: f64,
 }
 
+/// What a record shows beside its deviations from the best state.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Circumstances {
+    /// Natural logarithm of the factor by which all values moved at once, where they did.
+    pub(super) gain: Option<f64>,
+    /// Whether the lines of the highest octave fell as its noise floor did, as far as there are any.
+    pub(super) lines_fell: Option<bool>,
+    /// Whether its kurtosis stands out of the healthy ones.
+    pub(super) impulsive: bool,
+}
+
 /// Judges a record by its deviations from the best state: of lines, of what wear hardly moves, and by what has lasted over the records before.
-pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], freedom: f64, charts: &mut Charts) -> Novelty {
+pub(super) fn judge(
+    record: &Features,
+    [lines, checks]: &[Vec<Deviation>; 2],
+    freedom: f64,
+    circumstances: Circumstances,
+    charts: &mut Charts,
+) -> Novelty {
     let squares = |deviations: &[Deviation]| -> f64 { deviations.iter().map(|d| normal_score(d, freedom).powi(2)).sum() };
     let z_lines = chi_square_score(squares(lines) / INFLATION_LINES, lines.len());
     let z_checks = chi_square_score(squares(checks) / INFLATION_CHECKS, checks.len());
@@ -164,7 +204,7 @@ pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], fr
         Some(Absence::Constant) => Some(SensorFault::Dead),
         Some(Absence::Clipped) => Some(SensorFault::Clipped),
         Some(Absence::Gaps) => Some(SensorFault::Gaps),
-        _ if p_record < LEAST_P_VALUE => sensor_fault(checks),
+        _ if p_record < LEAST_P_VALUE => sensor_fault(checks, circumstances.lines_fell).or(circumstances.gain.map(|_| SensorFault::GainChanged)),
         _ => None,
     };
     // A fault of the sensor says nothing of the machine.
@@ -184,71 +224,100 @@ pub(super) fn judge(record: &Features, [lines, checks]: &[Vec<Deviation>; 2], fr
         None
     };
     let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < LEAST_P_VALUE);
-    let machine_sign = by_itself.or_else(|| lasting.and_then(|(check, _)| MachineSign::of(check)));
-    let lasting = lasting.map(|(check, _)| check.to_owned());
+    let sign_of = |check: &str| MachineSign::of(check, circumstances.impulsive);
+    // Where the fit as a whole has been poor, what has grown is what this record shows.
+    let whole = |check: &str| WHOLE.contains(&check).then(|| grown_most(checks)).flatten();
+    let check = by_itself.or_else(|| {
+        let (check, _) = lasting?;
+        whole(check).or_else(|| checks.iter().find(|d| d.name == check))
+    });
+    let machine_sign = check.and_then(|check| sign_of(&check.name));
     let mut most: Vec<&Deviation> = lines.iter().chain(checks).collect();
-    most.sort_by(|a, b| (b.residual / b.deviation).abs().total_cmp(&(a.residual / a.deviation).abs()));
+    most.sort_by(|a, b| b.score().abs().total_cmp(&a.score().abs()));
     Novelty {
         p_value,
         score: (-p_value.max(1e-30).log10()).max(0.0),
         outside: outside || sensor_fault.is_some(),
         sensor_fault,
         machine_sign,
-        lasting,
+        also: check.map_or_else(Vec::new, |check| also(checks, check, sign_of)),
+        band_hz: check.and_then(|check| octave_hz(&check.name)),
+        lasting: lasting.map(|(check, _)| check.to_owned()),
         most: most
             .into_iter()
             .take(3)
             .map(|d| FeatureDeviation {
                 feature: d.name.clone(),
                 ln_ratio: d.residual,
-                deviations: d.residual / d.deviation,
+                deviations: d.score(),
             })
             .collect(),
     }
 }
 
-/// What the check that has grown most is a sign of; none where that one has fallen.
-fn grown_most(checks: &[Deviation]) -> Option<MachineSign> {
-    let score = |d: &Deviation| d.residual / d.deviation;
-    let most = checks.iter().max_by(|a, b| score(a).abs().total_cmp(&score(b).abs()))?;
-    (most.residual > 0.0).then(|| MachineSign::of(&most.name)).flatten()
+impl Deviation {
+    /// In standard deviations.
+    fn score(&self) -> f64 {
+        self.residual / self.deviation
+    }
 }
 
-fn sensor_fault(checks: &[Deviation]) -> Option<SensorFault> {
-    let of = |name: &str| checks.iter().find(|d| d.name == name).map(|d| d.residual);
-    let floors: Vec<&Deviation> = checks
+/// The check that has deviated most, where it has grown.
+fn grown_most(checks: &[Deviation]) -> Option<&Deviation> {
+    let most = checks.iter().max_by(|a, b| a.score().abs().total_cmp(&b.score().abs()))?;
+    (most.residual > 0.0).then_some(most)
+}
+
+/// The signs beside the one of `most` of checks that have grown at least half as much.
+fn also(checks: &[Deviation], most: &Deviation, sign_of: impl Fn(&str) -> Option<MachineSign>) -> Vec<MachineSign> {
+    let mut grown: Vec<&Deviation> = checks
         .iter()
-        .filter(|d| d.name.starts_with("ln_floor_") || d.name.starts_with("ln_rest_"))
+        .filter(|d| d.score() > LEAST_ALSO.max(0.5 * most.score()))
         .collect();
-    if floors.len() < 4 {
+    grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
+    let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
+    for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {
+        if !signs.contains(&sign) {
+            signs.push(sign);
+        }
+    }
+    signs.into_iter().skip(1).collect()
+}
+
+/// The edges of the octave that a check is about.
+pub(super) fn octave_hz(check: &str) -> Option<[f64; 2]> {
+    let centre: f64 = check.rsplit('_').next()?.strip_suffix("hz")?.parse().ok()?;
+    Some([centre / SQRT_2, centre * SQRT_2])
+}
+
+/// A dead sensor or a loose mount, from the noise floors.
+///
+/// Through a loose mount nothing passes at high frequencies, neither noise nor lines.
+fn sensor_fault(checks: &[Deviation], lines_fell: Option<bool>) -> Option<SensorFault> {
+    let is_noise = |d: &&Deviation| d.name.starts_with("ln_floor_") || d.name.starts_with("ln_rest_");
+    let noise: Vec<&Deviation> = checks.iter().filter(is_noise).collect();
+    if noise.len() < LEAST_FLOORS {
         return None;
     }
-    if floors.iter().all(|d| d.residual < DEAD) {
+    if noise.iter().all(|d| d.residual < DEAD) {
         return Some(SensorFault::Dead);
     }
-    if let (Some(low), Some(high)) = (of("ln_floor_1"), of("ln_floor_4"))
-        && high < LOOSE_LOSS
-        && high - low < LOOSE_SLOPE
-    {
-        return Some(SensorFault::LooseMount);
-    }
-    // One factor for all: weighted mean, and what it leaves. The lines are not asked: the best state takes a part of a gain for wear.
-    let weight: f64 = floors.iter().map(|d| d.deviation.powi(-2)).sum();
-    let gain = floors.iter().map(|d| d.residual * d.deviation.powi(-2)).sum::<f64>() / weight;
-    let before: f64 = floors.iter().map(|d| (d.residual / d.deviation).powi(2)).sum();
-    let after: f64 = floors.iter().map(|d| ((d.residual - gain) / d.deviation).powi(2)).sum();
-    (gain.abs() > LEAST_GAIN && after < GAIN_LEAVES * before).then_some(SensorFault::GainChanged)
+    let floors = checks.iter().filter(|d| d.name.starts_with("ln_floor_"));
+    let mut floors: Vec<(f64, f64)> = floors.filter_map(|d| Some((octave_hz(&d.name)?[0], d.residual))).collect();
+    floors.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let ((_, low), (_, high)) = (floors.first()?, floors.last()?);
+    (*high < LOOSE_LOSS && high - low < LOOSE_SLOPE && lines_fell != Some(false)).then_some(SensorFault::LooseMount)
 }
 
 /// The size of a deviation of Student's t distribution as that of one of the normal distribution with about the same tail (Wallace 1959).
-fn normal_score(deviation: &Deviation, freedom: f64) -> f64 {
+pub(super) fn normal_score(deviation: &Deviation, freedom: f64) -> f64 {
     let t = deviation.residual / deviation.deviation;
     let z = (freedom * (t * t / freedom).ln_1p()).sqrt();
     z * (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)
 }
 
 /// The normal deviate with the tail of χ² of this many degrees of freedom above a value, after Wilson and Hilferty (1931).
-fn chi_square_score(value: f64, freedom: usize) -> f64 {
+pub(super) fn chi_square_score(value: f64, freedom: usize) -> f64 {
     if freedom == 0 {
         return f64::NEG_INFINITY;
     }
@@ -305,7 +374,7 @@ mod tests {
     }
 
     fn deviations(kind: &str, residuals: &[f64]) -> Vec<Deviation> {
-        let name = |i: usize| format!("{kind}_{}", i + 1);
+        let name = |i: usize| format!("{kind}_{}hz", 250 << i);
         let all = residuals.iter().enumerate();
         all.map(|(i, &residual)| Deviation {
             name: name(i),
@@ -322,6 +391,7 @@ mod tests {
             &Features::default(),
             &[deviations("ln_mesh", lines), checks],
             20.0,
+            Circumstances::default(),
             &mut Charts::default(),
         )
     }
@@ -329,8 +399,7 @@ mod tests {
     #[test]
     fn sensor_faults_are_told_apart() {
         let fault = |lines: &[f64], floors: &[f64], rests: &[f64]| judged(lines, floors, rests).sensor_fault;
-        assert_eq!(fault(&[0.7; 8], &[0.69; 4], &[0.71; 4]), Some(SensorFault::GainChanged));
-        assert_eq!(fault(&[-0.7; 8], &[-0.69; 4], &[-0.71; 4]), Some(SensorFault::GainChanged));
+        assert_eq!(fault(&[0.7; 8], &[0.69; 4], &[0.71; 4]), None, "without a step");
         assert_eq!(fault(&[-9.0; 8], &[-9.0; 4], &[-8.0; 4]), Some(SensorFault::Dead));
         assert_eq!(
             fault(&[0.0; 8], &[0.1, 0.1, -1.0, -2.0], &[0.0, 0.0, -1.0, -2.0]),
@@ -338,7 +407,7 @@ mod tests {
         );
         let bearing = judged(&[0.0; 8], &[0.0, 0.0, 0.5, 0.1], &[0.0, 0.2, 1.5, 0.3]);
         assert_eq!((bearing.sensor_fault, bearing.outside), (None, true));
-        assert_eq!(bearing.most[0].feature, "ln_rest_3");
+        assert_eq!(bearing.most[0].feature, "ln_rest_1000hz");
         let calm = judged(&[0.04; 8], &[-0.04; 4], &[0.02; 4]);
         assert!(!calm.outside && calm.p_value > 0.01);
     }
@@ -359,7 +428,13 @@ mod tests {
                 residual,
                 deviation: 0.05,
             });
-            judge(&Features::default(), &[Vec::new(), checks.to_vec()], 20.0, &mut charts)
+            judge(
+                &Features::default(),
+                &[Vec::new(), checks.to_vec()],
+                20.0,
+                Circumstances::default(),
+                &mut charts,
+            )
         };
         for _ in 0..20 {
             assert!(!take(-0.01, 0.02).outside);
@@ -388,6 +463,7 @@ mod tests {
                 &Features::default(),
                 &[deviations("ln_mesh", &[off; 8]), deviations("ln_floor", &[0.01; 4])],
                 20.0,
+                Circumstances::default(),
                 &mut charts,
             )
         };
@@ -404,7 +480,7 @@ mod tests {
             fault: Some(Absence::Clipped),
             ..Features::default()
         };
-        let judged = judge(&record, &[Vec::new(), Vec::new()], 20.0, &mut Charts::default());
+        let judged = judge(&record, &[Vec::new(), Vec::new()], 20.0, Circumstances::default(), &mut Charts::default());
         assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
     }
 }

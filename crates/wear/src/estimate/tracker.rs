@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
 use super::chart::Charts;
+use super::comparability::{lines_are_apart, sampled_too_slowly};
 use super::depth_grid::DepthGrid;
 use super::event::{Inspection, MaintenanceEvent, MaintenanceKind};
 use super::filter::{Believed, Filter};
@@ -16,7 +17,8 @@ use super::growth::Growth;
 use super::healthy_checks::{Drift, Drifting, HealthyChecks};
 use super::healthy_lines::{HealthyLines, Measured};
 use super::likelihood::{Anchor, Discrepancy, Likelihood, Reference};
-use super::novelty::{Deviation, judge};
+use super::levels::{Levels, is_impulsive};
+use super::novelty::{Circumstances, Deviation, Novelty, SensorFault, judge};
 use super::prognosis::prognosis;
 use super::wear::{WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, MESH_LINES};
@@ -78,6 +80,8 @@ struct Tracking {
     disagreeing: u8,
     #[serde(default)]
     charts: Charts,
+    #[serde(default)]
+    levels: Levels,
     #[serde(skip)]
     prepared: Prepared,
 }
@@ -169,9 +173,13 @@ impl Tracker {
                 }
                 start.get_or_insert(at);
                 records.push(features.clone());
-                let (have, need) = (records.len() as u32, self.settings.baseline_records);
+                // Records whose lines and sidebands run together make a baseline of their own.
+                let apart = lines_are_apart(features);
+                let alike = |record: &Features| lines_are_apart(record) == apart;
+                let (have, need) = (records.iter().filter(|record| alike(record)).count() as u32, self.settings.baseline_records);
                 if have >= need {
                     let began = start.unwrap_or(at);
+                    records.retain(alike);
                     state.0 = Stage::Tracking(Box::new(self.begin(records, began, at, carried.take())));
                 }
                 self.no_number(
@@ -203,6 +211,7 @@ impl Tracker {
             recent: vec![None; MESH_LINES],
             disagreeing: 0,
             charts: Charts::default(),
+            levels: Levels::default(),
             prepared: Prepared::default(),
         }
     }
@@ -289,12 +298,12 @@ impl Tracker {
         if known {
             let Meshless { records, charts, prepared } = meshless;
             let healthy = prepared.0.get_or_insert_with(|| self.healthy(&Baseline::of(records)));
-            let novelty = judge(
-                features,
-                &[Vec::new(), healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0))],
-                healthy.checks.freedom(),
-                charts,
-            );
+            let circumstances = Circumstances {
+                impulsive: healthy.is_impulsive(features),
+                ..Circumstances::default()
+            };
+            let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
+            let novelty = judge(features, &[Vec::new(), checks], healthy.checks.freedom(), circumstances, charts);
             self.tell_novelty(&mut answer, novelty);
         } else if usable {
             meshless.records.push(features.clone());
@@ -323,13 +332,35 @@ impl Tracker {
         let Tracking { baseline, prepared, .. } = &mut *tracking;
         let healthy = Arc::clone(prepared.0.get_or_insert_with(|| self.healthy(baseline)));
         let freedom = healthy.checks.freedom();
+        if let Some(reason) = tracking.baseline.comparability.refuses(features) {
+            return self.no_number(WearStatus::NotComparable, need, &reason);
+        }
+        let scatter = tracking.baseline.comparability.scatter(features);
+        let unmoved = Drift::default();
+        let kurtosis = healthy.checks.kurtosis(features, healthy.lines.log_speed(features));
+        let impulsive = kurtosis.as_ref().is_some_and(is_impulsive);
         let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
+            let [healthy_checks, shared] = healthy.checks.shared(features);
+            if features.fault.is_none() && 2 * shared < healthy_checks {
+                let reason = format!(
+                    "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines, as another sampling rate or length gives"
+                );
+                return self.no_number(WearStatus::NotComparable, need, &reason);
+            }
+            let gained = healthy.checks.gained(features, healthy.lines.log_speed(features));
+            let gain = tracking.levels.gain(&gained, kurtosis.as_ref(), freedom);
             let novelty = judge(
                 features,
-                &[Vec::new(), healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0))],
+                &[Vec::new(), healthy.checks_at(features, 0, unmoved.at(0.0, 1.0))],
                 freedom,
+                Circumstances {
+                    gain,
+                    impulsive,
+                    lines_fell: None,
+                },
                 &mut tracking.charts,
             );
+            tracking.learn(&novelty, gain, &gained, kurtosis.as_ref());
             let mut answer = self.no_number(
                 WearStatus::NoLibrary,
                 need,
@@ -345,16 +376,32 @@ impl Tracker {
             );
             return self.no_number(WearStatus::NotIdentifiable, need, &reason);
         }
-        let measured = healthy.lines.measured(features);
+        let measured = healthy.lines.measured(features, scatter);
+        if measured.lines.len() < LEAST_LINES
+            && let Some(speed_hz) = features.operating_point.shaft_speed_hz
+        {
+            let teeth = f64::from(ensemble.described().pair().geometry.teeth[0]);
+            let needed_hz = healthy.lines.rate_needed_hz(LEAST_LINES, teeth * speed_hz);
+            if let Some(reason) = sampled_too_slowly(features, needed_hz) {
+                return self.no_number(WearStatus::NotComparable, need, &reason);
+            }
+        }
         if measured.lines.is_empty() {
             let mut answer = self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's lines");
             // Less than usual without a mesh line is a machine that stands still.
-            let mut checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
+            let mut checks = healthy.checks_at(features, 0, unmoved.at(0.0, 1.0));
             checks.retain(|deviation| deviation.residual > 0.0);
-            let novelty = judge(features, &[Vec::new(), checks], freedom, &mut tracking.charts);
+            let circumstances = Circumstances {
+                impulsive,
+                ..Circumstances::default()
+            };
+            let novelty = judge(features, &[Vec::new(), checks], freedom, circumstances, &mut tracking.charts);
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
+        let mut gained = healthy.checks.gained(features, healthy.lines.log_speed(features));
+        gained.extend(measured.deviations());
+        let gain = tracking.levels.gain(&gained, kurtosis.as_ref(), freedom);
         let reference = Reference {
             depths: tracking.reference.as_deref(),
             anchor: tracking.anchor.as_ref(),
@@ -366,7 +413,14 @@ impl Tracker {
         tracking.seen = at.max(tracking.seen);
         let checks = healthy.checks_at(features, likelihood.best.1, tracking.drift.at(apart, unseen));
         let drift = tracking.drift.after(apart, unseen, &checks);
-        let novelty = judge(features, &[lines, checks], freedom, &mut tracking.charts);
+        let mesh_hz = f64::from(ensemble.described().pair().geometry.teeth[0]) * features.operating_point.shaft_speed_hz.unwrap_or(0.0);
+        let circumstances = Circumstances {
+            gain,
+            impulsive,
+            lines_fell: tracking.levels.lines_fell(&gained, &measured.frequencies_hz(mesh_hz)),
+        };
+        let novelty = judge(features, &[lines, checks], freedom, circumstances, &mut tracking.charts);
+        tracking.learn(&novelty, gain, &gained, kurtosis.as_ref());
         if novelty.outside {
             // What is not wear does not move the estimate of wear.
             let mut answer = self.no_number(WearStatus::OutsideLibrary, need, "");
@@ -437,10 +491,29 @@ impl Tracker {
     }
 }
 
+impl Tracking {
+
+    /// Takes where a record's values stand.
+    fn learn(&mut self, novelty: &Novelty, gain: Option<f64>, gained: &[Deviation], kurtosis: Option<&Deviation>) {
+        if novelty.outside {
+            let named = novelty.sensor_fault == Some(SensorFault::GainChanged);
+            self.levels.unexplained(gain.filter(|_| named));
+        } else {
+            self.levels.explained(gained.iter().chain(kurtosis));
+        }
+    }
+}
+
 impl Healthy {
     /// How the values that wear hardly moves deviate from what is expected at a depth of the grid and a drift.
     fn checks_at(&self, record: &Features, depth: usize, drifting: Drifting<'_>) -> Vec<Deviation> {
         self.checks.deviations(record, self.lines.log_speed(record), depth, drifting)
+    }
+
+    /// Whether a record is more impulsive than the healthy ones.
+    fn is_impulsive(&self, record: &Features) -> bool {
+        let kurtosis = self.checks.kurtosis(record, self.lines.log_speed(record));
+        kurtosis.is_some_and(|kurtosis| is_impulsive(&kurtosis))
     }
 }
 

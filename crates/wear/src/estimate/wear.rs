@@ -20,6 +20,8 @@ pub enum WearStatus {
     NoLibrary,
     /// The record gives no feature to compare (no shaft speed found, for example).
     NoFeatures,
+    /// The record is too short or too sparsely sampled to be compared with the baseline.
+    NotComparable,
     /// Compared, but the interval spans most of the library: the record does not say.
     NotIdentifiable,
     /// No state of the library explains the record: something other than wear has changed.

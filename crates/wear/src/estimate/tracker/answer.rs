@@ -18,10 +18,18 @@ impl Tracker {
             answer.reason = fault.words().to_owned();
         } else if let Some(sign) = novelty.machine_sign {
             answer.status = WearStatus::OutsideLibrary;
-            answer.reason = match &novelty.lasting {
-                Some(check) => format!("{} ({check} has deviated for several records)", sign.words()),
-                None => format!("{}: off are {}", sign.words(), most_deviating(&novelty)),
+            let band = novelty.band_hz.map(|[low, high]| format!(" (most between {low:.0} and {high:.0} Hz)"));
+            let also: Vec<&str> = novelty.also.iter().map(|sign| sign.short()).collect();
+            let also = if also.is_empty() {
+                String::new()
+            } else {
+                format!("; also possible: {}", also.join(", "))
             };
+            let off = match &novelty.lasting {
+                Some(check) => format!("{check} has deviated for several records"),
+                None => format!("off are {}", most_deviating(&novelty)),
+            };
+            answer.reason = format!("most like this: {}{}{also}; {off}", sign.words(), band.unwrap_or_default());
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
             let what = match &self.ensemble {

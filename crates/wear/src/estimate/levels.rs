@@ -1,0 +1,208 @@
+//! Where the values of a channel stood lately, and whether all of them have moved at once by one factor: the proof that a gain has changed.
+//!
+//! A gain multiplies mesh lines, shaft lines and noise alike, from one record to the next, stays, and leaves the kurtosis as it was. What grows
+//! over many records, in some bands more than in others, or makes the signal more impulsive is the machine.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::novelty::{Deviation, chi_square_score, normal_score, octave_hz};
+
+/// Part of the newest record in a level, and what that leaves of a record's variance.
+const NEWEST_PART: f64 = 0.15;
+const LEVEL_VARIANCE: f64 = NEWEST_PART / (2.0 - NEWEST_PART);
+
+/// A gain that changed moves everything by at least this logarithm ...
+const LEAST_GAIN: f64 = 0.15;
+
+/// ... leaves no more than this part of the sum of squares ...
+const GAIN_LEAVES: f64 = 0.15;
+
+/// ... which is no more than chance leaves: so many standard deviations, of values that are correlated.
+const MOST_LEFT: f64 = 3.0;
+const INFLATION: f64 = 2.0;
+
+/// It stays what it is to this logarithm.
+const UNSTEADY: f64 = 0.2;
+
+/// Least standard deviation of a value from record to record.
+const LEAST_SCATTER: f64 = 0.03;
+
+/// Lines fall with the noise floor where none is left higher than this logarithm above it: what wear and the slope of a loss within the octave
+/// do to a line is less.
+const FELL_TOGETHER: f64 = 1.4;
+
+/// Fewest values that a gain is told from.
+const LEAST_VALUES: usize = 6;
+
+/// The kurtosis stands out of the healthy ones beyond so many of their standard deviations, and this logarithm.
+const IMPULSIVE_DEVIATIONS: f64 = 3.0;
+const IMPULSIVE_LOGARITHM: f64 = 0.12;
+
+/// Levels of a channel's values; an exact copy in JSON goes on with the same bits.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Levels {
+    /// By value, measured less healthy, of the records that wear explained: its level, and the variance around it.
+    levels: BTreeMap<String, [f32; 2]>,
+    since: Since,
+}
+
+/// What the records since the last explained one were.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Since {
+    /// There is none.
+    #[default]
+    Explained,
+    /// All values moved by this logarithm.
+    Gain(f32),
+    /// Something else.
+    Else,
+}
+
+/// Whether a record's kurtosis deviates from the healthy ones.
+pub(super) fn is_impulsive(kurtosis: &Deviation) -> bool {
+    kurtosis.residual > IMPULSIVE_LOGARITHM.max(IMPULSIVE_DEVIATIONS * kurtosis.deviation)
+}
+
+impl Levels {
+    /// The logarithm of the factor by which all `values` moved at once after the last explained record, where they did. Values are measured
+    /// less healthy, with one record's deviation; so is the `kurtosis`.
+    pub(super) fn gain(&self, values: &[Deviation], kurtosis: Option<&Deviation>, freedom: f64) -> Option<f64> {
+        let shape_stays = |d: &Deviation| d.residual.abs() <= IMPULSIVE_LOGARITHM.max(IMPULSIVE_DEVIATIONS * d.deviation);
+        let kurtosis = kurtosis.map(|kurtosis| self.moved(kurtosis));
+        if self.since == Since::Else || values.len() < LEAST_VALUES || !kurtosis.as_ref().is_none_or(shape_stays) {
+            return None;
+        }
+        let moved: Vec<Deviation> = values.iter().map(|value| self.moved(value)).collect();
+        let weight = |d: &Deviation| d.deviation.powi(-2);
+        let gain = moved.iter().map(|d| weight(d) * d.residual).sum::<f64>() / moved.iter().map(weight).sum::<f64>();
+        let squares = |by: f64| -> f64 {
+            let left = |d: &Deviation| Deviation {
+                residual: d.residual - by,
+                ..d.clone()
+            };
+            moved.iter().map(|d| normal_score(&left(d), freedom).powi(2)).sum()
+        };
+        let left = squares(gain);
+        let alike = left < GAIN_LEAVES * squares(0.0) && chi_square_score(left / INFLATION, moved.len() - 1) < MOST_LEFT;
+        let stays = match self.since {
+            Since::Gain(before) => (gain - f64::from(before)).abs() < UNSTEADY,
+            Since::Explained | Since::Else => true,
+        };
+        (gain.abs() > LEAST_GAIN && alike && stays).then_some(gain)
+    }
+
+    /// Whether the lines of the highest octave that has a noise floor have fallen as far as that floor has, their `frequencies_hz` given by
+    /// name; none where no line lies there.
+    pub(super) fn lines_fell(&self, values: &[Deviation], frequencies_hz: &[(String, f64)]) -> Option<bool> {
+        let floors = values.iter().filter(|value| value.name.starts_with("ln_floor_"));
+        let octaves = floors.filter_map(|floor| Some((octave_hz(&floor.name)?, self.moved(floor).residual)));
+        let ([low, high], floor) = octaves.max_by(|a, b| a.0[0].total_cmp(&b.0[0]))?;
+        let inside = frequencies_hz.iter().filter(|(_, hz)| (low..high).contains(hz));
+        let lines = inside.filter_map(|(name, _)| values.iter().find(|value| value.name == *name));
+        let highest = lines.map(|line| self.moved(line).residual - floor).max_by(f64::total_cmp);
+        highest.map(|beside| beside < FELL_TOGETHER)
+    }
+
+    /// Takes a record that wear explains.
+    pub(super) fn explained<'a>(&mut self, values: impl Iterator<Item = &'a Deviation>) {
+        self.since = Since::Explained;
+        for value in values {
+            let [level, variance] = self.levels.entry(value.name.clone()).or_insert([0.0; 2]);
+            let beside = value.residual - f64::from(*level);
+            *level += (NEWEST_PART * beside) as f32;
+            *variance += (NEWEST_PART * (beside * beside - f64::from(*variance))) as f32;
+        }
+    }
+
+    /// Takes a record that wear does not explain, with the gain that does.
+    pub(super) fn unexplained(&mut self, gain: Option<f64>) {
+        self.since = gain.map_or(Since::Else, |gain| Since::Gain(gain as f32));
+    }
+
+    fn moved(&self, value: &Deviation) -> Deviation {
+        let [level, lately] = self.levels.get(&value.name).map_or([0.0; 2], |level| level.map(f64::from));
+        // With wear, a line may scatter more than when it was healthy.
+        let variance = (1.0 + LEVEL_VARIANCE) * (value.deviation * value.deviation).max(lately) + LEAST_SCATTER * LEAST_SCATTER;
+        Deviation {
+            name: value.name.clone(),
+            residual: value.residual - level,
+            deviation: variance.sqrt(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn values(residuals: [f64; 8]) -> Vec<Deviation> {
+        let value = |(i, residual): (usize, f64)| deviation(&i.to_string(), residual);
+        residuals.into_iter().enumerate().map(value).collect()
+    }
+
+    fn deviation(name: &str, residual: f64) -> Deviation {
+        Deviation {
+            name: name.to_owned(),
+            residual,
+            deviation: 0.05,
+        }
+    }
+
+    #[test]
+    fn one_factor_at_once_is_a_gain_and_stays_one() {
+        let mut levels = Levels::default();
+        levels.explained(values([0.02; 8]).iter());
+        for _ in 0..5 {
+            let gain = levels.gain(&values([0.69, 0.71, 0.66, 0.7, 0.72, 0.69, 0.68, 0.7]), None, 20.0);
+            assert!(gain.is_some_and(|gain| (gain - 0.69).abs() < 0.03), "{gain:?}");
+            levels.unexplained(gain);
+        }
+        assert_eq!(levels.gain(&values([1.4; 8]), None, 20.0), None, "it has moved on");
+    }
+
+    #[test]
+    fn what_makes_the_record_impulsive_is_no_gain() {
+        let levels = Levels::default();
+        assert!(levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.05)), 20.0).is_some());
+        assert_eq!(levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.5)), 20.0), None);
+    }
+
+    #[test]
+    fn what_grows_here_more_than_there_is_no_gain() {
+        let levels = Levels::default();
+        assert_eq!(levels.gain(&values([0.7, 0.7, 0.7, 0.4, 0.7, 0.9, 0.7, 0.7]), None, 20.0), None);
+    }
+
+    /// 2 % a record: when the fit fails at last, the level has come along.
+    #[test]
+    fn what_creeps_is_no_gain() {
+        let mut levels = Levels::default();
+        for record in 1..40 {
+            levels.explained(values([0.02 * f64::from(record); 8]).iter());
+        }
+        assert_eq!(levels.gain(&values([0.8; 8]), None, 20.0), None);
+    }
+
+    #[test]
+    fn lines_fall_with_the_noise_or_do_not() {
+        let levels = Levels::default();
+        let values = [("ln_floor_500hz", 0.0), ("ln_floor_4000hz", -1.6), ("ln_mesh_4", 0.1), ("ln_mesh_5", -1.9)];
+        let values = values.map(|(name, residual)| deviation(name, residual));
+        let at = |name: &str, hz: f64| (name.to_owned(), hz);
+        assert_eq!(levels.lines_fell(&values, &[at("ln_mesh_5", 4700.0)]), Some(true));
+        assert_eq!(levels.lines_fell(&values, &[at("ln_mesh_4", 3800.0), at("ln_mesh_5", 4700.0)]), Some(false));
+        assert_eq!(levels.lines_fell(&values, &[at("ln_mesh_4", 900.0)]), None);
+    }
+
+    #[test]
+    fn what_began_as_something_else_is_no_gain() {
+        let mut levels = Levels::default();
+        levels.unexplained(None);
+        assert_eq!(levels.gain(&values([0.7; 8]), None, 20.0), None);
+        levels.explained(values([0.0; 8]).iter());
+        assert!(levels.gain(&values([0.7; 8]), None, 20.0).is_some());
+    }
+}
