@@ -3,14 +3,18 @@
 use std::f64::consts::SQRT_2;
 
 use super::features::Features;
-use super::line::{MAIN_LOBE_BINS, noise_amplitude};
+use super::line::{MAIN_LOBE_BINS, background, noise_amplitude};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::record_spectrum::RecordSpectrum;
 use super::speed::MeshContext;
 
 /// So many octaves are read, counted from the highest one that fits below half the sampling rate. They are those of IEC 61260 with base 2,
 /// so that records with other sampling rates share them.
-const OCTAVES: i32 = 6;
+const OCTAVES: usize = 6;
+
+/// Of a gear, octaves below its mesh frequency are not read, but so many are: what is there is the shaft's own, and what little noise there is
+/// moves with everything.
+const LEAST_OCTAVES: usize = 3;
 
 /// The upper end leaves out where anti-aliasing filters act.
 const HIGHEST_PART: f64 = 0.9;
@@ -26,6 +30,9 @@ const SHAFT_ORDERS: usize = 3;
 
 /// A shaft line is all that lies within this part of the shaft rate to either side: the noise in it does not depend on the record's length.
 const SHAFT_REACH: f64 = 0.3;
+
+/// It is read on top of so many times the noise that is expected there: what noise does to a line that is not there says nothing.
+const SHAFT_FLOOR: f64 = 2.0;
 
 /// Equivalent noise bandwidth of the Hann window in bins: what a line's bins add up to by squares, over its own square.
 const NOISE_BANDWIDTH_BINS: f64 = 1.5;
@@ -47,7 +54,15 @@ pub(super) fn insert_checks(
     let RecordSpectrum { amplitude, sorting, .. } = work;
     // The square of an amplitude over this is a density: half of it is a mean square, in 1.5 bins.
     let to_density = (2.0 * NOISE_BANDWIDTH_BINS * resolution_hz).sqrt().recip();
-    for Octave { centre_hz, bins: [first, last] } in octaves(amplitude.len(), resolution_hz) {
+    let lowest_hz = mesh.map_or(0.0, |(mesh_bins, mesh)| {
+        let nominal_hz = f64::from(mesh.teeth) * mesh.nominal_shaft_speed_hz;
+        if nominal_hz > 0.0 { nominal_hz } else { mesh_bins * resolution_hz }
+    });
+    for Octave {
+        centre_hz,
+        bins: [first, last],
+    } in octaves(amplitude.len(), resolution_hz, lowest_hz)
+    {
         let bins = &amplitude[first..=last];
         sorting.clear();
         sorting.extend(bins.iter().step_by(bins.len().div_ceil(FLOOR_BINS)));
@@ -78,7 +93,16 @@ pub(super) fn insert_checks(
         let (first, last) = ((position - reach).ceil() as usize, (position + reach).floor() as usize);
         let Some(bins) = amplitude.get(first..=last) else { return };
         let squares: f64 = bins.iter().map(|a| a * a).sum();
-        features.insert_check(format!("ln_shaft_{order}"), (squares / NOISE_BANDWIDTH_BINS).sqrt(), deviation);
+        let count = bins.len() as f64;
+        let Some(noise) = background(amplitude, position, Some(shaft_bins), 2.0 * shaft_bins, sorting) else {
+            continue;
+        };
+        let floor = SHAFT_FLOOR * SHAFT_FLOOR * noise * noise * count;
+        features.insert_check(
+            format!("ln_shaft_{order}"),
+            ((squares + floor) / NOISE_BANDWIDTH_BINS).sqrt(),
+            deviation,
+        );
     }
 }
 
@@ -91,15 +115,16 @@ struct Octave {
     bins: [usize; 2],
 }
 
-/// The octaves that a spectrum of so many bins holds.
-fn octaves(bins: usize, resolution_hz: f64) -> impl Iterator<Item = Octave> {
+/// The highest octaves that a spectrum of so many bins holds and that do not end below a frequency.
+fn octaves(bins: usize, resolution_hz: f64, lowest_hz: f64) -> impl Iterator<Item = Octave> {
     let highest_hz = HIGHEST_PART * bins.saturating_sub(1) as f64 * resolution_hz;
     let top = (highest_hz / 1000.0 / SQRT_2).log2().floor();
-    let octave = move |below: i32| {
-        let centre_hz = 1000.0 * (top - f64::from(below)).exp2();
+    let octave = move |below: usize| {
+        let centre_hz = 1000.0 * (top - below as f64).exp2();
         let edge = |hz: f64| (hz / resolution_hz).ceil() as usize;
         let (first, end) = (edge(centre_hz / SQRT_2).max(1), edge(centre_hz * SQRT_2));
-        (end <= bins && end >= first + LEAST_BINS).then(|| Octave {
+        let wanted = below < LEAST_OCTAVES || centre_hz * SQRT_2 > lowest_hz;
+        (wanted && end <= bins && end >= first + LEAST_BINS).then(|| Octave {
             centre_hz,
             bins: [first, end - 1],
         })

@@ -1,7 +1,7 @@
 //! Finding the comb of mesh harmonics in a Hann amplitude spectrum. Positions are in bins.
 
-use super::smeared_comb;
 use super::line::{fits, noise_amplitude, read_line};
+use super::smeared_comb;
 
 /// Orders of the comb: the lowest harmonics are the ones that stand out.
 const ORDERS: usize = 5;

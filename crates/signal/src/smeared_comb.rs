@@ -34,7 +34,9 @@ const STANDS_OUT: f64 = 4.0;
 
 /// Looks for the comb h·f with f from `low` to `high` bins.
 pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f64>) -> Option<MeshComb> {
-    let orders = (1..=ORDERS).take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len())).count();
+    let orders = (1..=ORDERS)
+        .take_while(|order| fits(1.02 * *order as f64 * high, amplitude.len()))
+        .count();
     if orders < LEAST_HARMONICS {
         return None;
     }
@@ -91,7 +93,9 @@ fn refined(amplitude: &[f64], mesh: f64, part: f64, orders: usize, scratch: &mut
     let (mut weights, mut weighted, mut squares) = (0.0, 0.0, 0.0);
     for order in (1..=orders).map(|order| order as f64) {
         let position = order * mesh;
-        let Some((likelihood, noise)) = harmonic(amplitude, position, part, scratch) else { continue };
+        let Some((likelihood, noise)) = harmonic(amplitude, position, part, scratch) else {
+            continue;
+        };
         let half = (part * position).max(1.0);
         let (first, last) = ((position - half).round() as usize, (position + half).round() as usize);
         let (mut energy, mut moment) = (0.0, 0.0);
@@ -152,7 +156,9 @@ mod tests {
             for (i, x) in samples.iter_mut().enumerate() {
                 let time = i as f64 / LENGTH as f64;
                 let phase = mesh * (time - 0.003 * (TAU * time + seed as f64).cos() / TAU);
-                *x += (2..=6).map(|h| 0.17 * (TAU * f64::from(h) * phase + f64::from(h * h)).sin()).sum::<f64>();
+                *x += (2..=6)
+                    .map(|h| 0.17 * (TAU * f64::from(h) * phase + f64::from(h * h)).sin())
+                    .sum::<f64>();
             }
             let comb = comb_in(samples).unwrap_or_else(|| panic!("{mesh}: none"));
             assert!((comb.mesh / mesh - 1.0).abs() < 1.5e-3, "{mesh}: {comb:?}");

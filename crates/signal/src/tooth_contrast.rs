@@ -72,7 +72,14 @@ struct Contrast {
 
 impl Contrast {
     /// Takes one average, from the sums over its even and its odd turns.
-    fn add(&mut self, [mut average, mut alternating]: [Vec<f64>; 2], turns: usize, teeth: usize, left_out: &[bool], transforms: &mut Transforms) {
+    fn add(
+        &mut self,
+        [mut average, mut alternating]: [Vec<f64>; 2],
+        turns: usize,
+        teeth: usize,
+        left_out: &[bool],
+        transforms: &mut Transforms,
+    ) {
         let scale = 1.0 / turns as f64;
         // Half the difference between even and odd turns has the noise of the average and nothing of what repeats.
         for (even, odd) in average.iter_mut().zip(&mut alternating) {
@@ -218,7 +225,11 @@ mod tests {
     #[test]
     fn one_tooth_that_differs_stands_out() {
         let (calm, cracked) = (checks(1.0, 0.0).checks, checks(1.0, 0.5).checks);
-        for (name, least) in [("ln_tooth_repeated_8", 0.15), ("ln_tooth_kurtosis_8", 0.3), ("ln_tooth_worst_8", 0.5)] {
+        for (name, least) in [
+            ("ln_tooth_repeated_8", 0.15),
+            ("ln_tooth_kurtosis_8", 0.3),
+            ("ln_tooth_worst_8", 0.5),
+        ] {
             assert!(cracked[name] - calm[name] > least, "{name}: {} {}", calm[name], cracked[name]);
         }
     }

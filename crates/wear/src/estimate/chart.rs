@@ -40,8 +40,19 @@ impl Charts {
     /// The sum of independent normal deviates less k has a tail of e^(−2k(S + 0.583)) where it has gone on for long.
     pub(super) fn highest(&self) -> Option<(&str, f64)> {
         let (name, sum) = self.sums.iter().max_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, sum)| **sum > 0.0)?;
+        Some((name, self.p_value(*sum)))
+    }
+
+    /// The highest sum of the checks whose names begin with `kind`, and its probability.
+    pub(super) fn highest_of(&self, kind: &str) -> Option<(&str, f64)> {
+        let of_kind = self.sums.iter().filter(|(name, _)| name.starts_with(kind));
+        let (name, sum) = of_kind.max_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, sum)| **sum > 0.0)?;
+        Some((name, self.p_value(*sum)))
+    }
+
+    fn p_value(&self, sum: f64) -> f64 {
         let tail = (-2.0 * ALLOWANCE * (sum + OVERSHOOT)).exp();
-        Some((name, (tail * self.sums.len() as f64).min(1.0)))
+        (tail * self.sums.len() as f64).min(1.0)
     }
 }
 

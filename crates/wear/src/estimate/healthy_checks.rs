@@ -19,7 +19,7 @@ const CHECK_PART: f64 = 0.5;
 
 /// Wear that moves the mesh lines apart from each other moves what lies between them too, by something that no library
 /// knows: at most this part of how far the lines have moved apart, by kind of check.
-const MOVED_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.3), ("ln_tooth_", 0.5), ("ln_", 0.6)];
+const MOVED_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.5), ("ln_tooth_", 0.5), ("ln_", 0.6)];
 
 /// How far wear moves the lines apart from each other within a unit of growth, at most: what moves at once is no wear.
 const SUDDEN: f64 = 0.1;

@@ -80,7 +80,9 @@ impl Measured {
     /// The lines' frequencies in hertz by name, for a mesh frequency in hertz.
     pub(super) fn frequencies_hz(&self, mesh_hz: f64) -> Vec<(String, f64)> {
         let lines = self.lines.iter();
-        lines.map(|line| (line_name(line.index), (line.index + 1) as f64 * mesh_hz)).collect()
+        lines
+            .map(|line| (line_name(line.index), (line.index + 1) as f64 * mesh_hz))
+            .collect()
     }
 
     /// How far the lines have moved apart from each other: the standard deviation of their changes beyond their scatter. A change of the

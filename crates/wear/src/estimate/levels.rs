@@ -17,7 +17,7 @@ const LEVEL_VARIANCE: f64 = NEWEST_PART / (2.0 - NEWEST_PART);
 const LEAST_GAIN: f64 = 0.15;
 
 /// ... leaves no more than this part of the sum of squares ...
-const GAIN_LEAVES: f64 = 0.15;
+const GAIN_LEAVES: f64 = 0.3;
 
 /// ... which is no more than chance leaves: so many standard deviations, of values that are correlated.
 const MOST_LEFT: f64 = 3.0;
@@ -26,12 +26,15 @@ const INFLATION: f64 = 2.0;
 /// It stays what it is to this logarithm.
 const UNSTEADY: f64 = 0.2;
 
+/// It shows in one of the first records that wear does not explain: what began as something else is no gain.
+const RECORDS_TO_PROVE: u8 = 3;
+
 /// Least standard deviation of a value from record to record.
 const LEAST_SCATTER: f64 = 0.03;
 
 /// Lines fall with the noise floor where none is left higher than this logarithm above it: what wear and the slope of a loss within the octave
 /// do to a line is less.
-const FELL_TOGETHER: f64 = 1.4;
+const FELL_TOGETHER: f64 = 1.8;
 
 /// Fewest values that a gain is told from.
 const LEAST_VALUES: usize = 6;
@@ -57,8 +60,8 @@ enum Since {
     Explained,
     /// All values moved by this logarithm.
     Gain(f32),
-    /// Something else.
-    Else,
+    /// So many that something else explains, or chance.
+    Else(u8),
 }
 
 /// Whether a record's kurtosis deviates from the healthy ones.
@@ -70,9 +73,7 @@ impl Levels {
     /// The logarithm of the factor by which all `values` moved at once after the last explained record, where they did. Values are measured
     /// less healthy, with one record's deviation; so is the `kurtosis`.
     pub(super) fn gain(&self, values: &[Deviation], kurtosis: Option<&Deviation>, freedom: f64) -> Option<f64> {
-        let shape_stays = |d: &Deviation| d.residual.abs() <= IMPULSIVE_LOGARITHM.max(IMPULSIVE_DEVIATIONS * d.deviation);
-        let kurtosis = kurtosis.map(|kurtosis| self.moved(kurtosis));
-        if self.since == Since::Else || values.len() < LEAST_VALUES || !kurtosis.as_ref().is_none_or(shape_stays) {
+        if values.len() < LEAST_VALUES {
             return None;
         }
         let moved: Vec<Deviation> = values.iter().map(|value| self.moved(value)).collect();
@@ -86,12 +87,15 @@ impl Levels {
             moved.iter().map(|d| normal_score(&left(d), freedom).powi(2)).sum()
         };
         let left = squares(gain);
-        let alike = left < GAIN_LEAVES * squares(0.0) && chi_square_score(left / INFLATION, moved.len() - 1) < MOST_LEFT;
-        let stays = match self.since {
+        let alike = left < GAIN_LEAVES * squares(0.0);
+        let by_chance = chi_square_score(left / INFLATION, moved.len() - 1) < MOST_LEFT;
+        let shape_stays = |d: &Deviation| d.residual.abs() <= IMPULSIVE_LOGARITHM.max(IMPULSIVE_DEVIATIONS * d.deviation);
+        let proven = match self.since {
             Since::Gain(before) => (gain - f64::from(before)).abs() < UNSTEADY,
-            Since::Explained | Since::Else => true,
+            Since::Else(records) if records >= RECORDS_TO_PROVE => false,
+            Since::Explained | Since::Else(_) => by_chance && kurtosis.is_none_or(|kurtosis| shape_stays(&self.moved(kurtosis))),
         };
-        (gain.abs() > LEAST_GAIN && alike && stays).then_some(gain)
+        (gain.abs() > LEAST_GAIN && alike && proven).then_some(gain)
     }
 
     /// Whether the lines of the highest octave that has a noise floor have fallen as far as that floor has, their `frequencies_hz` given by
@@ -119,7 +123,12 @@ impl Levels {
 
     /// Takes a record that wear does not explain, with the gain that does.
     pub(super) fn unexplained(&mut self, gain: Option<f64>) {
-        self.since = gain.map_or(Since::Else, |gain| Since::Gain(gain as f32));
+        self.since = match (gain, self.since) {
+            (Some(gain), _) => Since::Gain(gain as f32),
+            (None, Since::Gain(before)) => Since::Gain(before),
+            (None, Since::Else(records)) => Since::Else(records.saturating_add(1)),
+            (None, Since::Explained) => Since::Else(1),
+        };
     }
 
     fn moved(&self, value: &Deviation) -> Deviation {
@@ -166,7 +175,11 @@ mod tests {
     #[test]
     fn what_makes_the_record_impulsive_is_no_gain() {
         let levels = Levels::default();
-        assert!(levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.05)), 20.0).is_some());
+        assert!(
+            levels
+                .gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.05)), 20.0)
+                .is_some()
+        );
         assert_eq!(levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.5)), 20.0), None);
     }
 
@@ -189,18 +202,28 @@ mod tests {
     #[test]
     fn lines_fall_with_the_noise_or_do_not() {
         let levels = Levels::default();
-        let values = [("ln_floor_500hz", 0.0), ("ln_floor_4000hz", -1.6), ("ln_mesh_4", 0.1), ("ln_mesh_5", -1.9)];
+        let values = [
+            ("ln_floor_500hz", 0.0),
+            ("ln_floor_4000hz", -1.6),
+            ("ln_mesh_4", 0.1),
+            ("ln_mesh_5", -1.9),
+        ];
         let values = values.map(|(name, residual)| deviation(name, residual));
         let at = |name: &str, hz: f64| (name.to_owned(), hz);
         assert_eq!(levels.lines_fell(&values, &[at("ln_mesh_5", 4700.0)]), Some(true));
-        assert_eq!(levels.lines_fell(&values, &[at("ln_mesh_4", 3800.0), at("ln_mesh_5", 4700.0)]), Some(false));
+        assert_eq!(
+            levels.lines_fell(&values, &[at("ln_mesh_4", 3800.0), at("ln_mesh_5", 4700.0)]),
+            Some(false)
+        );
         assert_eq!(levels.lines_fell(&values, &[at("ln_mesh_4", 900.0)]), None);
     }
 
     #[test]
     fn what_began_as_something_else_is_no_gain() {
         let mut levels = Levels::default();
-        levels.unexplained(None);
+        for _ in 0..3 {
+            levels.unexplained(None);
+        }
         assert_eq!(levels.gain(&values([0.7; 8]), None, 20.0), None);
         levels.explained(values([0.0; 8]).iter());
         assert!(levels.gain(&values([0.7; 8]), None, 20.0).is_some());

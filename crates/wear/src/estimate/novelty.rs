@@ -15,7 +15,10 @@ const INFLATION_LINES: f64 = 2.0;
 const INFLATION_CHECKS: f64 = 1.6;
 
 /// Checks that are followed over records: faults of one tooth and of the shaft raise them, and wear does not.
-const CHARTED: [&str; 2] = ["ln_tooth_", "ln_shaft_"];
+const CHARTED: [&str; 2] = [TEETH, "ln_shaft_"];
+
+/// What the checks of the teeth begin with.
+const TEETH: &str = "ln_tooth_";
 
 /// Their scatter is larger than the baseline's by this factor: they are no normal deviates.
 const CHARTED_SCATTER: f64 = 1.25;
@@ -39,6 +42,9 @@ const LOOSE_SLOPE: f64 = -0.7;
 
 /// Fewest noise floors that a fault of the sensor is told from.
 const LEAST_FLOORS: usize = 4;
+
+/// So many standard deviations of a check of the teeth are one tooth's doing, whatever else has grown.
+const TOOTH_STANDS_OUT: f64 = 4.0;
 
 /// What has grown by fewer standard deviations is not said to be possible too.
 const LEAST_ALSO: f64 = 3.0;
@@ -114,7 +120,7 @@ impl MachineSign {
     fn of(check: &str, impulsive: bool) -> Option<Self> {
         let energy = if impulsive { Self::ImpulsiveEnergy } else { Self::BandEnergy };
         let signs = [
-            ("ln_tooth_", Self::OneTooth),
+            (TEETH, Self::OneTooth),
             ("ln_shaft_", Self::ShaftLines),
             ("ln_rest_", energy),
             ("ln_band_", energy),
@@ -204,7 +210,9 @@ pub(super) fn judge(
         Some(Absence::Constant) => Some(SensorFault::Dead),
         Some(Absence::Clipped) => Some(SensorFault::Clipped),
         Some(Absence::Gaps) => Some(SensorFault::Gaps),
-        _ if p_record < LEAST_P_VALUE => sensor_fault(checks, circumstances.lines_fell).or(circumstances.gain.map(|_| SensorFault::GainChanged)),
+        _ if p_record < LEAST_P_VALUE => {
+            sensor_fault(checks, circumstances.lines_fell).or(circumstances.gain.map(|_| SensorFault::GainChanged))
+        }
         _ => None,
     };
     // A fault of the sensor says nothing of the machine.
@@ -231,6 +239,10 @@ pub(super) fn judge(
         let (check, _) = lasting?;
         whole(check).or_else(|| checks.iter().find(|d| d.name == check))
     });
+    // What one tooth does is heard between the mesh lines too, in some records more than over its own pitch.
+    let tooth = charts.highest_of(TEETH).filter(|(_, p)| *p < LEAST_P_VALUE);
+    let tooth = tooth.and_then(|(tooth, _)| checks.iter().find(|d| d.name == tooth));
+    let check = check.map(|check| tooth.filter(|tooth| tooth.residual > 0.0).unwrap_or(check));
     let machine_sign = check.and_then(|check| sign_of(&check.name));
     let mut most: Vec<&Deviation> = lines.iter().chain(checks).collect();
     most.sort_by(|a, b| b.score().abs().total_cmp(&a.score().abs()));
@@ -262,18 +274,20 @@ impl Deviation {
     }
 }
 
-/// The check that has deviated most, where it has grown.
+/// The check that has deviated most, where it has grown; one of the teeth's before others where it stands out by itself, as what one tooth does
+/// is heard between the mesh lines too.
 fn grown_most(checks: &[Deviation]) -> Option<&Deviation> {
+    let teeth = checks.iter().filter(|d| d.name.starts_with(TEETH) && d.score() > TOOTH_STANDS_OUT);
+    if let Some(tooth) = teeth.max_by(|a, b| a.score().total_cmp(&b.score())) {
+        return Some(tooth);
+    }
     let most = checks.iter().max_by(|a, b| a.score().abs().total_cmp(&b.score().abs()))?;
     (most.residual > 0.0).then_some(most)
 }
 
 /// The signs beside the one of `most` of checks that have grown at least half as much.
 fn also(checks: &[Deviation], most: &Deviation, sign_of: impl Fn(&str) -> Option<MachineSign>) -> Vec<MachineSign> {
-    let mut grown: Vec<&Deviation> = checks
-        .iter()
-        .filter(|d| d.score() > LEAST_ALSO.max(0.5 * most.score()))
-        .collect();
+    let mut grown: Vec<&Deviation> = checks.iter().filter(|d| d.score() > LEAST_ALSO.max(0.5 * most.score())).collect();
     grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
     for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {
@@ -480,7 +494,13 @@ mod tests {
             fault: Some(Absence::Clipped),
             ..Features::default()
         };
-        let judged = judge(&record, &[Vec::new(), Vec::new()], 20.0, Circumstances::default(), &mut Charts::default());
+        let judged = judge(
+            &record,
+            &[Vec::new(), Vec::new()],
+            20.0,
+            Circumstances::default(),
+            &mut Charts::default(),
+        );
         assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
     }
 }

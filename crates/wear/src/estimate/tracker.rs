@@ -16,8 +16,8 @@ use super::filter::{Believed, Filter};
 use super::growth::Growth;
 use super::healthy_checks::{Drift, Drifting, HealthyChecks};
 use super::healthy_lines::{HealthyLines, Measured};
-use super::likelihood::{Anchor, Discrepancy, Likelihood, Reference};
 use super::levels::{Levels, is_impulsive};
+use super::likelihood::{Anchor, Discrepancy, Likelihood, Reference};
 use super::novelty::{Circumstances, Deviation, Novelty, SensorFault, judge};
 use super::prognosis::prognosis;
 use super::wear::{WearEstimate, WearStatus};
@@ -176,7 +176,10 @@ impl Tracker {
                 // Records whose lines and sidebands run together make a baseline of their own.
                 let apart = lines_are_apart(features);
                 let alike = |record: &Features| lines_are_apart(record) == apart;
-                let (have, need) = (records.iter().filter(|record| alike(record)).count() as u32, self.settings.baseline_records);
+                let (have, need) = (
+                    records.iter().filter(|record| alike(record)).count() as u32,
+                    self.settings.baseline_records,
+                );
                 if have >= need {
                     let began = start.unwrap_or(at);
                     records.retain(alike);
@@ -492,7 +495,6 @@ impl Tracker {
 }
 
 impl Tracking {
-
     /// Takes where a record's values stand.
     fn learn(&mut self, novelty: &Novelty, gain: Option<f64>, gained: &[Deviation], kurtosis: Option<&Deviation>) {
         if novelty.outside {

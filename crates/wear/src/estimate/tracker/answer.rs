@@ -18,7 +18,9 @@ impl Tracker {
             answer.reason = fault.words().to_owned();
         } else if let Some(sign) = novelty.machine_sign {
             answer.status = WearStatus::OutsideLibrary;
-            let band = novelty.band_hz.map(|[low, high]| format!(" (most between {low:.0} and {high:.0} Hz)"));
+            let band = novelty
+                .band_hz
+                .map(|[low, high]| format!(" (most between {low:.0} and {high:.0} Hz)"));
             let also: Vec<&str> = novelty.also.iter().map(|sign| sign.short()).collect();
             let also = if also.is_empty() {
                 String::new()
