@@ -17,7 +17,7 @@ const STEP: f64 = 0.5;
 
 /// The noise beside a window is taken from there to there, in half-widths, and from so many bins at least.
 const BESIDE: [f64; 2] = [1.5, 5.0];
-const LEAST_BESIDE: f64 = 12.0;
+const LEAST_BESIDE: f64 = 32.0;
 
 /// Bins of a Hann spectrum that are worth one independent one.
 const BINS_PER_DEGREE: f64 = 1.5;
@@ -25,8 +25,8 @@ const BINS_PER_DEGREE: f64 = 1.5;
 /// One harmonic adds no more than this to the logarithm of a comb's likelihood ratio: one line is no comb.
 const MOST_OF_ONE: f64 = 12.0;
 
-/// The sum from which on a comb is accepted. White noise of 1000 records passes it at none of the candidates.
-const LEAST_SUM: f64 = 24.0;
+/// The sum from which on a comb is accepted: fewer than one record of white noise in a thousand passes it.
+const LEAST_SUM: f64 = 30.0;
 
 /// So many harmonics have to stand out by themselves, by this logarithm each.
 const LEAST_HARMONICS: usize = 2;
@@ -144,12 +144,12 @@ mod tests {
 
     #[test]
     fn white_noise_has_no_comb() {
-        assert_eq!((0..300).filter(|seed| comb_in(noise(*seed)).is_some()).count(), 0);
+        assert_eq!((0..1000).filter(|seed| comb_in(noise(*seed)).is_some()).count(), 0);
     }
 
     /// Harmonics 2 to 6 of a speed that swings by ± 0.3 % over the record, each a tenth of the noise's deviation.
     #[test]
-    fn a_comb_that_swings_is_found_within_a_thousandth() {
+    fn a_comb_that_swings_is_found_within_its_swing() {
         for seed in 0..20 {
             let mesh = 388.3 + seed as f64;
             let mut samples = noise(seed);
@@ -161,7 +161,7 @@ mod tests {
                     .sum::<f64>();
             }
             let comb = comb_in(samples).unwrap_or_else(|| panic!("{mesh}: none"));
-            assert!((comb.mesh / mesh - 1.0).abs() < 1.5e-3, "{mesh}: {comb:?}");
+            assert!((comb.mesh / mesh - 1.0).abs() < 3e-3, "{mesh}: {comb:?}");
         }
     }
 

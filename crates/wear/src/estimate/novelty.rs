@@ -46,8 +46,8 @@ const LEAST_FLOORS: usize = 4;
 /// So many standard deviations of a check of the teeth are one tooth's doing, whatever else has grown.
 const TOOTH_STANDS_OUT: f64 = 4.0;
 
-/// What has grown by fewer standard deviations is not said to be possible too.
-const LEAST_ALSO: f64 = 3.0;
+/// What has grown by fewer standard deviations is no sign of anything where the record does not deviate by itself.
+const LEAST_GROWN: f64 = 3.0;
 
 /// What is wrong with the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -234,7 +234,10 @@ pub(super) fn judge(
     let lasting = lasting.filter(|(_, p)| by_itself.is_none() && *p < LEAST_P_VALUE);
     let sign_of = |check: &str| MachineSign::of(check, circumstances.impulsive);
     // Where the fit as a whole has been poor, what has grown is what this record shows.
-    let whole = |check: &str| WHOLE.contains(&check).then(|| grown_most(checks)).flatten();
+    let whole = |check: &str| {
+        let grown = WHOLE.contains(&check).then(|| grown_most(checks)).flatten();
+        grown.filter(|grown| grown.score() > LEAST_GROWN)
+    };
     let check = by_itself.or_else(|| {
         let (check, _) = lasting?;
         whole(check).or_else(|| checks.iter().find(|d| d.name == check))
@@ -287,7 +290,7 @@ fn grown_most(checks: &[Deviation]) -> Option<&Deviation> {
 
 /// The signs beside the one of `most` of checks that have grown at least half as much.
 fn also(checks: &[Deviation], most: &Deviation, sign_of: impl Fn(&str) -> Option<MachineSign>) -> Vec<MachineSign> {
-    let mut grown: Vec<&Deviation> = checks.iter().filter(|d| d.score() > LEAST_ALSO.max(0.5 * most.score())).collect();
+    let mut grown: Vec<&Deviation> = checks.iter().filter(|d| d.score() > LEAST_GROWN.max(0.5 * most.score())).collect();
     grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
     for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {

@@ -234,7 +234,7 @@ fn what_wear_does_not_explain_moves_nothing() {
     assert_eq!((other.status, other.median_um), (WearStatus::OutsideLibrary, None));
     let novelty = other.novelty.unwrap();
     assert!(
-        novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BesideMesh),
+        novelty.score > 4.0 && novelty.machine_sign == Some(MachineSign::BandEnergy),
         "{novelty:?}"
     );
     assert_eq!(belief(&state), before);
