@@ -20,7 +20,7 @@ import { chosenPanes, otherNames, PANES, paneNames, trendDrawing } from "./trend
 import { formatTime, timeOf, timeRange, wearDrawing, withoutEstimate } from "./wear-plot.js";
 
 /** Parameters of the address that say what to ask the server for. */
-const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part"];
+const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part", "zoom", "band", "cursor", "near"];
 
 /** The page of one asset. */
 export class AssetPage {
@@ -115,7 +115,7 @@ export class AssetPage {
     const latest = await answer(api.wear(this.#id, channel, signal));
     if (latest instanceof Error) return this.#refused(latest);
     if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element, this.#maintenance.element);
-    this.#header.update(asset, latest, latest.channel ?? channel, this.#query);
+    this.#header.update(asset, latest, latest.channel ?? channel, this.#query, this.#data?.channel === channel ? this.#data?.events : undefined);
     if (!latest.segment_id) {
       this.#showEmpty();
     } else {
@@ -166,6 +166,7 @@ export class AssetPage {
     const revision = `${this.#id} ${channel}`;
     const selected = segment.start_time ?? null;
     const points = history instanceof Error ? [] : history.items;
+    this.#header.update(asset, latest, channel, this.#query, events);
     this.#header.recall(points, latest);
     this.#record.place(points.map((item) => item.segment_id), id, !this.#query.segment);
     await Promise.all([

@@ -1,7 +1,10 @@
 // What can be chosen for a spectrum: its axis, the part that is shown, cursors, sidebands, and a logarithmic scale.
 
+import { formatCursor } from "./cursor-lines.js";
 import { h, setChildren } from "./dom.js";
+import { partOf } from "./record-panes.js";
 import { change } from "./route.js";
+import { zoomRange } from "./spectrum-plot.js";
 
 function check(id, label, onchange) {
   const input = h("input", { type: "checkbox", id, onchange: () => onchange(input.checked) });
@@ -30,12 +33,19 @@ export class SpectrumTools {
     change({ side: on ? "1" : null, zoom: nearer ? "1" : this.#zoom.value }, { quiet: true });
   }
 
-  /** A cursor begins where it most often leads: on the mesh line, with sidebands one shaft speed apart. */
+  /** A cursor begins where it most often leads, and in sight: on the mesh line, with sidebands one shaft speed apart. */
   #place(kind) {
     const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft, frequency_hz: x } = this.#spectrum;
-    const base = mesh ?? x.at(-1) / 10;
-    const near = kind === "s" && !this.#query.band ? { zoom: this.#query.zoom || (mesh ? "1" : null) } : {};
-    change({ cursor: kind && [kind, base, ...(kind === "s" ? [shaft ?? base / 20] : [])].map((part) => (typeof part === "number" ? part.toPrecision(7) : part)).join("~"), ...near }, { quiet: true });
+    const end = x.at(-1);
+    const band = partOf(this.#query.band);
+    if (kind !== "s") return change({ cursor: kind && formatCursor({ kind, base: mesh ?? end / 10 }) }, { quiet: true });
+    const zoom = band ? null : this.#query.zoom || (mesh ? "1" : null);
+    const [from, to] = band ?? zoomRange(this.#spectrum, zoom) ?? [0, end];
+    const middle = (from + to) / 2;
+    // of several mesh lines in sight the one nearest to the middle
+    const nearest = mesh ? Math.max(1, Math.round(middle / mesh)) * mesh : middle;
+    const base = nearest > from && nearest < to ? nearest : middle;
+    change({ cursor: formatCursor({ kind, base, spacing: Math.min(shaft ?? Infinity, (to - base) / 2) }), ...(zoom && { zoom }) }, { quiet: true });
   }
 
   /** Follows the address and the spectrum; gives the view that they ask for. */

@@ -86,6 +86,8 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     layout[`yaxis${suffix}`] = {
       domain: [Math.max(0, top - height), top],
       type: logarithmic ? "log" : "linear",
+      // whole numbers: between decades Plotly writes single digits, a 5 for 0.5 as for 50
+      tickformat: logarithmic ? ".4~g" : "",
       title: { text: axisTitle(pane, units) },
       nticks: panes.length > 3 ? 3 : 5,
       automargin: false,
