@@ -90,17 +90,12 @@ impl Access {
         {
             return refuse_other_hosts(uri, headers, host_names).map(|()| None);
         }
-        let presented = match bearer(headers) {
-            Some(token) => Some(token),
-            None => session::token_in_cookie(headers)
-                .map(|token| {
-                    if !is_safe(method) {
-                        session::refuse_unless_own_page(headers)?;
-                    }
-                    Ok(token)
-                })
-                .transpose()?,
-        };
+        let shown = bearer(headers);
+        let in_cookie = session::token_in_cookie(headers);
+        if shown.is_none() && in_cookie.is_some() && !is_safe(method) {
+            session::refuse_unless_own_page(headers)?;
+        }
+        let presented = shown.or(in_cookie);
         let tokens = tokens.unwrap_or_default();
         let found = presented.and_then(|presented| Some((find(&tokens, presented)?, presented)));
         let (token, presented) = found.ok_or_else(|| {

@@ -25,7 +25,11 @@ impl LineRange {
             return Ok(range);
         }
         let expected = format!("{} at least 0 and below {}", names[0], names[1]);
-        Err(Problem::query(&names.join(", "), format!("{} to {}", range.from, range.to), &expected))
+        Err(Problem::query(
+            &names.join(", "),
+            format!("{} to {}", range.from, range.to),
+            &expected,
+        ))
     }
 
     /// Places of its lines among `lines` of them that stand `resolution` apart from 0 on.
@@ -56,8 +60,18 @@ mod tests {
 
     #[test]
     fn what_is_no_range_is_refused() {
-        for (from, to) in [(-1.0, 5.0), (5.0, 5.0), (5.0, 1.0), (f64::NAN, 5.0), (0.0, f64::NAN), (f64::INFINITY, f64::INFINITY)] {
-            assert!(LineRange::new(["from_hz", "to_hz"], Some(from), Some(to)).is_err(), "{from} to {to}");
+        for (from, to) in [
+            (-1.0, 5.0),
+            (5.0, 5.0),
+            (5.0, 1.0),
+            (f64::NAN, 5.0),
+            (0.0, f64::NAN),
+            (f64::INFINITY, f64::INFINITY),
+        ] {
+            assert!(
+                LineRange::new(["from_hz", "to_hz"], Some(from), Some(to)).is_err(),
+                "{from} to {to}"
+            );
         }
     }
 }

@@ -88,7 +88,7 @@ pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPat
 }
 
 /// The records that the channel's baseline was learnt from: its first ones, or those after the latest
-/// maintenance before the record. Fewer than it needs while it is being learnt.
+/// maintenance before the record; fewer than it needs while it is being learnt.
 pub(super) async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
     let events = app.service.store.maintenance(&segment.asset_id).await?;
     let before = events.iter().rev().find(|event| event.time <= segment.start_time);

@@ -25,7 +25,9 @@ pub(super) struct Caller {
 /// The token of a session's cookie.
 pub(super) fn token_in_cookie(headers: &HeaderMap) -> Option<&str> {
     let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
-    let mut pairs = cookies.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    let mut pairs = cookies
+        .flat_map(|value| value.split(';'))
+        .filter_map(|pair| pair.trim().split_once('='));
     pairs.find(|(name, _)| *name == COOKIE).map(|(_, value)| value)
 }
 
@@ -39,7 +41,8 @@ pub(super) fn refuse_unless_own_page(headers: &HeaderMap) -> Result<(), Problem>
     if is_own {
         return Ok(());
     }
-    let detail = "with a session's cookie only a page of this service changes something; programs show their token in the authorization header";
+    let detail =
+        "with a session's cookie only a page of this service changes something; programs show their token in the authorization header";
     Err(Problem::new(StatusCode::FORBIDDEN, detail))
 }
 
@@ -93,7 +96,8 @@ pub(super) async fn begin(caller: Option<Extension<Caller>>, headers: HeaderMap)
     let is_secure = headers
         .get(header::ORIGIN)
         .is_some_and(|origin| origin.as_bytes().starts_with(b"https://"));
-    let cookie = cookie(&caller.presented, is_secure, "").map_err(|_| Problem::query("authorization", "a token", "printable characters"))?;
+    let cookie =
+        cookie(&caller.presented, is_secure, "").map_err(|_| Problem::query("authorization", "a token", "printable characters"))?;
     Ok(([(header::SET_COOKIE, cookie)], Json(view)).into_response())
 }
 

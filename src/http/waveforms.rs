@@ -174,7 +174,10 @@ pub(super) async fn spectrum(
     let segment = segments::find(&app, &id).await?;
     let _ticket = app.service.workers.admit_answer()?;
     let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
-    let baseline = matching::baseline(&app, &segment).await?;
+    let mut baseline = matching::baseline(&app, &segment).await?;
+    if baseline.len() < segment.wear.baseline.need as usize {
+        baseline.clear(); // it is still being learnt
+    }
     let mut view = view(segment, spectrum, lines, most, range);
     for harmonic in &mut view.mesh_harmonics {
         harmonic.baseline_amplitude = baseline_amplitude(&baseline, harmonic.line.order, &view.unit);

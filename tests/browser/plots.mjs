@@ -35,7 +35,7 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}`, {}, twoLives);
     const { page } = opened;
     await drawn(page, "wear");
-    const zones = await wear(page, "({ layout }) => layout.shapes.filter(({ type, yref }) => type === 'rect' && yref === 'paper' && !('ysizemode' in layout)).filter(({ y0, y1 }) => y0 === 0 && y1 === 1).map(({ x0, x1 }) => [x0, x1])");
+    const zones = await wear(page, "({ layout }) => layout.shapes.filter(({ type, y0, y1 }) => type === 'rect' && y0 === 0 && y1 === 1).map(({ x0, x1 }) => [x0, x1])");
     assert.equal(zones.length, 2, JSON.stringify(zones));
     assert.ok(zones[0][1] < zones[1][0], "estimates lie between them");
     await close(opened, name);
@@ -48,6 +48,18 @@ export const CHECKS = {
     const zeros = await wear(page, "({ data }) => data.filter(({ yaxis = 'y', opacity = 1 }) => yaxis === 'y' && opacity > 0).flatMap(({ y }) => Array.from(y)).filter((depth) => depth === 0).length");
     assert.equal(zeros, 0);
     await page.locator('[data-plot="wear"] .legend', { hasText: "records without an estimate" }).waitFor();
+    await close(opened, name);
+  },
+
+  "ticks of a logarithmic trend are whole numbers that rise": async (name) => {
+    const opened = await open(`#/assets/${asset}?log=1&trend=rms,mesh`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    for (const axis of ["y", "y2"]) {
+      const ticks = await page.locator(`[data-plot="trends"] .${axis}tick text`).evaluateAll((list) => list.map((text) => [Number(text.textContent), -text.getBoundingClientRect().top]));
+      const places = ticks.sort(([a], [b]) => a - b).map(([, place]) => place);
+      assert.ok(places.length > 1 && places.every((place, n) => n === 0 || place > places[n - 1]), `${axis}: ${ticks}`);
+    }
     await close(opened, name);
   },
 

@@ -81,7 +81,7 @@ export const CHECKS = {
   "a first column that is the time is never taken as vibration": async () => {
     const opened = await dialog();
     const { id, page } = opened;
-    const clock = (n) => new Date(Date.UTC(2026, 2, 5, 6, 7, 8) + n).toISOString();
+    const clock = (n) => new Date(Date.UTC(2026, 2, 5, 6, 7, 28) + n).toISOString();
     const german = (n) => `05.03.2026 06:07:${String(8 + Math.floor(n / 1000)).padStart(2, "0")},${String(n % 1000).padStart(3, "0")}`;
     const columns = {
       "Zeit [s]": (n) => String(n / 1000).replace(".", ","),
@@ -90,7 +90,7 @@ export const CHECKS = {
       t: (n) => n / 1000,
       Zeitstempel: german,
       timestamp: clock,
-      time_ns: (n) => `${Date.UTC(2026, 2, 5, 6, 7, 8) + n}000000`,
+      time_ns: (n) => `${Date.UTC(2026, 2, 5, 6, 7, 48) + n}000000`,
     };
     for (const [index, [heading, cell]] of Object.entries(columns).entries()) {
       const text = [`${heading};a1`, ...Array.from({ length: 2000 }, (_, n) => `${cell(n)};${String(value(n)).replace(".", ",")}`)].join("\n");
@@ -100,7 +100,7 @@ export const CHECKS = {
     const { items } = await json(`assets/${id}/segments`);
     assert.equal(items.length, 7, "one channel of each file");
     for (const { channel, sample_rate_hz: rate, start_time: start } of items) assert.deepEqual([channel, rate], [items[0].channel, 1000], start);
-    assert.equal(items.filter(({ start_time: start }) => start === "2026-03-05T06:07:08Z").length, 3, "times of day say the start");
+    for (const second of ["08", "28", "48"]) assert.ok(items.some(({ start_time: start }) => start === `2026-03-05T06:07:${second}Z`), "times of day say the start");
 
     const refused = (text, words) => choose(page, { name: "odd.csv", mimeType: "text/csv", buffer: Buffer.from(text) }).then(() => page.locator('.result[data-kind="bad"]', { hasText: words }).waitFor());
     await refused("Zeit [s];a1\n0;1\n0,1;2\n0,2;3\n0,9;4\n1;5", "column “Zeit [s]” goes on by");
@@ -119,7 +119,7 @@ export const CHECKS = {
     const start = (name) => page.getByLabel(`Start of ${name}, UTC`);
     await start("undated.wav").waitFor();
     assert.equal(await start("pump_20260301_101112.wav").inputValue(), "2026-03-01T10:11:12");
-    assert.equal(await start("pump_2026-03-02T10-11-12.250.wav").inputValue(), "2026-03-02T10:11:12.250");
+    assert.equal(await start("pump_2026-03-02T10-11-12.250.wav").inputValue(), "2026-03-02T10:11:12.25");
     assert.equal(await start("inside.csv").inputValue(), "2026-02-03T04:05:06");
     await page.locator(".files li", { hasText: "undated.wav" }).getByText("when the file was changed last").waitFor();
     await start("undated.wav").fill("2026-03-04T01:02:03");

@@ -63,12 +63,17 @@ fn a_browser_logs_in_with_a_token_and_out_again() {
     service.get("/v1/assets/pump/report").expect_problem(401, &["token"]);
     with_token(&service, "fwt_00000000_0", "POST", "/v1/session", "").expect_problem(401, &["revoked"]);
     let begun = with_token(&service, &token, "POST", "/v1/session", "").expect(200);
-    assert_eq!((&begun.json()["token"]["name"], &begun.json()["token"]["scope"]), (&"desk".into(), &"write".into()));
+    assert_eq!(begun.json()["token"]["name"], "desk");
+    assert_eq!(begun.json()["token"]["scope"], "write");
     let cookie = begun.header("set-cookie").to_owned();
     assert!(cookie.ends_with("; Path=/; HttpOnly; SameSite=Strict"), "{cookie}");
     let session = cookie.split(';').next().unwrap();
     let send = |method: &str, path: &str, more: &[(&str, &str)], body: &[u8]| {
-        let headers: Vec<_> = [("cookie", session), ("content-type", "application/json")].iter().chain(more).copied().collect();
+        let headers: Vec<_> = [("cookie", session), ("content-type", "application/json")]
+            .iter()
+            .chain(more)
+            .copied()
+            .collect();
         service.send(method, path, &headers, body)
     };
     send("GET", "/v1/assets/pump/report", &[], b"").expect(200);
@@ -76,7 +81,8 @@ fn a_browser_logs_in_with_a_token_and_out_again() {
 
     let block = flankwatch::recording::encode_block(&record("1", 1), flankwatch::recording::BlockEncoding::Json);
     let segments = "/v1/assets/pump/segments";
-    for other in [&[][..], &[("sec-fetch-site", "cross-site")], &[("sec-fetch-site", "same-site")]] {
+    let others: [&[(&str, &str)]; 3] = [&[], &[("sec-fetch-site", "cross-site")], &[("sec-fetch-site", "same-site")]];
+    for other in others {
         send("POST", segments, other, &block).expect_problem(403, &["cookie", "page of this service"]);
     }
     let own = [("sec-fetch-site", "same-origin")];

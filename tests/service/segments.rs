@@ -219,7 +219,11 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
         let within = |hz: &f64| (200.0..=500.0).contains(hz);
         let lines = numbers(&whole, "frequency_hz").into_iter().zip(numbers(&whole, "amplitude"));
         let (frequency_hz, amplitude): (Vec<f64>, Vec<f64>) = lines.filter(|(hz, _)| within(hz)).unzip();
-        assert_eq!(numbers(&range, "frequency_hz"), frequency_hz, "every line of the range and no other");
+        assert_eq!(
+            numbers(&range, "frequency_hz"),
+            frequency_hz,
+            "every line of the range and no other"
+        );
         assert_eq!(numbers(&range, "amplitude"), amplitude);
         let reduced = service.get(&format!("{part}&max_points=20")).expect(200).json();
         assert_eq!(reduced["reduced"], true);

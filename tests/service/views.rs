@@ -80,7 +80,10 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
         .get(&format!("/v1/segments/{id}/waveform?from_s=2&to_s=1"))
         .expect_problem(400, &["from_s", "to_s"]);
 
-    let orders = service.get(&format!("/v1/segments/{id}/orders?from_order=10&to_order=30")).expect(200).json();
+    let orders = service
+        .get(&format!("/v1/segments/{id}/orders?from_order=10&to_order=30"))
+        .expect(200)
+        .json();
     let (order, amplitude) = (numbers(&orders["order"]), numbers(&orders["amplitude"]));
     let around_mesh: Vec<f64> = order
         .iter()
