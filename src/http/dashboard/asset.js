@@ -20,7 +20,10 @@ import { chosenPanes, otherNames, PANES, paneNames, trendDrawing } from "./trend
 import { formatTime, timeOf, timeRange, wearDrawing, withoutEstimate } from "./wear-plot.js";
 
 /** Parameters of the address that say what to ask the server for. */
-const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part", "zoom", "band", "cursor", "near"];
+const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part"];
+
+/** Those that are shown at once with what is known, and then with the lines that they ask for. */
+const DETAILED = ["zoom", "band", "cursor", "near"];
 
 /** The page of one asset. */
 export class AssetPage {
@@ -85,9 +88,10 @@ export class AssetPage {
       this.#record.busy(true);
       return true;
     }
-    if (REFETCHED.some((name) => before[name] !== route.query[name])) return true;
+    const changed = (names) => names.some((name) => before[name] !== route.query[name]);
+    if (changed(REFETCHED)) return true;
     if (!this.#dragging) this.redraw(); // what was dragged out is on show already
-    return false;
+    return changed(DETAILED);
   }
 
   /** Has the address say which range was dragged out. */

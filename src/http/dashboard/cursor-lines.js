@@ -23,10 +23,11 @@ export function cursorLines({ kind, base, spacing }, end) {
   return offsets.map((k) => ({ x: base + k * spacing, label: k === 0 ? "0" : `${k > 0 ? "+" : "−"}${Math.abs(k)}` })).filter(({ x }) => x > 0 && x <= end);
 }
 
-/** `[from, to]` of what a cursor reads, with room for a line more, as it may be dragged on. */
-export function cursorReach(cursor, end) {
-  const { kind, base, spacing } = cursor;
-  if (kind === "h") return [0, Math.min(end, (MOST_HARMONICS + 1) * base)];
+/** `[from, to]` of what a cursor reads, with room for a line more and in large steps, so that a cursor that is moved a little reads the same. */
+export function cursorReach({ kind, base, spacing }, end) {
+  const upwards = (reach) => 2 ** Math.ceil(Math.log2(reach));
+  if (kind === "h") return [0, Math.min(end, upwards((MOST_HARMONICS + 1) * base))];
   const reach = (SIDEBANDS + 1) * spacing;
-  return [Math.max(0, base - reach), Math.min(end, base + reach)];
+  const step = upwards(reach);
+  return [Math.max(0, Math.floor((base - reach) / step) * step), Math.min(end, Math.ceil((base + reach) / step) * step)];
 }

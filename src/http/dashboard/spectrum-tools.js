@@ -3,7 +3,7 @@
 import { formatCursor } from "./cursor-lines.js";
 import { h, setChildren } from "./dom.js";
 import { partOf } from "./record-panes.js";
-import { change } from "./route.js";
+import { change, parse } from "./route.js";
 import { zoomRange } from "./spectrum-plot.js";
 
 function check(id, label, onchange) {
@@ -19,7 +19,6 @@ function choice(id, label, options, onchange) {
 /** The tools of the spectrum's card; everything chosen is in the address. */
 export class SpectrumTools {
   #spectrum;
-  #query = {};
   #axis = choice("spectrum-axis", "Axis of the spectrum", [["", "Hz"], ["orders", "Orders"]], (axis) => change({ axis, cursor: null, band: null }, { quiet: true }));
   #cursor = choice("spectrum-cursor", "Cursor", [["", "No cursor"], ["h", "Harmonics"], ["s", "Sidebands"]], (kind) => this.#place(kind));
   #zoom = choice("spectrum-zoom", "Part of the spectrum", [["", "Whole spectrum"]], (zoom) => change({ zoom, band: null }, { quiet: true }));
@@ -29,7 +28,7 @@ export class SpectrumTools {
 
   /** Sidebands are too close to be told apart in the whole spectrum, so they bring the first mesh line near. */
   #showSidebands(on) {
-    const nearer = on && !this.#zoom.value && !this.#query.band;
+    const nearer = on && !this.#zoom.value && !parse(location.hash).query.band;
     change({ side: on ? "1" : null, zoom: nearer ? "1" : this.#zoom.value }, { quiet: true });
   }
 
@@ -37,9 +36,11 @@ export class SpectrumTools {
   #place(kind) {
     const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft, frequency_hz: x } = this.#spectrum;
     const end = x.at(-1);
-    const band = partOf(this.#query.band);
+    // the address, not what is drawn: another choice may have come before the answer to the first
+    const { query } = parse(location.hash);
+    const band = partOf(query.band);
     if (kind !== "s") return change({ cursor: kind && formatCursor({ kind, base: mesh ?? end / 10 }) }, { quiet: true });
-    const zoom = band ? null : this.#query.zoom || (mesh ? "1" : null);
+    const zoom = band ? null : query.zoom || (mesh ? "1" : null);
     const [from, to] = band ?? zoomRange(this.#spectrum, zoom) ?? [0, end];
     const middle = (from + to) / 2;
     // of several mesh lines in sight the one nearest to the middle
@@ -52,7 +53,6 @@ export class SpectrumTools {
   update(spectrum, query) {
     const usable = spectrum && !(spectrum instanceof Error);
     this.#spectrum = spectrum;
-    this.#query = query;
     const orders = usable ? spectrum.mesh_harmonics.map(({ order }) => order) : [];
     if (this.#zoom.dataset.choices !== String(orders)) {
       this.#zoom.dataset.choices = String(orders);
