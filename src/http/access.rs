@@ -14,6 +14,7 @@ use axum::response::{IntoResponse, Response};
 
 use super::problem::Problem;
 use super::rate::RateLimiter;
+use super::session::{self, Caller};
 use super::shared_tokens::SharedTokens;
 use super::tokens::{Scope, Token, TokenError, Tokens, find};
 
@@ -69,11 +70,11 @@ impl Access {
         }
     }
 
-    async fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+    async fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<Option<Caller>, Problem> {
         refuse_other_pages(method, uri, headers)?;
         let path = uri.path();
         if self.policy == AuthPolicy::Disabled || is_public(path) {
-            return Ok(());
+            return Ok(None);
         }
         let tokens = self.tokens.list().await.map_err(|error| {
             tracing::error!(%error, "failed to read tokens");
@@ -87,15 +88,17 @@ impl Access {
         } else if let AuthPolicy::WhenConfigured { host_names } = &self.policy
             && !self.had_tokens.load(Ordering::Relaxed)
         {
-            return refuse_other_hosts(uri, headers, host_names);
+            return refuse_other_hosts(uri, headers, host_names).map(|()| None);
         }
-        let presented = headers
-            .get(header::AUTHORIZATION)
-            .and_then(|value| value.to_str().ok()?.split_once(' '))
-            .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
-            .map(|(_, token)| token.trim());
+        let shown = bearer(headers);
+        let in_cookie = session::token_in_cookie(headers);
+        if shown.is_none() && in_cookie.is_some() && !is_safe(method) {
+            session::refuse_unless_own_page(headers)?;
+        }
+        let presented = shown.or(in_cookie);
         let tokens = tokens.unwrap_or_default();
-        let token = presented.and_then(|presented| find(&tokens, presented)).ok_or_else(|| {
+        let found = presented.and_then(|presented| Some((find(&tokens, presented)?, presented)));
+        let (token, presented) = found.ok_or_else(|| {
             let detail = match presented {
                 None => "a token is needed: authorization: Bearer <token>, made by `flankwatch token create`",
                 Some(_) => "the token is not known or was revoked",
@@ -119,8 +122,23 @@ impl Access {
                 format!("too many requests with the token {}", token.id),
             )
             .retry_after(seconds)
-        })
+        })?;
+        Ok(Some(Caller {
+            token: token.clone(),
+            presented: presented.to_owned(),
+        }))
     }
+}
+
+/// The token of the `authorization` header.
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
+}
+
+/// Whether a request changes nothing.
+fn is_safe(method: &Method) -> bool {
+    matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS)
 }
 
 /// What can be had without a token: the pages, which show nothing by themselves, and whether the service
@@ -131,11 +149,12 @@ fn is_public(path: &str) -> bool {
 }
 
 fn needed(method: &Method, path: &str) -> Scope {
-    if matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS) {
+    if is_safe(method) {
         return Scope::Read;
     }
     let parts: Vec<&str> = path.trim_matches('/').split('/').collect();
     match parts[..] {
+        ["v1", "session"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
         ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
         _ => Scope::Write,
@@ -186,9 +205,14 @@ fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result
 }
 
 /// Lets a request through, or answers why not.
-pub(super) async fn guard(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
+pub(super) async fn guard(State(access): State<Arc<Access>>, mut request: Request, next: Next) -> Response {
     match access.check(request.method(), request.uri(), request.headers()).await {
-        Ok(()) => next.run(request).await,
+        Ok(caller) => {
+            if let Some(caller) = caller {
+                request.extensions_mut().insert(caller);
+            }
+            next.run(request).await
+        }
         Err(problem) => {
             let mut response = problem.into_response();
             if response.status() == StatusCode::UNAUTHORIZED {
@@ -217,6 +241,8 @@ mod tests {
             (Method::DELETE, "/v1/assets/a/segments", Scope::Admin),
             (Method::DELETE, "/v1/segments/b", Scope::Admin),
             (Method::POST, "/v1/replays", Scope::Write),
+            (Method::POST, "/v1/session", Scope::Read),
+            (Method::DELETE, "/v1/session", Scope::Read),
         ] {
             assert_eq!(needed(&method, path), scope, "{method} {path}");
         }

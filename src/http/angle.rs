@@ -6,14 +6,18 @@ use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
+use super::line_range::LineRange;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
 use super::{reduction, segments};
 use crate::asset::SegmentId;
-use crate::signal::{Absence, AngleSource};
+use crate::signal::{Absence, AngleSource, OrderSpectrum};
 
 /// Points of a curve where the client does not say how many.
 const DEFAULT_POINTS: usize = 4000;
+
+/// Mesh harmonics whose amplitudes are told.
+const MESH_HARMONICS: u32 = 10;
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -22,9 +26,12 @@ pub(super) struct OrderParameters {
     /// Points at most, 10 to 200000.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
+    /// Lowest order shown.
+    #[param(minimum = 0.0)]
+    from_order: Option<f64>,
     /// Highest order shown.
     #[param(exclusive_minimum = 0.0)]
-    max_order: Option<f64>,
+    to_order: Option<f64>,
 }
 
 /// Amplitude (peak) over orders of the driving shaft.
@@ -48,6 +55,8 @@ pub(super) struct OrderView {
     order: Vec<f64>,
     /// Peak amplitude at each order in `unit`.
     amplitude: Vec<f64>,
+    /// Peak amplitudes of the mesh harmonics in `unit`, the first at order `teeth[0]`, read at full resolution.
+    mesh_amplitudes: Vec<f64>,
     /// Tooth numbers, driving and driven.
     teeth: [u32; 2],
     /// Where the shaft's angle came from, and how sure it is.
@@ -68,11 +77,7 @@ pub(super) async fn orders(
     Parameters(asked): Parameters<OrderParameters>,
 ) -> Result<Json<OrderView>, Problem> {
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let max_order = match asked.max_order {
-        None => f64::INFINITY,
-        Some(order) if order > 0.0 => order,
-        Some(order) => return Err(Problem::query("max_order", order, "an order above 0")),
-    };
+    let range = LineRange::new(["from_order", "to_order"], asked.from_order, asked.to_order)?;
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
     let _ticket = app.service.workers.admit_answer()?;
@@ -84,10 +89,9 @@ pub(super) async fn orders(
         });
     let spectrum = computed.await?.map_err(|absence| absent("spectrum over orders", absence))?;
     let resolution_orders = spectrum.resolution_orders;
-    let shown = ((max_order / resolution_orders).floor() as usize)
-        .saturating_add(1)
-        .min(spectrum.amplitude.len());
-    let amplitude = &spectrum.amplitude[..shown];
+    let places = range.places(spectrum.amplitude.len(), resolution_orders);
+    let mesh_amplitudes = mesh_amplitudes(&spectrum, teeth[0]);
+    let (first, amplitude) = (places.start, &spectrum.amplitude[places]);
     let kept = reduction::peaks(amplitude, most);
     Ok(Json(OrderView {
         segment_id: segment.id,
@@ -96,12 +100,22 @@ pub(super) async fn orders(
         window: "hann",
         bandwidth_orders: spectrum.bandwidth_orders,
         resolution_orders,
-        reduced: kept.len() < shown,
-        order: kept.iter().map(|n| *n as f64 * resolution_orders).collect(),
+        reduced: kept.len() < amplitude.len(),
+        order: kept.iter().map(|n| (first + n) as f64 * resolution_orders).collect(),
         amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
+        mesh_amplitudes,
         teeth,
         angle: spectrum.angle,
     }))
+}
+
+/// Amplitudes of the first mesh harmonics, as far as the spectrum reaches. Each is the greatest of the line at its order and those beside it: the
+/// angle is followed, so it lies in no other.
+fn mesh_amplitudes(spectrum: &OrderSpectrum, teeth: u32) -> Vec<f64> {
+    let place = |harmonic: u32| (f64::from(harmonic * teeth) / spectrum.resolution_orders).round() as usize;
+    let around = |place: usize| spectrum.amplitude.get(place.checked_sub(1)?..=place + 1);
+    let amplitudes = (1..=MESH_HARMONICS).map_while(|harmonic| around(place(harmonic)));
+    amplitudes.map(|lines| lines.iter().copied().fold(0.0, f64::max)).collect()
 }
 
 /// The average over whole turns of the driving shaft, and its parts.

@@ -10,6 +10,7 @@ use super::problem::Problem;
 use super::query::SegmentInPath;
 use super::{libraries, segments};
 use crate::asset::{Segment, SegmentId};
+use crate::estimate::{MaintenanceEvent, MaintenanceKind};
 use crate::library::Library;
 use crate::store::{Order, SegmentFilter};
 
@@ -88,10 +89,11 @@ pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPat
 }
 
 /// The records that the channel's baseline was learnt from: its first ones, or those after the latest
-/// maintenance before the record.
-async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
+/// maintenance before the record; fewer than it needs while it is being learnt.
+pub(super) async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
     let events = app.service.store.maintenance(&segment.asset_id).await?;
-    let before = events.iter().rev().find(|event| event.time <= segment.start_time);
+    let begins_baseline = |event: &&MaintenanceEvent| event.kind != MaintenanceKind::Inspected && event.time <= segment.start_time;
+    let before = events.iter().rev().find(begins_baseline);
     let filter = SegmentFilter {
         channel: Some(segment.channel.clone()),
         from: before.map(|event| event.time),

@@ -16,7 +16,8 @@ use super::app::App;
 use super::problem::Problem;
 use super::{
     access, alarms, angle, assets, cepstra, damage, dashboard, drain, etag, events, export, health, indicators, libraries, library_states,
-    maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, traffic, tus, uploads, waterfall, waveforms, wear,
+    maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, session, traffic, tus, uploads, waterfall,
+    waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -62,6 +63,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(library_states::list))
         .routes(routes!(library_states::flank))
         .routes(routes!(events::stream))
+        .routes(routes!(session::show, session::begin, session::end))
         .routes(routes!(health::alive))
         .routes(routes!(health::ready))
         .routes(routes!(metrics::show))

@@ -6,9 +6,10 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
+use super::line_range::LineRange;
 use super::problem::{Details, Problem};
 use super::query::{self, Parameters, SegmentInPath};
-use super::{reduction, segments};
+use super::{matching, reduction, segments};
 use crate::asset::{Segment, SegmentId};
 use crate::service::{BandChoice, ServiceError};
 use crate::signal::{EnvelopeBand, EnvelopeSearch, MeshLine, Spectrum};
@@ -107,9 +108,12 @@ pub(super) struct SpectrumParameters {
     /// Points at most, 10 to 200000; of each stretch the greatest stays.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
+    /// Lowest frequency shown, in hertz.
+    #[param(minimum = 0.0)]
+    from_hz: Option<f64>,
     /// Highest frequency shown, in hertz.
     #[param(exclusive_minimum = 0.0)]
-    max_hz: Option<f64>,
+    to_hz: Option<f64>,
 }
 
 /// Amplitude over frequency.
@@ -138,8 +142,18 @@ pub(super) struct SpectrumView {
     shaft_speed_hz: Option<f64>,
     /// Mesh frequency in hertz.
     mesh_frequency_hz: Option<f64>,
-    /// The mesh harmonics.
-    mesh_harmonics: Vec<MeshLine>,
+    /// The mesh harmonics of the whole record, whatever range is asked for.
+    mesh_harmonics: Vec<MeshHarmonic>,
+}
+
+/// One mesh harmonic, read at full resolution.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+struct MeshHarmonic {
+    #[serde(flatten)]
+    line: MeshLine,
+    /// Geometric mean of its amplitudes in the records of the baseline; left out where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    baseline_amplitude: Option<f64>,
 }
 
 /// Amplitude spectrum of a segment
@@ -156,11 +170,19 @@ pub(super) async fn spectrum(
     Parameters(asked): Parameters<SpectrumParameters>,
 ) -> Result<Json<SpectrumView>, Problem> {
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let max_hz = max_hz(asked.max_hz)?;
+    let range = LineRange::new(["from_hz", "to_hz"], asked.from_hz, asked.to_hz)?;
     let segment = segments::find(&app, &id).await?;
     let _ticket = app.service.workers.admit_answer()?;
     let (spectrum, lines) = app.service.records.spectrum(&segment).await?;
-    Ok(Json(view(segment, spectrum, lines, most, max_hz)))
+    let mut baseline = matching::baseline(&app, &segment).await?;
+    if baseline.len() < segment.wear.baseline.need as usize {
+        baseline.clear(); // it is still being learnt
+    }
+    let mut view = view(segment, spectrum, lines, most, range);
+    for harmonic in &mut view.mesh_harmonics {
+        harmonic.baseline_amplitude = baseline_amplitude(&baseline, harmonic.line.order, &view.unit);
+    }
+    Ok(Json(view))
 }
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -176,9 +198,12 @@ pub(super) struct EnvelopeParameters {
     /// Points at most, 10 to 200000; of each stretch the greatest stays.
     #[param(minimum = 10, maximum = 200000)]
     max_points: Option<usize>,
+    /// Lowest frequency shown, in hertz.
+    #[param(minimum = 0.0)]
+    from_hz: Option<f64>,
     /// Highest frequency shown, in hertz.
     #[param(exclusive_minimum = 0.0)]
-    max_hz: Option<f64>,
+    to_hz: Option<f64>,
 }
 
 /// Amplitude of the envelope over frequency.
@@ -207,7 +232,7 @@ pub(super) async fn envelope(
     Parameters(asked): Parameters<EnvelopeParameters>,
 ) -> Result<Json<EnvelopeView>, Problem> {
     let most = query::max_points(asked.max_points, DEFAULT_POINTS)?;
-    let max_hz = max_hz(asked.max_hz)?;
+    let range = LineRange::new(["from_hz", "to_hz"], asked.from_hz, asked.to_hz)?;
     let segment = segments::find(&app, &id).await?;
     let half_rate_hz = segment.sample_rate_hz / 2.0;
     let band = match (asked.band, asked.band_low_hz, asked.band_high_hz) {
@@ -233,26 +258,26 @@ pub(super) async fn envelope(
         error => error.into(),
     })?;
     Ok(Json(EnvelopeView {
-        spectrum: view(segment, envelope.spectrum, envelope.mesh_lines, most, max_hz),
+        spectrum: view(segment, envelope.spectrum, envelope.mesh_lines, most, range),
         band: envelope.band,
     }))
 }
 
-pub(super) fn max_hz(asked: Option<f64>) -> Result<f64, Problem> {
-    match asked {
-        None => Ok(f64::INFINITY),
-        Some(hz) if hz > 0.0 => Ok(hz),
-        Some(hz) => Err(Problem::query("max_hz", hz, "a frequency above 0")),
-    }
+/// The geometric mean of a mesh harmonic's amplitudes in the records of a baseline; none where one of them lacks it.
+fn baseline_amplitude(baseline: &[Segment], order: u32, unit: &str) -> Option<f64> {
+    let name = format!("mesh_{order}");
+    let logarithm = |record: &Segment| {
+        let amplitude = record.indicators.values.get(&name).copied();
+        amplitude.filter(|amplitude| *amplitude > 0.0 && record.unit == unit).map(f64::ln)
+    };
+    let logarithms: Vec<f64> = baseline.iter().map(logarithm).collect::<Option<_>>()?;
+    (!logarithms.is_empty()).then(|| (logarithms.iter().sum::<f64>() / logarithms.len() as f64).exp())
 }
 
-fn view(segment: Segment, spectrum: Spectrum, lines: Vec<MeshLine>, most: usize, max_hz: f64) -> SpectrumView {
+fn view(segment: Segment, spectrum: Spectrum, lines: Vec<MeshLine>, most: usize, range: LineRange) -> SpectrumView {
     let resolution_hz = spectrum.resolution_hz;
-    let shown = spectrum
-        .amplitude
-        .len()
-        .min(((max_hz / resolution_hz).floor() as usize).saturating_add(1));
-    let amplitude = &spectrum.amplitude[..shown];
+    let places = range.places(spectrum.amplitude.len(), resolution_hz);
+    let (first, amplitude) = (places.start, &spectrum.amplitude[places]);
     let kept = reduction::peaks(amplitude, most);
     SpectrumView {
         segment_id: segment.id,
@@ -261,11 +286,17 @@ fn view(segment: Segment, spectrum: Spectrum, lines: Vec<MeshLine>, most: usize,
         window: spectrum.window,
         bandwidth_hz: spectrum.bandwidth_hz,
         resolution_hz,
-        reduced: kept.len() < shown,
-        frequency_hz: kept.iter().map(|n| *n as f64 * resolution_hz).collect(),
+        reduced: kept.len() < amplitude.len(),
+        frequency_hz: kept.iter().map(|n| (first + n) as f64 * resolution_hz).collect(),
         amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
         shaft_speed_hz: segment.shaft_speed.map(|speed| speed.shaft_speed_hz),
         mesh_frequency_hz: segment.shaft_speed.map(|speed| speed.mesh_frequency_hz),
-        mesh_harmonics: lines,
+        mesh_harmonics: lines
+            .into_iter()
+            .map(|line| MeshHarmonic {
+                line,
+                baseline_amplitude: None,
+            })
+            .collect(),
     }
 }

@@ -55,6 +55,9 @@ export const CHECKS = {
       const { page } = await open(`#/assets/${asset}`, { colorScheme });
       await page.getByRole("button", { name: "Add records" }).click();
       await page.setInputFiles("#upload-file", { name: "broken.wav", mimeType: "audio/wav", buffer: Buffer.from("not a recording") });
+      await page.getByLabel("Start of broken.wav, UTC").waitFor();
+      assert.deepEqual(await findings(page), [], `files to send, ${colorScheme}`);
+      await page.getByRole("button", { name: "Send the file" }).click();
       await page.locator('.results .result[data-kind="bad"]').waitFor();
       assert.deepEqual(await findings(page), [], `records, ${colorScheme}`);
       await page.keyboard.press("Escape");

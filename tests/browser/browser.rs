@@ -4,8 +4,10 @@ use std::path::Path;
 use std::process::Command;
 
 use flankwatch::gear::PairSpec;
+use flankwatch::http::{Scope, Tokens};
 use flankwatch::recording::{BlockEncoding, encode_block};
 use flankwatch::simulation::{Run, RunPlan};
+use jiff::Timestamp;
 use serde_json::json;
 
 use crate::running::{Service, minute};
@@ -25,10 +27,13 @@ fn the_dashboard_works_in_a_browser() {
     let service = Service::start();
     let pair = PairSpec::from_toml(PAIR).unwrap();
     feed(&service, &pair);
+    let (guarded, token) = guarded();
     let output = Command::new("node")
         .arg(folder.join("dashboard.mjs"))
         .env("FLANKWATCH_URL", service.url(""))
         .env("FLANKWATCH_ASSET", "gearbox")
+        .env("FLANKWATCH_GUARDED_URL", guarded.url(""))
+        .env("FLANKWATCH_TOKEN", token)
         .env("FLANKWATCH_CHROMIUM", chromium)
         .output()
         .unwrap();
@@ -39,6 +44,14 @@ fn the_dashboard_works_in_a_browser() {
     );
     assert!(output.status.success(), "{said}");
     println!("{said}");
+}
+
+/// A service that asks for a token, with an asset of its own.
+fn guarded() -> (Service, String) {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let token = Tokens::of(service.folder()).create("desk", Scope::Admin, Timestamp::UNIX_EPOCH);
+    (service, token.unwrap())
 }
 
 /// An asset with records of a run to failure that begins slowly enough for a healthy baseline.

@@ -3,20 +3,22 @@
 //   FLANKWATCH_URL       where it is served, for example http://127.0.0.1:8600
 //   FLANKWATCH_ASSET     an asset with a library and at least a few estimated records
 //   FLANKWATCH_CHROMIUM  the browser (default /usr/bin/chromium)
+//   FLANKWATCH_GUARDED_URL, FLANKWATCH_TOKEN  one that asks for this token of scope admin, with an asset “pump”
+//   FLANKWATCH_PAGES     a folder of pages to show instead of those that are built into the server
 //   FLANKWATCH_SHOTS     a folder for screenshots (none are taken where it is not set)
 //   FLANKWATCH_ONLY      run only checks whose name contains this
 
 import { mkdir } from "node:fs/promises";
 import { browser, shots } from "./page.mjs";
 
-const FILES = ["pages", "record", "views", "links", "downloads", "live", "connection", "alarms", "upload", "fleet", "keyboard", "accessibility", "speed"];
+const FILES = ["pages", "severity", "record", "spectrum", "plots", "match", "views", "links", "downloads", "live", "connection", "alarms", "upload", "session", "fleet", "keyboard", "accessibility", "speed"];
 const only = process.env.FLANKWATCH_ONLY ?? "";
 
 if (shots) await mkdir(shots, { recursive: true });
 let [failed, run] = [0, 0];
 for (const file of FILES) {
   const { CHECKS } = await import(`./${file}.mjs`);
-  for (const [name, check] of Object.entries(CHECKS).filter(([name]) => name.includes(only))) {
+  for (const [name, check] of Object.entries(CHECKS ?? {}).filter(([name]) => name.includes(only))) {
     const began = Date.now();
     run += 1;
     try {

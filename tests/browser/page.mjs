@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { cpus, loadavg } from "node:os";
-import { join } from "node:path";
+import { basename, join } from "node:path";
 import { chromium } from "playwright-core";
 
 function required(name) {
@@ -32,9 +32,19 @@ export async function open(path, options = {}, before = async () => {}) {
     const url = new URL(request.url());
     if (/^(https?|wss?):$/.test(url.protocol) && url.origin !== new URL(base).origin) faults.push(`outside host: ${url}`);
   });
+  if (process.env.FLANKWATCH_PAGES) await fromFolder(context, process.env.FLANKWATCH_PAGES);
   await before(page);
   await page.goto(`${base}/${path}`);
   return { page, faults };
+}
+
+/** Shows the files of a folder instead of those of the server, so that a change of them needs no new build. */
+async function fromFolder(context, folder) {
+  await context.route("**/static/*", (route) => {
+    const name = basename(new URL(route.request().url()).pathname);
+    return name === "plotly.js" ? route.continue() : route.fulfill({ path: join(folder, name) });
+  });
+  await context.route(`${base}/`, (route) => route.fulfill({ path: join(folder, "index.html") }));
 }
 
 /** Takes a picture where asked for, and fails where something went wrong in the page. */

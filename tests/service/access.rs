@@ -54,6 +54,48 @@ fn a_token_opens_what_its_scope_says_until_it_is_revoked() {
 }
 
 #[test]
+fn a_browser_logs_in_with_a_token_and_out_again() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    assert_eq!(service.get("/v1/session").expect(200).json()["token"], serde_json::Value::Null);
+    let tokens = Tokens::of(service.folder());
+    let token = tokens.create("desk", Scope::Write, Timestamp::UNIX_EPOCH).unwrap();
+    service.get("/v1/assets/pump/report").expect_problem(401, &["token"]);
+    with_token(&service, "fwt_00000000_0", "POST", "/v1/session", "").expect_problem(401, &["revoked"]);
+    let begun = with_token(&service, &token, "POST", "/v1/session", "").expect(200);
+    assert_eq!(begun.json()["token"]["name"], "desk");
+    assert_eq!(begun.json()["token"]["scope"], "write");
+    let cookie = begun.header("set-cookie").to_owned();
+    assert!(cookie.ends_with("; Path=/; HttpOnly; SameSite=Strict"), "{cookie}");
+    let session = cookie.split(';').next().unwrap();
+    let send = |method: &str, path: &str, more: &[(&str, &str)], body: &[u8]| {
+        let headers: Vec<_> = [("cookie", session), ("content-type", "application/json")]
+            .iter()
+            .chain(more)
+            .copied()
+            .collect();
+        service.send(method, path, &headers, body)
+    };
+    send("GET", "/v1/assets/pump/report", &[], b"").expect(200);
+    assert_eq!(send("GET", "/v1/session", &[], b"").expect(200).json()["token"]["name"], "desk");
+
+    let block = flankwatch::recording::encode_block(&record("1", 1), flankwatch::recording::BlockEncoding::Json);
+    let segments = "/v1/assets/pump/segments";
+    let others: [&[(&str, &str)]; 3] = [&[], &[("sec-fetch-site", "cross-site")], &[("sec-fetch-site", "same-site")]];
+    for other in others {
+        send("POST", segments, other, &block).expect_problem(403, &["cookie", "page of this service"]);
+    }
+    let own = [("sec-fetch-site", "same-origin")];
+    send("POST", segments, &own, &block).expect(201);
+    send("DELETE", "/v1/assets/pump", &own, b"").expect_problem(403, &["write", "admin"]);
+
+    let ended = send("DELETE", "/v1/session", &own, b"").expect(204);
+    assert!(ended.header("set-cookie").contains("Max-Age=0"));
+    tokens.revoke(&tokens.list().unwrap().unwrap()[0].id).unwrap();
+    send("GET", "/v1/assets", &[], b"").expect_problem(401, &["revoked"]);
+}
+
+#[test]
 fn too_many_requests_with_one_token_are_put_off() {
     let service = Service::start_with(|config| config.http.requests_per_s = 1.try_into().unwrap());
     let tokens = Tokens::of(service.folder());

@@ -214,8 +214,24 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
         assert!(most(&numbers(&whole, "frequency_hz")) <= 2000.0);
         assert_eq!(whole["mesh_frequency_hz"], 310.0);
         assert!(close(&whole["mesh_harmonics"][0]["frequency_hz"], 310.0, 4.0));
-        let low = service.get(&format!("/v1/segments/{id}/{kind}?max_hz=500")).expect(200).json();
-        assert!(most(&numbers(&low, "frequency_hz")) <= 500.0);
+        let part = format!("/v1/segments/{id}/{kind}?from_hz=200&to_hz=500");
+        let range = service.get(&part).expect(200).json();
+        let within = |hz: &f64| (200.0..=500.0).contains(hz);
+        let lines = numbers(&whole, "frequency_hz").into_iter().zip(numbers(&whole, "amplitude"));
+        let (frequency_hz, amplitude): (Vec<f64>, Vec<f64>) = lines.filter(|(hz, _)| within(hz)).unzip();
+        assert_eq!(
+            numbers(&range, "frequency_hz"),
+            frequency_hz,
+            "every line of the range and no other"
+        );
+        assert_eq!(numbers(&range, "amplitude"), amplitude);
+        let reduced = service.get(&format!("{part}&max_points=20")).expect(200).json();
+        assert_eq!(reduced["reduced"], true);
+        assert!(numbers(&reduced, "frequency_hz").iter().all(within));
+        for query in ["from_hz=-1", "from_hz=500&to_hz=200", "to_hz=0", "from_hz=NaN"] {
+            let refused = service.get(&format!("/v1/segments/{id}/{kind}?{query}"));
+            refused.expect_problem(400, &["from_hz, to_hz", "at least 0"]);
+        }
     }
     let envelope = service
         .get(&format!("/v1/segments/{id}/envelope?band_low_hz=200&band_high_hz=900"))

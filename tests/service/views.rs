@@ -80,7 +80,10 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
         .get(&format!("/v1/segments/{id}/waveform?from_s=2&to_s=1"))
         .expect_problem(400, &["from_s", "to_s"]);
 
-    let orders = service.get(&format!("/v1/segments/{id}/orders?max_order=30")).expect(200).json();
+    let orders = service
+        .get(&format!("/v1/segments/{id}/orders?from_order=10&to_order=30"))
+        .expect(200)
+        .json();
     let (order, amplitude) = (numbers(&orders["order"]), numbers(&orders["amplitude"]));
     let around_mesh: Vec<f64> = order
         .iter()
@@ -88,7 +91,8 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
         .map(|(order, a)| if (order - 24.0).abs() < 3.0 { *a } else { 0.0 })
         .collect();
     assert!((order[highest(&around_mesh)] - 24.0).abs() < 0.1, "the mesh line is order 24");
-    assert!(order.last().unwrap() <= &30.0 && orders["unit"] == "m/s2");
+    assert!(order[0] >= 10.0 && order.last().unwrap() <= &30.0 && orders["unit"] == "m/s2");
+    assert_eq!(orders["mesh_amplitudes"][0], amplitude[highest(&around_mesh)]);
 
     let turn = service.get(&format!("/v1/segments/{id}/turn")).expect(200).json();
     let turns = turn["turns"].as_f64().unwrap();
@@ -105,7 +109,7 @@ fn a_record_is_shown_over_time_angle_and_quefrency() {
         .json();
     let quefrency_s = numbers(&cepstrum["quefrency_s"]);
     assert!(quefrency_s.len() <= 500 && quefrency_s[0] > 0.0 && *quefrency_s.last().unwrap() <= 0.1 + 1e-9);
-    for (query, field) in [("orders?max_order=0", "max_order"), ("cepstrum?max_s=-1", "max_s")] {
+    for (query, field) in [("orders?to_order=0", "to_order"), ("cepstrum?max_s=-1", "max_s")] {
         service.get(&format!("/v1/segments/{id}/{query}")).expect_problem(400, &[field]);
     }
     service

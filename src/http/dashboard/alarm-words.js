@@ -3,8 +3,7 @@
 import { unitOf } from "./alarm-units.js";
 import { h } from "./dom.js";
 import { depth, indicatorName, number, unit, utc } from "./format.js";
-import { STATES } from "./state.js";
-import { symbol } from "./symbols.js";
+import { badge } from "./symbols.js";
 
 /** Where an alarm stands; `open` ones ask for somebody. */
 export const ALARM_STATES = {
@@ -39,10 +38,10 @@ export function levelWords(alarm) {
 
 const SEVERITIES = { danger: ["danger", "Danger"], warning: ["warning", "Warning"] };
 
-/** The NE 107 symbol of an alarm's severity with its word. */
+/** The symbol of an alarm's severity with its word. */
 export function severityBadge(severity, size = 20) {
   const [key, word] = SEVERITIES[severity] ?? ["normal", "Not raised"];
-  return h("span", { class: "badge", title: STATES[key].category }, symbol(key, size), h("span", {}, word));
+  return badge(key, size, word);
 }
 
 /** An alarm's state in a word, and until when it is shelved; `within` a sentence it begins small. */

@@ -1,6 +1,7 @@
 // The only place that talks to the server. A repeated answer gives the same object back, so callers can see by identity that nothing changed.
 
 const REMEMBERED = 48;
+const REMEMBERED_CHARACTERS = 40e6; // a spectrum at full resolution has some millions
 const memory = new Map(); // address → { etag, text, data }, the latest used last
 
 /** The server answered with an error; `problem` is its RFC 9457 body where it sent one. */
@@ -15,19 +16,18 @@ export class ApiError extends Error {
 /** No answer, or one that says that the service is not there at the moment. */
 export class ConnectionError extends Error {}
 
-const TOKEN = "flankwatch.token";
-
-/** The header fields that show the token of this tab, where one was given. */
-export function authorization() {
-  const token = sessionStorage.getItem(TOKEN);
-  return token ? { authorization: `Bearer ${token}` } : {};
-}
-
-/** Keeps a token until the tab is closed. */
-export function useToken(token) {
-  sessionStorage.setItem(TOKEN, token.trim());
+/** Begins a session with a token: the server keeps it in a cookie, which goes along with every request and link, and no script reads. */
+export async function logIn(token) {
+  const { response, text } = await request(address(["session"]), { method: "POST", headers: { authorization: `Bearer ${token.trim()}` } });
+  if (!response.ok) throw failure(response.status, text);
   memory.clear();
 }
+
+/** Ends the session. */
+export const logOut = () => send("DELETE", ["session"]);
+
+/** The token of the session without its secret, null where nobody is asked for one. */
+export const session = async () => (await get(["session"], {})).token;
 
 /** An address under /v1 relative to the page, so that a path prefix of a proxy is kept. */
 export function address(segments, parameters = {}) {
@@ -42,7 +42,12 @@ export function address(segments, parameters = {}) {
 function remember(href, entry) {
   memory.delete(href);
   memory.set(href, entry);
-  if (memory.size > REMEMBERED) memory.delete(memory.keys().next().value);
+  let characters = [...memory.values()].reduce((sum, { text }) => sum + text.length, 0);
+  for (const [oldest, { text }] of memory) {
+    if (memory.size <= REMEMBERED && characters <= REMEMBERED_CHARACTERS) break;
+    memory.delete(oldest);
+    characters -= text.length;
+  }
 }
 
 function parsed(text) {
@@ -62,7 +67,7 @@ export function failure(status, text) {
 
 async function request(href, options) {
   try {
-    const response = await fetch(href, { ...options, headers: { ...options.headers, ...authorization() } });
+    const response = await fetch(href, options);
     if (response.status === 401) document.dispatchEvent(new CustomEvent("tokenneeded"));
     return { response, text: await response.text() };
   } catch (error) {
@@ -116,7 +121,7 @@ export const indicatorUnits = (id, channel, name, signal) => get(["assets", id, 
 export const segments = (id, channel, signal) => get(["assets", id, "segments"], { channel, limit: 1000, order: "desc" }, signal);
 export const segment = (id, signal) => get(["segments", id], {}, signal);
 export const waveform = (id, from, to, signal) => get(["segments", id, "waveform"], { max_points: 4000, from_s: from, to_s: to }, signal);
-export const orders = (id, signal) => get(["segments", id, "orders"], { max_points: 4000 }, signal);
+export const orders = (id, from, to, points, signal) => get(["segments", id, "orders"], { from_order: from, to_order: to, max_points: points }, signal);
 export const turn = (id, signal) => get(["segments", id, "turn"], {}, signal);
 export const cepstrum = (id, end, signal) => get(["segments", id, "cepstrum"], { max_points: 4000, max_s: end }, signal);
 export const match = (id, signal) => get(["segments", id, "match"], {}, signal);
@@ -127,8 +132,8 @@ export const libraryStates = (id, signal) => get(["libraries", id, "states"], {}
 export const libraryState = (id, index, signal) => get(["libraries", id, "states", String(index)], {}, signal);
 export const flank = (id, depth, signal) => get(["libraries", id, "flank"], { wear_um: depth }, signal);
 export const replaceAsset = (id, body) => send("PUT", ["assets", id], body);
-export const spectrum = (id, signal) => get(["segments", id, "spectrum"], { max_points: 4000 }, signal);
-export const envelope = (id, signal) => get(["segments", id, "envelope"], { max_points: 4000 }, signal);
+export const spectrum = (id, from, to, points, signal) => get(["segments", id, "spectrum"], { from_hz: from, to_hz: to, max_points: points }, signal);
+export const envelope = (id, from, to, points, signal) => get(["segments", id, "envelope"], { from_hz: from, to_hz: to, max_points: points }, signal);
 export const alarms = (parameters, signal) => get(["alarms"], parameters, signal);
 export const alarm = (id, signal) => get(["alarms", id], {}, signal);
 export const actOnAlarm = (id, action, body) => send("POST", ["alarms", id, action], body);

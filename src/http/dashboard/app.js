@@ -5,7 +5,7 @@ import * as api from "./api.js";
 import { h, setChildren } from "./dom.js";
 import { bindDrops } from "./drop.js";
 import { Live, showStatus } from "./live.js";
-import { bindLogin } from "./login.js";
+import { bindLogin, bindLogout } from "./login.js";
 import { parse } from "./route.js";
 import { bindThemeButton } from "./theme.js";
 
@@ -112,7 +112,11 @@ async function follow() {
 
 bindDrops(() => ({ page, id: shown.page === "library" ? undefined : shown.id }));
 bindThemeButton(byId("theme"));
-bindLogin(() => live.now());
+const lookForSession = bindLogout(byId("logout"));
+bindLogin(() => {
+  lookForSession();
+  live.now();
+});
 byId("banner-retry").addEventListener("click", () => live.now());
 addEventListener("hashchange", follow);
 addEventListener("popstate", () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && follow());
@@ -123,3 +127,4 @@ setInterval(() => {
   page?.tick();
 }, 1000);
 follow();
+lookForSession();

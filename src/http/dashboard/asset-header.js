@@ -5,8 +5,8 @@ import { age, count, depth, hertz, number, speedSource, utc } from "./format.js"
 import { baselineBar, wearBar } from "./gauge.js";
 import { assetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
-import { change } from "./route.js";
-import { assetState, depthWords, limitUse, sentence, STATES, timeToLimit, wearState } from "./state.js";
+import { change, format } from "./route.js";
+import { assetState, channelState, depthWords, limitUse, sentence, STATES, timeToLimit } from "./state.js";
 import { badge } from "./symbols.js";
 
 const LIBRARY_STATES = {
@@ -87,25 +87,25 @@ export class AssetHeader {
     );
   }
 
-  /** Shows an asset and the latest wear estimate of one of its channels. */
-  update(asset, wear, channel, query) {
+  /** Shows an asset and the latest wear estimate of one of its channels; `events` are that channel's, where they are known. */
+  update(asset, wear, channel, query, events) {
     const { summary, limits } = asset;
     setChildren(this.#tabs, assetTabs(asset.id, "asset", query));
     const name = assetName(asset);
     setText(this.#name, name);
     setText(this.#id, asset.name ? asset.id : "");
     const overall = assetState(asset);
-    // another channel may say something else than the one that speaks for the asset
-    const other = wear?.segment_id && channel !== summary.wear_channel;
-    const state = other ? wearState(wear, limits) : overall;
-    setChildren(this.#state, badge(state, 30));
-    this.#verdict.dataset.symbol = STATES[state].symbol;
+    const several = summary.channels.length > 1 && wear?.segment_id;
+    const state = several ? channelState(asset, wear, events?.alarms ?? []) : overall;
+    setChildren(this.#state, badge(state, 30), several && events ? wholeAsset(asset, overall, state, channel, events.others, query) : null);
+    this.#verdict.dataset.severity = STATES[state].severity;
     document.title = `${STATES[overall].short} · ${name} · flankwatch`;
     const known = wear?.median_um != null;
     setChildren(this.#number, ...(known ? wearNumber(wear, limits) : []));
     this.#number.hidden = !known;
     setChildren(this.#bar, known ? wearBar(wear, limits) : null);
-    setText(this.#sentence, wear?.segment_id ? sentence(wear, limits, Boolean(asset.gear.pair)) : sentence(null));
+    const words = wear?.segment_id ? sentence(wear, limits, Boolean(asset.gear.pair)) : sentence(null);
+    setText(this.#sentence, several ? `Channel ${channel}: ${words}` : words);
     setChildren(this.#facts, facts(asset, wear, this.#age));
     this.#last = summary.last_start_time;
     this.#age.title = this.#last ? `${utc(summary.first_start_time)} to ${utc(this.#last)}` : "";
@@ -134,6 +134,15 @@ export class AssetHeader {
   tick() {
     setText(this.#age, this.#last ? `the last one ${age(this.#last)}` : "none yet");
   }
+}
+
+/** The state of the whole asset where another channel makes it another one than that of the channel on show. */
+function wholeAsset({ id, summary }, overall, state, channel, others, query) {
+  if (overall === state) return null;
+  const alarmed = others.find(({ severity }) => overall === `alarm_${severity}`)?.channel;
+  const speaker = alarmed ?? summary.wear_channel;
+  const link = speaker && speaker !== channel ? h("a", { href: format({ page: "asset", id, query: { ...query, channel: speaker, segment: null } }) }, `channel ${speaker}`) : null;
+  return h("p", { class: "whole-asset" }, h("span", { class: "muted" }, "The asset:"), badge(overall, 18), link && h("span", { class: "muted" }, "by ", link));
 }
 
 function wearNumber(wear, limits) {

@@ -22,6 +22,9 @@ import { formatTime, timeOf, timeRange, wearDrawing, withoutEstimate } from "./w
 /** Parameters of the address that say what to ask the server for. */
 const REFETCHED = ["bins", "trend", "show", "pin", "axis", "part"];
 
+/** Those that are shown at once with what is known, and then with the lines that they ask for. */
+const DETAILED = ["zoom", "band", "cursor", "near"];
+
 /** The page of one asset. */
 export class AssetPage {
   #id;
@@ -85,9 +88,10 @@ export class AssetPage {
       this.#record.busy(true);
       return true;
     }
-    if (REFETCHED.some((name) => before[name] !== route.query[name])) return true;
+    const changed = (names) => names.some((name) => before[name] !== route.query[name]);
+    if (changed(REFETCHED)) return true;
     if (!this.#dragging) this.redraw(); // what was dragged out is on show already
-    return false;
+    return changed(DETAILED);
   }
 
   /** Has the address say which range was dragged out. */
@@ -115,7 +119,7 @@ export class AssetPage {
     const latest = await answer(api.wear(this.#id, channel, signal));
     if (latest instanceof Error) return this.#refused(latest);
     if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element, this.#maintenance.element);
-    this.#header.update(asset, latest, latest.channel ?? channel, this.#query);
+    this.#header.update(asset, latest, latest.channel ?? channel, this.#query, this.#data?.channel === channel ? this.#data?.events : undefined);
     if (!latest.segment_id) {
       this.#showEmpty();
     } else {
@@ -166,6 +170,7 @@ export class AssetPage {
     const revision = `${this.#id} ${channel}`;
     const selected = segment.start_time ?? null;
     const points = history instanceof Error ? [] : history.items;
+    this.#header.update(asset, latest, channel, this.#query, events);
     this.#header.recall(points, latest);
     this.#record.place(points.map((item) => item.segment_id), id, !this.#query.segment);
     await Promise.all([

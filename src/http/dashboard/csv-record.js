@@ -1,8 +1,11 @@
 // A CSV file of samples as a WAV file of 32-bit floats, which the server takes: each column is a channel, no sample changes but by rounding to
 // 32 bits.
 
+import { stampSeconds, startOf, timeColumn } from "./csv-time.js";
+
 const MOST_BYTES = 64 * 1024 * 1024;
-const TIME = /^(t|time)([ _]?[([]?s(econds)?[)\]]?)?$/i;
+const HEAD = 64 * 1024; // bytes that hold the headings and the first row
+const SAME_RATE = 1e-3; // of the rate that is typed in, for times are often rounded
 
 /** What is wrong with a CSV file, in words for the person who dropped it. */
 export class CsvError extends Error {}
@@ -17,35 +20,53 @@ function numberAt(text, line, column, comma) {
   throw new CsvError(`line ${line}, column “${column}” is “${text}”, expected a finite number`);
 }
 
-/** Rows of numbers with their headings. */
-export function parseCsv(text) {
-  const lines = text.replace(/^\ufeff/, "").split(/\r?\n/);
-  while (lines.length && !lines.at(-1).trim()) lines.pop();
-  if (lines.length < 2) throw new CsvError(`the file has ${lines.length} ${lines.length === 1 ? "line" : "lines"}, expected samples in rows`);
+/** How the lines of a CSV file are to be read. */
+function formOf(lines) {
   const separator = lines[0].includes(";") ? ";" : lines[0].includes("\t") ? "\t" : ",";
   const comma = separator !== ",";
   const first = cells(lines[0], separator);
-  const headed = first.some((cell) => cell === "" || !Number.isFinite(Number(comma ? cell.replace(",", ".") : cell)));
+  const isNumber = (cell) => cell !== "" && Number.isFinite(Number(comma ? cell.replace(",", ".") : cell));
+  const headed = !first.every((cell, column) => isNumber(cell) || (column === 0 && !Number.isNaN(stampSeconds(cell))));
   const names = headed ? first : first.map((_, index) => String(index + 1));
-  const columns = names.map(() => new Float64Array(lines.length - (headed ? 1 : 0)));
-  for (let line = headed ? 1 : 0; line < lines.length; line++) {
-    const row = cells(lines[line], separator);
-    if (row.length !== names.length) throw new CsvError(`line ${line + 1} has ${row.length} values, expected ${names.length} as in the first line`);
-    row.forEach((cell, column) => (columns[column][line - (headed ? 1 : 0)] = numberAt(cell, line + 1, names[column], comma)));
-  }
-  return { names, columns };
+  const stamps = !Number.isNaN(stampSeconds(cells(lines[headed ? 1 : 0] ?? "", separator)[0]));
+  return { separator, comma, headed, names, stamps };
 }
 
-/** The rate that a column of times tells, in hertz. */
-function rateOf(times) {
-  const steps = times.length - 1;
-  const rate = steps / (times[steps] - times[0]);
-  if (!(rate > 0 && Number.isFinite(rate))) throw new CsvError(`the times run from ${times[0]} to ${times[steps]} s, expected rising times in seconds`);
-  for (let n = 0; n < steps; n++) {
-    const step = (times[n + 1] - times[n]) * rate;
-    if (step < 0.5 || step > 1.5) throw new CsvError(`between rows ${n + 1} and ${n + 2} the time goes on by ${times[n + 1] - times[n]} s, expected ${1 / rate} s as on average: samples are missing`);
+function linesOf(text) {
+  const lines = text.replace(/^\ufeff/, "").split(/\r?\n/);
+  while (lines.length && !lines.at(-1).trim()) lines.pop();
+  return lines;
+}
+
+/** Rows of numbers with their headings; `stamps` says that the first column held dates, which are seconds since the first one now. */
+export function parseCsv(text) {
+  const lines = linesOf(text);
+  if (lines.length < 2) throw new CsvError(`the file has ${lines.length} ${lines.length === 1 ? "line" : "lines"}, expected samples in rows`);
+  const { separator, comma, headed, names, stamps } = formOf(lines);
+  const begin = headed ? 1 : 0;
+  const columns = names.map(() => new Float64Array(lines.length - begin));
+  const origin = stamps ? stampSeconds(cells(lines[begin], separator)[0]) : 0;
+  for (let line = begin; line < lines.length; line++) {
+    const row = cells(lines[line], separator);
+    if (row.length !== names.length) throw new CsvError(`line ${line + 1} has ${row.length} values, expected ${names.length} as in the first line`);
+    row.forEach((cell, column) => {
+      const stamp = stamps && column === 0;
+      const value = stamp ? stampSeconds(cell) - origin : numberAt(cell, line + 1, names[column], comma);
+      if (Number.isNaN(value)) throw new CsvError(`line ${line + 1}, column “${names[column]}” is “${cell}”, expected a time as in the first row`);
+      columns[column][line - begin] = value;
+    });
   }
-  return rate;
+  return { names, columns, stamps };
+}
+
+/** When a CSV file says that it begins, as an ISO time; null where it does not. */
+export async function csvStart(file) {
+  const lines = linesOf(await file.slice(0, HEAD).text());
+  if (lines.length < 2) return null;
+  const { separator, comma, headed, names, stamps } = formOf(lines);
+  const first = cells(lines[headed ? 1 : 0], separator)[0];
+  if (stamps) return new Date(Math.round(1000 * stampSeconds(first))).toISOString();
+  return startOf(names[0], Number(comma ? first.replace(",", ".") : first));
 }
 
 /** A WAV file of 32-bit floats. */
@@ -65,14 +86,16 @@ export function floatWav(channels, rate) {
   return new Blob([view], { type: "audio/wav" });
 }
 
-/** The WAV file of a CSV file; `rate` in hertz is needed where no column is called time. */
+/** The WAV file of a CSV file. `rate` in hertz is needed where no column is the time, and has to agree with it where one is. */
 export async function wavOfCsv(file, rate) {
   if (file.size > MOST_BYTES) throw new CsvError(`the file has ${Math.round(file.size / 1e6)} MB, expected at most 64 MB here; “flankwatch convert” takes larger ones`);
-  const { names, columns } = parseCsv(await file.text());
-  const time = names.findIndex((name) => TIME.test(name.trim()));
-  const known = rate || (time >= 0 ? rateOf(columns[time]) : 0);
-  if (!known) throw new CsvError(`no column is called time (columns: ${names.join(", ")}), so the sampling rate is needed: type it in above`);
-  const channels = columns.filter((_, index) => index !== time);
+  const { names, columns, stamps } = parseCsv(await file.text());
+  const time = timeColumn(names, columns, stamps);
+  if (time.words) throw new CsvError(time.words);
+  if (rate && time.rate && Math.abs(time.rate - rate) > SAME_RATE * rate) throw new CsvError(`the sampling rate is ${rate} Hz, expected ${Number(time.rate.toPrecision(6))} Hz as column “${names[time.index]}” says`);
+  const known = rate || time.rate;
+  if (!known) throw new CsvError(`no column is the time (columns: ${names.join(", ")}), so the sampling rate is needed: type it in above`);
+  const channels = columns.filter((_, index) => index !== time.index);
   if (channels.length === 0) throw new CsvError("there is no column beside the time, expected one with samples");
   if (Math.abs(known - Math.round(known)) > 1e-4 * known) throw new CsvError(`the sampling rate is ${known} Hz, which a WAV file cannot hold; “flankwatch convert” keeps it`);
   return floatWav(channels, Math.round(known));

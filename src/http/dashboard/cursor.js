@@ -1,38 +1,13 @@
 // A cursor over a spectrum: a family of equally spaced lines that follows a dragged one. Lines are elements of their own over the plot,
 // so that a drag moves them without drawing the plot anew.
 
+import { cursorLines } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
+import { amplitudeAt, peakNear } from "./fine-lines.js";
 import { number, unit } from "./format.js";
-import { amplitudeAt, axisOf } from "./spectrum-plot.js";
+import { axisOf } from "./spectrum-plot.js";
 
-const MOST_HARMONICS = 30;
-const SIDEBANDS = 5;
 const SNAP = 4; // lines of the spectrum to each side within which a let-go cursor finds the peak
-
-/** A cursor of an address: `h~399.4`, or `s~399.4~16.64`; null for none. */
-export function parseCursor(text) {
-  const [kind, first, second] = (text ?? "").split("~");
-  const [base, spacing] = [Number(first), Number(second)];
-  if (kind === "h" && base > 0) return { kind, base };
-  return kind === "s" && base > 0 && spacing > 0 ? { kind, base, spacing } : null;
-}
-
-/** The cursor as an address has it. */
-export function formatCursor({ kind, base, spacing }) {
-  return [kind, base, spacing].filter((part) => part !== undefined).map((part) => (typeof part === "number" ? Number(part.toPrecision(7)) : part)).join("~");
-}
-
-function positions({ kind, base, spacing }, end) {
-  if (kind === "h") return Array.from({ length: Math.min(MOST_HARMONICS, Math.floor(end / base)) }, (_, n) => ({ x: (n + 1) * base, label: `${n + 1}×` }));
-  const offsets = Array.from({ length: 2 * SIDEBANDS + 1 }, (_, n) => n - SIDEBANDS);
-  return offsets.map((k) => ({ x: base + k * spacing, label: k === 0 ? "0" : `${k > 0 ? "+" : "−"}${Math.abs(k)}` })).filter(({ x }) => x > 0 && x <= end);
-}
-
-function nearestPeak({ frequency_hz: x, amplitude, resolution_hz: step }, value) {
-  let best = -1;
-  for (let n = 0; n < x.length; n++) if (Math.abs(x[n] - value) <= SNAP * step && (best < 0 || amplitude[n] > amplitude[best])) best = n;
-  return best < 0 ? value : x[best];
-}
 
 /** The lines of a cursor over one plot; `onSet` gets the cursor that the user has let go of. */
 export class CursorLayer {
@@ -42,6 +17,7 @@ export class CursorLayer {
   #spectrum;
   #lines = h("div", { class: "cursor-lines", "aria-hidden": "true" });
   #handles = { base: null, spacing: null };
+  #ground;
   #layer;
   readout = h("p", { class: "cursor-readout", "aria-live": "polite", hidden: true });
 
@@ -50,7 +26,10 @@ export class CursorLayer {
     this.#onSet = onSet;
     this.#handles.base = this.#handle("base");
     this.#handles.spacing = this.#handle("spacing");
-    this.#layer = h("div", { class: "cursor-layer", hidden: true }, this.#lines, this.#handles.base, this.#handles.spacing);
+    // the lines lie under the plot: they would cover the peaks that they measure
+    this.#ground = h("div", { class: "cursor-layer", hidden: true }, this.#lines);
+    this.#layer = h("div", { class: "cursor-layer", hidden: true }, this.#handles.base, this.#handles.spacing);
+    frame.prepend(this.#ground);
     frame.append(this.#layer); // beside the plot, which is one picture to a screen reader
   }
 
@@ -65,7 +44,7 @@ export class CursorLayer {
   show(cursor, spectrum) {
     this.#cursor = cursor;
     this.#spectrum = spectrum;
-    this.#layer.hidden = !cursor;
+    for (const layer of [this.#ground, this.#layer]) layer.hidden = !cursor;
     this.readout.hidden = !cursor;
     if (!cursor) return;
     if (!this.#plot.dataset.cursor && this.#plot.on) {
@@ -84,8 +63,8 @@ export class CursorLayer {
     const frame = this.#cursor && this.#axis();
     if (!frame) return;
     const { axis, left, top, height, width } = frame;
-    Object.assign(this.#layer.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
-    const shown = positions(this.#cursor, this.#spectrum.frequency_hz.at(-1));
+    for (const layer of [this.#ground, this.#layer]) Object.assign(layer.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
+    const shown = cursorLines(this.#cursor, this.#spectrum.frequency_hz.at(-1));
     const inside = (x) => x >= 0 && x <= width;
     const labelled = shown.length <= 12 || Math.abs(axis.l2p(shown[1].x) - axis.l2p(shown[0].x)) > 26;
     setChildren(this.#lines, shown.map(({ x, label }, index) => {
@@ -117,8 +96,10 @@ export class CursorLayer {
     const spectrum = this.#spectrum;
     const { say } = axisOf(spectrum);
     const amplitudes = shown.map(({ x, label }) => ({ label, amplitude: amplitudeAt(spectrum, x) }));
-    const value = (amplitude) => `${number(amplitude, 3)} ${unit(spectrum.unit)}`.trim();
+    // dragged beyond the lines that were fetched for it: the rest comes when it is let go of
+    const value = (amplitude) => (amplitudes.some((line) => line.amplitude === undefined) ? "…" : `${number(amplitude, 3)} ${unit(spectrum.unit)}`.trim());
     if (kind === "h") {
+      if (shown.length === 0) return `Harmonics: ${say(base)} lies beyond the spectrum`;
       const strongest = amplitudes.reduce((a, b) => (b.amplitude > a.amplitude ? b : a));
       const shaft = spectrum.shaft_speed_hz ? ` = ${number(base / spectrum.shaft_speed_hz, 4)} × shaft` : "";
       return `Harmonics: spacing ${say(base)}${shaft}; ${shown.length} lines to ${say(shown.at(-1).x)}; strongest ${strongest.label} with ${value(strongest.amplitude)}`;
@@ -149,7 +130,8 @@ export class CursorLayer {
     const end = () => {
       handle.removeEventListener("pointermove", move);
       const { base, spacing } = this.#cursor;
-      this.#move(what, nearestPeak(this.#spectrum, what === "base" ? base : base + spacing));
+      const place = what === "base" ? base : base + spacing;
+      this.#move(what, peakNear(this.#spectrum, place, SNAP) ?? place);
       this.#onSet(this.#cursor);
     };
     handle.addEventListener("pointermove", move);

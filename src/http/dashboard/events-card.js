@@ -10,12 +10,13 @@ import { symbol } from "./symbols.js";
 
 const KEYS = { danger: "danger", warning: "warning" };
 
-function alarmItem(alarm) {
-  const { id, quantity, severity, history, asset_id: asset } = alarm;
+/** One alarm; of `elsewhere` where it is another channel's. */
+function alarmItem(alarm, elsewhere = false) {
+  const { id, quantity, severity, history, asset_id: asset, channel } = alarm;
   const latest = history.findLast(({ action, withdrawn_at: withdrawn }) => !action && !withdrawn);
   const words = latest ? `${changeWords(latest, alarm)}, ${utc(latest.time)}` : "";
   const link = h("a", { href: format({ page: "alarms", query: { asset, show: "all", alarm: id } }) }, quantityWords(quantity));
-  return h("li", {}, symbol(KEYS[severity] ?? "normal", 20), h("span", {}, link, `: ${stateWords(alarm, true)}`), h("span", { class: "muted" }, words));
+  return h("li", {}, symbol(KEYS[severity] ?? "normal", 20), h("span", {}, elsewhere ? `Channel ${channel}: ` : null, link, `: ${stateWords(alarm, true)}`), h("span", { class: "muted" }, words));
 }
 
 const wrench = () => svg("svg", { class: "wrench", viewBox: "0 0 24 24", width: 20, height: 20, "aria-hidden": "true" }, svg("path", { d: "M21 6.500a5.500 5.500 0 0 1-7.300 5.200L6.400 19a2.400 2.400 0 0 1-3.400-3.400l7.300-7.300A5.500 5.500 0 0 1 17.500 3l-3.200 3.200 3.500 3.500z" }));
@@ -39,13 +40,13 @@ export class EventsCard {
   show(events) {
     if (sameEvents(events, this.#shown)) return;
     this.#shown = events;
-    const { maintenance, alarms, refused } = events;
+    const { maintenance, alarms, others, refused } = events;
     const told = maintenance instanceof Error ? [] : maintenance.items;
     const trouble = refused ?? (maintenance instanceof Error ? maintenance : null);
-    this.#words.textContent = trouble ? trouble.message : alarms.length + told.length ? "" : "No alarm of this channel has been raised, and no maintenance was entered.";
+    this.#words.textContent = trouble ? trouble.message : alarms.length + others.length + told.length ? "" : "No alarm of this channel has been raised, and no maintenance was entered.";
     this.#words.hidden = !this.#words.textContent;
-    this.#list.hidden = alarms.length + told.length === 0;
-    setChildren(this.#list, alarms.map(alarmItem), told.map((event) => this.#told(event)));
+    this.#list.hidden = alarms.length + others.length + told.length === 0;
+    setChildren(this.#list, alarms.map((alarm) => alarmItem(alarm)), others.map((alarm) => alarmItem(alarm, true)), told.map((event) => this.#told(event)));
   }
 
   #told(event) {

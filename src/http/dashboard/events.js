@@ -1,6 +1,6 @@
 // What the server tells of itself: a stream of server-sent events, read with fetch, because EventSource cannot show a token.
 
-import { address, authorization } from "./api.js";
+import { address } from "./api.js";
 
 const AGAIN_MS = 10_000;
 const SILENT_MS = 45_000; // the server says something every 15 s; after three times nothing the connection is dead
@@ -32,7 +32,7 @@ export class Events {
 
   async #read() {
     const abort = new AbortController();
-    const headers = { accept: "text/event-stream", ...authorization(), ...(this.#last && { "last-event-id": this.#last }) };
+    const headers = { accept: "text/event-stream", ...(this.#last && { "last-event-id": this.#last }) };
     const response = await fetch(address(["events"]), { headers, signal: abort.signal, cache: "no-store" });
     if (!response.ok) throw new Error(`the server answered ${response.status}`);
     this.#set(true);

@@ -1,5 +1,6 @@
 // Features of a record as changes since the baseline, beside what the library expects of the estimated wear.
 
+import { AGREEMENT_RULE, agrees, counts, whisker } from "./agreement.js";
 import { depth, featureName, number } from "./format.js";
 import { palette } from "./plots.js";
 
@@ -12,16 +13,17 @@ export function featureDrawing({ features, wear_um: wear, interval_um: [low, hig
   const rows = [...features].sort((a, b) => place(a) - place(b));
   const y = rows.map((row) => featureName(row.name));
   const expected = rows.filter((row) => row.expected_db != null);
-  const words = (row) => `${featureName(row.name)}: measured ${number(row.measured_db, 3)} dB ± ${number(2 * row.scatter_db, 2)}, expected ${row.expected_db == null ? "–" : `${number(row.expected_db, 3)} dB`}${row.above_noise ? "" : ", in the noise when healthy: left out"}`;
-  const point = (filter, symbol, name) => {
+  const words = (row) => `${featureName(row.name)}: measured ${number(row.measured_db, 3)} dB ± ${number(whisker(row), 2)}, expected ${row.expected_db == null ? "–" : `${number(row.expected_db, 3)} dB`}${row.above_noise ? (counts(row) ? (agrees(row) ? ": agrees" : ": does not agree") : "") : ", in the noise when healthy: left out"}`;
+  const odd = (row) => counts(row) && !agrees(row);
+  const point = (filter, symbol, name, ink) => {
     const some = rows.filter(filter);
     return {
       name,
       x: some.map((row) => row.measured_db),
       y: some.map((row) => featureName(row.name)),
       mode: "markers",
-      marker: { symbol, size: 9, color: colour.ink, line: { width: 1.5, color: colour.ink } },
-      error_x: { type: "data", array: some.map((row) => 2 * row.scatter_db), color: colour.muted, thickness: 1, width: 3 },
+      marker: { symbol, size: 9, color: ink, line: { width: 1.5, color: ink } },
+      error_x: { type: "data", array: some.map(whisker), color: colour.muted, thickness: 1, width: 3 },
       customdata: some.map(words),
       hovertemplate: "%{customdata}<extra></extra>",
     };
@@ -39,16 +41,19 @@ export function featureDrawing({ features, wear_um: wear, interval_um: [low, hig
         hoverinfo: "skip",
       },
       { x: expected.map((row) => row.expected_db), y: expected.map((row) => featureName(row.name)), mode: "markers", marker: { symbol: "line-ns-open", size: 15, color: colour.accent, line: { width: 3, color: colour.accent } }, hoverinfo: "skip" },
-      point((row) => row.above_noise, "diamond", "measured"),
-      point((row) => !row.above_noise, "diamond-open", "in the noise"),
+      point((row) => row.above_noise && !odd(row), "diamond", "measured", colour.ink),
+      point(odd, "x", "does not agree", colour.danger),
+      point((row) => !row.above_noise, "diamond-open", "in the noise", colour.ink),
     ],
     legend: [
       ["band", colour.band, `library, ${depth(low)} to ${depth(high)} µm`],
       ["line", colour.accent, `library at ${depth(wear)} µm`],
-      ["diamond", colour.ink, "measured ± 2 standard deviations; hollow: in the noise when healthy, left out"],
+      ["filled", colour.ink, "measured, with its whisker"],
+      ...(rows.some(odd) ? [["cross", colour.danger, "measured, does not agree"]] : []),
+      ...(rows.some((row) => !row.above_noise) ? [["diamond", colour.ink, "in the noise when healthy: left out"]] : []),
     ],
     table: () => [["feature", rows.map((row) => row.name)], ["measured_db", rows.map((row) => row.measured_db)], ["scatter_db", rows.map((row) => row.scatter_db)], ["expected_db", rows.map((row) => row.expected_db)], ["above_noise", rows.map((row) => row.above_noise)]],
-    sub: `Amplitudes against the mean of the first ${records} records. Diamonds inside their bars agree with the model.`,
+    sub: `Amplitudes against the mean of the first ${records} records. ${AGREEMENT_RULE}.`,
     summary: rows.map(words).join("; "),
     layout: {
       uirevision: revision,

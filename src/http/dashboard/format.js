@@ -14,6 +14,13 @@ export function number(value, digits = 4) {
   return Number(value.toPrecision(digits)).toString();
 }
 
+/** A change in decibels with its sign, without the unit. */
+export function decibels(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+  const text = Math.abs(value).toFixed(1);
+  return text === "0.0" ? "0.0" : `${value > 0 ? "+" : "−"}${text}`;
+}
+
 /** A wear depth in µm, without the unit; no decimals from 10 µm, where they would feign precision. */
 export function depth(value) {
   if (value === null || value === undefined) return NONE;

@@ -18,19 +18,28 @@ export const MAINTENANCE = {
 /** The word for a kind of maintenance. */
 export const maintenanceWord = (kind) => MAINTENANCE[kind]?.word ?? kind.replaceAll("_", " ");
 
-/** Maintenance and alarms with their histories, as answers of the server or errors. */
+const RAISED = "unacknowledged,acknowledged";
+
+/** Maintenance, the alarms of a channel with their histories, and those that are raised on `others`, as answers of the server or errors. */
 export async function fetchEvents(id, channel, signal) {
-  const [maintenance, list] = await Promise.all([api.answer(api.maintenance(id, signal)), api.answer(api.alarms({ asset: id, channel, limit: MOST_ALARMS }, signal))]);
+  const [maintenance, list, raised] = await Promise.all([
+    api.answer(api.maintenance(id, signal)),
+    api.answer(api.alarms({ asset: id, channel, limit: MOST_ALARMS }, signal)),
+    api.answer(api.alarms({ asset: id, state: RAISED, limit: MOST_ALARMS }, signal)),
+  ]);
+  const others = raised instanceof Error ? [] : raised.items.filter((alarm) => alarm.channel !== channel);
   const listed = list instanceof Error ? [] : list.items;
-  const alarms = await Promise.all(listed.map((alarm) => api.answer(api.alarm(alarm.id, signal))));
-  const told = alarms.filter((alarm) => !(alarm instanceof Error));
+  const answers = await Promise.all([...listed, ...others].map((alarm) => api.answer(api.alarm(alarm.id, signal))));
+  const told = answers.filter((alarm) => !(alarm instanceof Error));
   await learnUnits(told, signal);
-  return { maintenance, refused: list instanceof Error ? list : null, alarms: told };
+  const mine = (alarm) => alarm.channel === channel;
+  return { maintenance, refused: list instanceof Error ? list : null, alarms: told.filter(mine), others: told.filter((alarm) => !mine(alarm)) };
 }
 
 /** Whether two answers of `fetchEvents` are the same objects. */
 export function sameEvents(a, b) {
-  return Boolean(a && b) && a.maintenance === b.maintenance && a.alarms.length === b.alarms.length && a.alarms.every((alarm, n) => alarm === b.alarms[n]);
+  const same = (one, other) => one.length === other.length && one.every((alarm, n) => alarm === other[n]);
+  return Boolean(a && b) && a.maintenance === b.maintenance && same(a.alarms, b.alarms) && same(a.others, b.others);
 }
 
 /** Times at which readings raised or ended an alarm. */
@@ -48,7 +57,7 @@ export function wordsAt({ alarms }) {
   return words;
 }
 
-const SYMBOLS = { danger: ["octagon", "danger"], warning: ["square", "accent"] };
+const SYMBOLS = { danger: ["octagon", "danger"], warning: ["square", "warning"] };
 const STRIP_PX = 8; // from the plot's upper edge to the middle of a mark
 
 /** A mark of a few pixels above the plot at a time. */

@@ -1,5 +1,6 @@
 // What a match says, in words: how sure it is, what it rests on, and what this record cannot tell.
 
+import { agreement } from "./agreement.js";
 import { h } from "./dom.js";
 import { depth, featureName, number, utc } from "./format.js";
 import { format } from "./route.js";
@@ -12,26 +13,15 @@ function fact(term, ...words) {
 
 const small = (text) => h("span", { class: "muted" }, text);
 
-/** How far from the model the record lies, in standard deviations of its features, the largest first. */
-function disagreement({ features }) {
-  const used = features.filter((row) => row.above_noise && row.expected_db != null);
-  const distance = (row) => {
-    const [low, high] = row.expected_interval_db;
-    const outside = Math.max(low - row.measured_db, row.measured_db - high, 0);
-    return outside / Math.max(row.scatter_db, 0.5);
-  };
-  return { used, odd: used.map((row) => ({ row, distance: distance(row) })).filter(({ distance: size }) => size > 3).sort((a, b) => b.distance - a.distance) };
-}
-
 function wearFacts(wear) {
   const [depths, error] = [depthWords(wear), transmissionWords(wear)];
   return [fact("Wear depth", depths.number, small(depths.interval)), error && fact("Transmission error due to wear", error.number, small(error.interval))];
 }
 
-function agreementFact(match) {
-  const { used, odd } = disagreement(match);
-  const names = odd.slice(0, 3).map(({ row }) => featureName(row.name)).join(", ");
-  return fact("Agreement with the model", `${used.length - odd.length} of ${used.length} features`, small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all within their bars"));
+function agreementFact({ features }) {
+  const { used, odd } = agreement(features);
+  const names = odd.slice(0, 3).map(({ name }) => featureName(name)).join(", ");
+  return fact("Agreement with the model", `${used.length - odd.length} of ${used.length} features`, small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all reach their bars"));
 }
 
 const SENSOR_FAULTS = {

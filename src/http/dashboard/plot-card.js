@@ -2,7 +2,8 @@
 
 import { h, setChildren, setText } from "./dom.js";
 import { saveCsv } from "./csv.js";
-import { discard, draw, legend, savePicture } from "./plots.js";
+import { savePicture } from "./picture.js";
+import { discard, draw, keepFitted, legend } from "./plots.js";
 
 /** A figure that holds one plot. */
 export class PlotCard {
@@ -17,7 +18,7 @@ export class PlotCard {
   #table;
   #filename = "flankwatch";
   #csv = h("button", { type: "button", class: "quiet save", title: "Save the drawn numbers", onclick: () => saveCsv(this.#table(), this.#filename) }, "CSV");
-  #png = h("button", { type: "button", class: "quiet save", title: "Save the picture", onclick: () => savePicture(this.plot, this.#filename) }, "PNG");
+  #png = h("button", { type: "button", class: "quiet save", title: "Save the picture", onclick: () => this.#savePicture() }, "PNG");
   #save = h("span", { class: "plot-save", hidden: true }, this.#csv, this.#png);
   element;
 
@@ -25,8 +26,13 @@ export class PlotCard {
     setText(this.#title, title);
     for (const button of [this.#csv, this.#png]) button.setAttribute("aria-label", `${title}: save as ${button.textContent}`);
     this.plot.hidden = true;
+    keepFitted(this.plot);
     const caption = h("figcaption", {}, h("div", { class: "plot-head" }, this.#title, this.#save, this.tools), this.#sub);
     this.element = h("figure", { class: `card plot-card plot-${kind}`, "data-plot": kind }, caption, this.#legend, this.frame, this.#notice);
+  }
+
+  #savePicture() {
+    return savePicture(this.plot, { title: this.#title.textContent, sub: this.#sub.textContent, legend: this.#legend }, this.#filename);
   }
 
   /** Draws `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`; `filename` is that of a saved picture or table. */
@@ -43,7 +49,7 @@ export class PlotCard {
     this.element.toggleAttribute("data-compared", Boolean(drawing.isCompared));
     this.plot.setAttribute("role", "img");
     this.plot.setAttribute("aria-label", drawing.summary);
-    await draw(this.plot, drawing.traces, drawing.layout, filename);
+    await draw(this.plot, drawing.traces, drawing.layout);
   }
 
   /** Says why there is nothing to draw. */

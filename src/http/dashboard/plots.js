@@ -80,16 +80,16 @@ function themed(layout, colour) {
   };
 }
 
-const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d"];
+// a picture has its title and legend beside it: the card saves it
+const BUTTONS_LEFT_OUT = ["lasso2d", "select2d", "autoScale2d", "toImage"];
 
 /** Draws or redraws a plot. What the user zoomed to is kept as long as `layout.uirevision` stays the same. */
-export async function draw(element, traces, layout, filename) {
+export async function draw(element, traces, layout) {
   const Plotly = await load();
   if (!element.isConnected) return;
-  const toImageButtonOptions = { format: "png", scale: 2, filename };
   // on a touch screen the buttons would stand over the plot all the time, and there is nothing to drag
   const displayModeBar = matchMedia("(pointer: coarse)").matches ? false : "hover";
-  const config = { responsive: true, displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT, toImageButtonOptions };
+  const config = { displaylogo: false, displayModeBar, modeBarButtonsToRemove: BUTTONS_LEFT_OUT };
   await Plotly.react(element, traces, themed(layout, palette()), config);
 }
 
@@ -121,9 +121,18 @@ export function linkTimeAxes(...elements) {
   }
 }
 
-/** Saves a plot as a picture. */
-export function savePicture(element, filename) {
-  return globalThis.Plotly.downloadImage(element, { format: "png", scale: 2, width: element.clientWidth, height: element.clientHeight, filename });
+/** Fits a plot into its element whenever that changes its size, for whatever reason. */
+export function keepFitted(element) {
+  const observer = new ResizeObserver(() => {
+    const { _fullLayout: layout, clientWidth: width, clientHeight: height } = element;
+    if (layout && width && height && (layout.width !== width || layout.height !== height)) globalThis.Plotly.Plots.resize(element);
+  });
+  observer.observe(element);
+}
+
+/** A plot as the address of a picture of it, with `scale` points of it in one of the page. */
+export function pictureOf(element, scale) {
+  return globalThis.Plotly.toImage(element, { format: "png", scale, width: element.clientWidth, height: element.clientHeight });
 }
 
 /** Calls back with `[from, to]` when the user changes the horizontal range, with null when it is the whole again. */
@@ -156,6 +165,8 @@ const SWATCHES = {
   square: (colour) => svg("rect", { x: 7, y: 2, width: 10, height: 10, fill: colour }),
   circle: (colour) => svg("circle", { cx: 12, cy: 7, r: 4.5, fill: "none", stroke: colour, "stroke-width": 2 }),
   filled: (colour) => svg("path", { d: "M12 1l6 6-6 6-6-6z", fill: colour }),
+  cross: (colour) => svg("path", { d: "M7.500 2.500l9 9M16.500 2.500l-9 9", stroke: colour, "stroke-width": 2.5 }),
+  ticks: (colour) => svg("path", { d: "M4 3v8M9 3v8M14 3v8M19 3v8", stroke: colour, "stroke-width": 1.5 }),
   diamond: (colour) => svg("path", { d: "M12 2l5 5-5 5-5-5z", fill: "none", stroke: colour, "stroke-width": 2 }),
 };
 

@@ -2,12 +2,14 @@
 
 import * as api from "./api.js";
 import { cepstrumDrawing } from "./cepstrum-plot.js";
+import { readByCursor, withFineLines } from "./fine-lines.js";
 import { posteriorDrawing } from "./posterior-plot.js";
-import { envelopeDrawing, ofOrders, spectrumDrawing } from "./spectrum-plot.js";
+import { envelopeDrawing, envelopeParts, ofOrders, spectrumDrawing, zoomRange } from "./spectrum-plot.js";
 import { turnDrawing } from "./turn-plot.js";
 import { waveformDrawing } from "./waveform-plot.js";
 
 const DEFAULT = "spectrum,envelope,posterior";
+const POINTS = 4000; // of a whole spectrum
 
 /** `[from, to]` of an address's `part` in seconds or `band` in hertz or orders, or null. */
 export function partOf(text) {
@@ -25,8 +27,17 @@ function waveform(id, query, signal) {
   return api.waveform(id, from, to, signal);
 }
 
-function spectrum(id, query, signal) {
-  return query.axis === "orders" ? api.orders(id, signal).then(ofOrders) : api.spectrum(id, signal);
+async function spectrum(id, query, signal) {
+  const ask = async (...range) => (query.axis === "orders" ? ofOrders(await api.orders(id, ...range, signal)) : api.spectrum(id, ...range, signal));
+  const whole = await ask(null, null, POINTS);
+  return withFineLines(whole, partOf(query.band) ?? zoomRange(whole, query.zoom), readByCursor(query.cursor, whole), ask);
+}
+
+async function envelope(id, query, signal) {
+  const ask = (...range) => api.envelope(id, ...range, signal);
+  const whole = await ask(null, null, POINTS);
+  const { part, read } = envelopeParts(whole, query.near === "1");
+  return withFineLines(whole, part, read, ask);
 }
 
 function posterior({ segment, asset, revision }) {
@@ -54,7 +65,7 @@ export const PANES = [
   {
     key: "envelope",
     label: "Envelope spectrum",
-    fetch: (id, query, signal) => api.envelope(id, signal),
+    fetch: envelope,
     draw: (data, other, { asset, view, revision }) => (data.frequency_hz.length ? envelopeDrawing(data, other, asset.gear.teeth, view, revision) : "The record is too short for a spectrum."),
   },
   { key: "turn", label: "Average over one turn", fetch: (id, query, signal) => api.turn(id, signal), draw: (data, other, { revision }) => turnDrawing(data, other, revision) },

@@ -1,9 +1,11 @@
 // One record: when it was taken, its indicators, and the ways to look at it. Follows the selection of the page.
 
 import { compared } from "./comparison.js";
-import { CursorLayer, formatCursor, parseCursor } from "./cursor.js";
+import { CursorLayer } from "./cursor.js";
+import { formatCursor, parseCursor } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
 import { utc } from "./format.js";
+import { LineTable } from "./line-table.js";
 import { PlotCard } from "./plot-card.js";
 import { onRangeChange } from "./plots.js";
 import { pinnedWords, recordFacts, recordWords } from "./record-facts.js";
@@ -28,6 +30,7 @@ export class RecordView {
   #tools = new SpectrumTools();
   #near = h("select", { id: "envelope-range", "aria-label": "Part of the envelope spectrum", onchange: () => change({ near: this.#near.value }, { quiet: true }) }, [["", "Whole band"], ["1", "Lines of the shafts"]].map(([value, text]) => h("option", { value }, text)));
   #cursor;
+  #lines = new LineTable();
   #onRange;
   elements;
 
@@ -40,6 +43,7 @@ export class RecordView {
     spectrum.tools.append(...this.#tools.elements);
     this.#cursor = new CursorLayer(spectrum, (cursor) => change({ cursor: formatCursor(cursor) }, { quiet: true }));
     spectrum.frame.before(this.#cursor.readout);
+    spectrum.element.append(this.#lines.element);
     this.#cards.get("envelope").tools.append(this.#near);
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Ways to look at the record" });
     for (const { key, label } of PANES) {
@@ -99,7 +103,9 @@ export class RecordView {
     const context = { segment, pinned, asset, query, view, revision: `${asset.id} ${segment.channel ?? ""}` };
     await Promise.all(PANES.filter(({ key }) => keys.includes(key)).map((pane) => this.#draw(pane, panes[pane.key], others?.[pane.key], context)));
     const spectrum = panes.spectrum;
-    this.#cursor.show(spectrum && !(spectrum instanceof Error) ? parseCursor(query.cursor) : null, spectrum);
+    const cursor = spectrum && !(spectrum instanceof Error) ? parseCursor(query.cursor) : null;
+    this.#cursor.show(cursor, spectrum);
+    this.#lines.show(segment instanceof Error ? null : spectrum, cursor, view);
     for (const [key, parameter] of [["waveform", "part"], ["spectrum", "band"]]) {
       onRangeChange(this.#cards.get(key).plot, (range) => this.#onRange({ [parameter]: formatPart(range) }));
     }

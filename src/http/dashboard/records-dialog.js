@@ -29,7 +29,7 @@ export class RecordsDialog {
     this.#replay.refresh();
   }
 
-  /** Opens with files that were dropped on the page, and sends them. */
+  /** Opens with files that were dropped on the page, and lists them. */
   take(files) {
     this.open();
     return this.#upload.take(files);

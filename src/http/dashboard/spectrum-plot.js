@@ -1,5 +1,6 @@
 // Amplitude spectrum with its mesh lines, and envelope spectrum with the shafts' lines.
 
+import { amplitudeAt } from "./fine-lines.js";
 import { hertz, number, titled, unit } from "./format.js";
 import { palette, verticalLine } from "./plots.js";
 
@@ -10,12 +11,9 @@ const HERTZ = { title: "Frequency (Hz)", name: "frequency_hz", say: hertz, wide:
 const ORDERS = { title: "Order of the driving shaft (–)", name: "order", say: (value) => `order ${number(value, 5)}`, wide: (value) => `${number(value, 3)} orders`, suffix: ". order" };
 
 /** An order spectrum in the shape of one over frequency: the unit of its axis is one turn of the driving shaft. */
-export function ofOrders(answer) {
-  if (answer instanceof Error) return answer;
-  const { order, amplitude, teeth: [teeth], bandwidth_orders: bandwidth, resolution_orders: resolution, ...rest } = answer;
-  const spectrum = { ...rest, axis: ORDERS, frequency_hz: order, amplitude, bandwidth_hz: bandwidth, resolution_hz: resolution, shaft_speed_hz: 1, mesh_frequency_hz: teeth };
-  const counts = Array.from({ length: 10 }, (_, index) => index + 1).filter((count) => count * teeth <= order.at(-1));
-  return { ...spectrum, mesh_harmonics: counts.map((count) => ({ order: count, frequency_hz: count * teeth, amplitude: amplitudeAt(spectrum, count * teeth) })) };
+export function ofOrders({ order, amplitude, mesh_amplitudes: mesh, teeth: [teeth], bandwidth_orders: bandwidth, resolution_orders: resolution, ...rest }) {
+  const harmonics = mesh.map((height, index) => ({ order: index + 1, frequency_hz: (index + 1) * teeth, amplitude: height }));
+  return { ...rest, axis: ORDERS, frequency_hz: order, amplitude, bandwidth_hz: bandwidth, resolution_hz: resolution, shaft_speed_hz: 1, mesh_frequency_hz: teeth, mesh_harmonics: harmonics };
 }
 
 /** What the horizontal axis of a spectrum counts. */
@@ -24,10 +22,10 @@ export function axisOf(spectrum) {
 }
 
 /** Window, bandwidth and reduction: what makes two spectra comparable. */
-function convention({ axis: { wide } = HERTZ, window, bandwidth_hz: bandwidth, resolution_hz: resolution, reduced }) {
+function convention({ axis: { wide } = HERTZ, window, bandwidth_hz: bandwidth, resolution_hz: resolution, reduced, part }) {
   const name = WINDOWS[window] ?? window;
   const lines = `${name} window, ${wide(bandwidth)} noise bandwidth, lines every ${wide(resolution)}`;
-  return reduced ? `${lines}; drawn with fewer points, every peak kept` : lines;
+  return (part ?? { reduced }).reduced ? `${lines}; drawn with fewer points, every peak kept` : `${lines}, every one drawn`;
 }
 
 /** The amplitude axis with room for the labels on the peaks; on a log scale from below the median, so that noise stays in sight. */
@@ -58,11 +56,13 @@ function othersOf(other, colour) {
   return other && !(other instanceof Error) ? [line(other, colour.other, "pinned record, ")] : null;
 }
 
+/** What is drawn as columns; of a part that is looked at only its own lines, as the others are reduced. */
 function table(spectrum, other) {
-  const { unit: unitName } = spectrum;
-  const columns = [[axisOf(spectrum).name, spectrum.frequency_hz], [`amplitude_peak (${unitName})`, spectrum.amplitude]];
-  if (other && !(other instanceof Error)) columns.push([`pinned ${axisOf(other).name}`, other.frequency_hz], [`pinned amplitude_peak (${other.unit})`, other.amplitude]);
-  return columns;
+  const columns = (each, which) => {
+    const { frequency_hz: x, amplitude } = each.part ?? each;
+    return [[`${which}${axisOf(each).name}`, x], [`${which}amplitude_peak (${each.unit})`, amplitude]];
+  };
+  return [...columns(spectrum, ""), ...(other && !(other instanceof Error) ? columns(other, "pinned ") : [])];
 }
 
 /** Marks at frequencies: a marker on the peak that says more when pointed at. */
@@ -84,13 +84,6 @@ function label({ frequency_hz: x, amplitude, label: text }, colour, logarithmic)
   return { x, y, text, showarrow: false, yshift: 14, borderpad: 0, bgcolor: colour.surface, font: { color: colour.reference } };
 }
 
-/** The amplitude at a frequency: the largest of the nearest points, as a line may fall between two. */
-export function amplitudeAt({ frequency_hz: x, amplitude }, frequency) {
-  const step = x.length > 1 ? (x.at(-1) - x[0]) / (x.length - 1) : 0;
-  const nearest = Math.round((frequency - x[0]) / (step || 1));
-  return Math.max(0, ...[-1, 0, 1].map((offset) => amplitude[nearest + offset] ?? 0));
-}
-
 /** Where the user may jump to: the whole spectrum or the surroundings of a mesh line. */
 export function zoomRange(spectrum, choice) {
   const order = Number(choice);
@@ -99,15 +92,19 @@ export function zoomRange(spectrum, choice) {
   return [order * spectrum.mesh_frequency_hz - reach, order * spectrum.mesh_frequency_hz + reach];
 }
 
+/** The sidebands that are marked around a mesh line. */
+export function sidebandsOf(centre, shaft) {
+  return [-3, -2, -1, 1, 2, 3].map((k) => ({ x: centre + k * shaft, label: k > 0 ? `+${k}` : `−${-k}` }));
+}
+
 /** The sidebands of the mesh lines; numbered only around the line that the plot is zoomed to. */
 function sidebandLines(harmonics, shaft, colour, zoom) {
   const shapes = [];
   const annotations = [];
   for (const { order, frequency_hz: centre } of harmonics) {
-    for (const k of [-3, -2, -1, 1, 2, 3]) {
-      const x = centre + k * shaft;
+    for (const { x, label: text } of sidebandsOf(centre, shaft)) {
       shapes.push(verticalLine(x, colour.edge, "dash", 1));
-      if (order === Number(zoom)) annotations.push({ x, yref: "paper", y: 1, yanchor: "top", text: k > 0 ? `+${k}` : `−${-k}`, showarrow: false, bgcolor: colour.surface, font: { color: colour.muted } });
+      if (order === Number(zoom)) annotations.push({ x, yref: "paper", y: 1, yanchor: "top", text, showarrow: false, bgcolor: colour.surface, font: { color: colour.muted } });
     }
   }
   return { shapes, annotations };
@@ -158,6 +155,14 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
   };
 }
 
+const NEAR_SHAFTS = 6; // shaft rates that are shown near
+const ENVELOPE_MESH_LINES = 3;
+
+/** `[from, to]` of what is looked at of an envelope spectrum, null for all of it; and of the lines that are marked in it. */
+export function envelopeParts({ shaft_speed_hz: shaft, mesh_frequency_hz: mesh, resolution_hz: step }, near) {
+  return { part: near && shaft ? [0, NEAR_SHAFTS * shaft] : null, read: mesh ? [0, ENVELOPE_MESH_LINES * mesh + 2 * step] : null };
+}
+
 const BAND_SOURCES = {
   query: "as asked for",
   asset: "set for the asset",
@@ -171,19 +176,19 @@ export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, r
   const colour = palette();
   const { shaft_speed_hz: shaft, band_hz: [low, high], band_source: source } = envelope;
   const whole = Math.min(envelope.frequency_hz.at(-1), high - low);
-  const end = near && shaft ? Math.min(whole, 6 * shaft) : whole;
+  const end = near && shaft ? Math.min(whole, NEAR_SHAFTS * shaft) : whole;
   const lines = [];
   if (shaft) {
     const driven = (shaft * teeth[0]) / teeth[1];
     if (Math.abs(driven / shaft - 1) > 0.02) lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft" });
     for (let k = 1; k <= 5; k++) lines.push({ frequency_hz: k * shaft, label: k === 1 ? "shaft 1×" : `${k}×`, name: `driving shaft ${k}×` });
-    for (let k = 1; k <= 3; k++) lines.push({ frequency_hz: k * shaft * teeth[0], label: `mesh ${k}×`, name: `mesh ${k}×`, isMesh: true });
+    for (let k = 1; k <= ENVELOPE_MESH_LINES; k++) lines.push({ frequency_hz: k * shaft * teeth[0], label: `mesh ${k}×`, name: `mesh ${k}×`, isMesh: true });
   }
   const apart = shaft > 0.03 * end;
   const points = lines
     .filter((point) => point.frequency_hz <= end)
     .map((point) => {
-      const amplitude = amplitudeAt(envelope, point.frequency_hz);
+      const amplitude = amplitudeAt(envelope, point.frequency_hz) ?? 0;
       return { ...point, amplitude, words: `${point.name}: ${hertz(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}` };
     });
   return {

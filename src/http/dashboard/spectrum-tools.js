@@ -1,7 +1,10 @@
 // What can be chosen for a spectrum: its axis, the part that is shown, cursors, sidebands, and a logarithmic scale.
 
+import { formatCursor } from "./cursor-lines.js";
 import { h, setChildren } from "./dom.js";
-import { change } from "./route.js";
+import { partOf } from "./record-panes.js";
+import { change, parse } from "./route.js";
+import { zoomRange } from "./spectrum-plot.js";
 
 function check(id, label, onchange) {
   const input = h("input", { type: "checkbox", id, onchange: () => onchange(input.checked) });
@@ -16,7 +19,6 @@ function choice(id, label, options, onchange) {
 /** The tools of the spectrum's card; everything chosen is in the address. */
 export class SpectrumTools {
   #spectrum;
-  #query = {};
   #axis = choice("spectrum-axis", "Axis of the spectrum", [["", "Hz"], ["orders", "Orders"]], (axis) => change({ axis, cursor: null, band: null }, { quiet: true }));
   #cursor = choice("spectrum-cursor", "Cursor", [["", "No cursor"], ["h", "Harmonics"], ["s", "Sidebands"]], (kind) => this.#place(kind));
   #zoom = choice("spectrum-zoom", "Part of the spectrum", [["", "Whole spectrum"]], (zoom) => change({ zoom, band: null }, { quiet: true }));
@@ -26,23 +28,31 @@ export class SpectrumTools {
 
   /** Sidebands are too close to be told apart in the whole spectrum, so they bring the first mesh line near. */
   #showSidebands(on) {
-    const nearer = on && !this.#zoom.value && !this.#query.band;
+    const nearer = on && !this.#zoom.value && !parse(location.hash).query.band;
     change({ side: on ? "1" : null, zoom: nearer ? "1" : this.#zoom.value }, { quiet: true });
   }
 
-  /** A cursor begins where it most often leads: on the mesh line, with sidebands one shaft speed apart. */
+  /** A cursor begins where it most often leads, and in sight: on the mesh line, with sidebands one shaft speed apart. */
   #place(kind) {
     const { mesh_frequency_hz: mesh, shaft_speed_hz: shaft, frequency_hz: x } = this.#spectrum;
-    const base = mesh ?? x.at(-1) / 10;
-    const near = kind === "s" && !this.#query.band ? { zoom: this.#query.zoom || (mesh ? "1" : null) } : {};
-    change({ cursor: kind && [kind, base, ...(kind === "s" ? [shaft ?? base / 20] : [])].map((part) => (typeof part === "number" ? part.toPrecision(7) : part)).join("~"), ...near }, { quiet: true });
+    const end = x.at(-1);
+    // the address, not what is drawn: another choice may have come before the answer to the first
+    const { query } = parse(location.hash);
+    const band = partOf(query.band);
+    if (kind !== "s") return change({ cursor: kind && formatCursor({ kind, base: mesh ?? end / 10 }) }, { quiet: true });
+    const zoom = band ? null : query.zoom || (mesh ? "1" : null);
+    const [from, to] = band ?? zoomRange(this.#spectrum, zoom) ?? [0, end];
+    const middle = (from + to) / 2;
+    // of several mesh lines in sight the one nearest to the middle
+    const nearest = mesh ? Math.max(1, Math.round(middle / mesh)) * mesh : middle;
+    const base = nearest > from && nearest < to ? nearest : middle;
+    change({ cursor: formatCursor({ kind, base, spacing: Math.min(shaft ?? Infinity, (to - base) / 2) }), ...(zoom && { zoom }) }, { quiet: true });
   }
 
   /** Follows the address and the spectrum; gives the view that they ask for. */
   update(spectrum, query) {
     const usable = spectrum && !(spectrum instanceof Error);
     this.#spectrum = spectrum;
-    this.#query = query;
     const orders = usable ? spectrum.mesh_harmonics.map(({ order }) => order) : [];
     if (this.#zoom.dataset.choices !== String(orders)) {
       this.#zoom.dataset.choices = String(orders);

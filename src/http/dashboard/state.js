@@ -1,23 +1,26 @@
-// What an asset's numbers mean for the person who looks after it, in the categories of NAMUR NE 107.
+// What an asset's numbers mean for the person who looks after it: how severe it is, and its category after NAMUR NE 107.
 
 import { depth, featureName, number, span } from "./format.js";
 
-/** Kinds of state, worst first. `symbol` names a shape in symbols.js, `category` the NE 107 signal. */
+/**
+ * Kinds of state, worst first. `severity` is what symbols and colours follow, the same for limits, alarms and states; `namur` is the NE 107
+ * signal beside it; `title` says more where there is no signal.
+ */
 export const STATES = {
-  danger: { word: "Above danger limit", short: "Danger", symbol: "failure", category: "NE 107 failure" },
-  warning: { word: "Above warning limit", short: "Warning", symbol: "maintenance", category: "NE 107 maintenance required" },
-  alarm_danger: { word: "Danger alarm", short: "Danger alarm", symbol: "failure", category: "NE 107 failure" },
-  alarm_warning: { word: "Warning alarm", short: "Warning alarm", symbol: "maintenance", category: "NE 107 maintenance required" },
-  library_failed: { word: "Library failed", short: "Library failed", symbol: "specification", category: "NE 107 out of specification" },
-  sensor: { word: "Sensor fault", short: "Sensor fault", symbol: "failure", category: "NE 107 failure, of the sensor" },
-  outside: { word: "Not explained by wear", short: "Not explained", symbol: "specification", category: "NE 107 out of specification" },
-  unclear: { word: "Not identifiable", short: "Not identifiable", symbol: "specification", category: "NE 107 out of specification" },
-  collecting: { word: "Collecting baseline", short: "Baseline", symbol: "check", category: "NE 107 function check" },
-  building: { word: "Building library", short: "Building library", symbol: "check", category: "NE 107 function check" },
-  normal: { word: "Normal", short: "Normal", symbol: "normal", category: "NE 107 normal" },
-  unlimited: { word: "No limits set", short: "No limits", symbol: "none", category: "wear is estimated, but there is no limit to compare it with" },
-  no_library: { word: "Indicators only", short: "Indicators only", symbol: "none", category: "no gear pair described, so wear is not estimated" },
-  empty: { word: "No records", short: "No records", symbol: "none", category: "nothing received yet" },
+  danger: { word: "Above danger limit", short: "Danger", severity: "danger", namur: "failure" },
+  warning: { word: "Above warning limit", short: "Warning", severity: "warning", namur: "maintenance" },
+  alarm_danger: { word: "Danger alarm", short: "Danger alarm", severity: "danger", namur: "failure" },
+  alarm_warning: { word: "Warning alarm", short: "Warning alarm", severity: "warning", namur: "maintenance" },
+  library_failed: { word: "Library failed", short: "Library failed", severity: "unsure", namur: "specification" },
+  sensor: { word: "Sensor fault", short: "Sensor fault", severity: "danger", namur: "failure" },
+  outside: { word: "Not explained by wear", short: "Not explained", severity: "unsure", namur: "specification" },
+  unclear: { word: "Not identifiable", short: "Not identifiable", severity: "unsure", namur: "specification" },
+  collecting: { word: "Collecting baseline", short: "Baseline", severity: "learning", namur: "check" },
+  building: { word: "Building library", short: "Building library", severity: "learning", namur: "check" },
+  normal: { word: "Normal", short: "Normal", severity: "normal" },
+  unlimited: { word: "No limits set", short: "No limits", severity: "none", title: "wear is estimated, but there is no limit to compare it with" },
+  no_library: { word: "Indicators only", short: "Indicators only", severity: "none", title: "no gear pair described, so wear is not estimated" },
+  empty: { word: "No records", short: "No records", severity: "none", title: "nothing received yet" },
 };
 
 const RANKS = Object.keys(STATES);
@@ -42,18 +45,25 @@ export function wearState(wear, limits) {
 
 /** The key into `STATES` of an asset as listed: what its wear says, or a raised alarm where that is worse. */
 export function assetState(asset) {
-  const key = ownState(asset);
-  const { danger = 0, warning = 0 } = asset.summary.alarms ?? {};
+  return worse(ownState(asset, asset.summary.wear), asset.summary.alarms);
+}
+
+/** The same of one channel of several, whose latest estimate is `wear`; `alarms` are those of the channel. */
+export function channelState(asset, wear, alarms) {
+  const raised = (name) => alarms.filter(({ severity, state }) => severity === name && state !== "shelved").length;
+  return worse(ownState(asset, wear), { danger: raised("danger"), warning: raised("warning") });
+}
+
+function worse(key, { danger = 0, warning = 0 } = {}) {
   const alarm = danger ? "alarm_danger" : warning ? "alarm_warning" : null;
   return alarm && rank(alarm) < rank(key) && !(alarm === "alarm_warning" && key === "warning") ? alarm : key;
 }
 
-function ownState(asset) {
-  const { summary, limits } = asset;
+function ownState({ summary, limits }, wear) {
   if (summary.library_state === "failed") return "library_failed";
   if (summary.segments === 0) return "empty";
-  if (summary.library_state === "building" && summary.wear?.status !== "estimated") return "building";
-  return summary.wear ? wearState(summary.wear, limits) : "empty";
+  if (summary.library_state === "building" && wear?.status !== "estimated") return "building";
+  return wear ? wearState(wear, limits) : "empty";
 }
 
 /** The limit that counts next and how much of it is used, or null without limits or a number. */

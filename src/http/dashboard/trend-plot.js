@@ -43,6 +43,27 @@ export function paneNames(panes, record) {
   return panes.flatMap((pane) => (pane.key === "mesh" ? mesh : pane.names));
 }
 
+const MOST_TICKS = 7;
+
+/**
+ * Ticks of a logarithmic axis as whole numbers: between decades Plotly writes single digits, a 5 for 0.5 as for 50. Where values lie within
+ * less than a few of them its own ticks are whole.
+ */
+function logarithmicTicks(values) {
+  const positive = values.filter((value) => value > 0);
+  const [low, high] = [Math.min(...positive), Math.max(...positive)];
+  const decades = Array.from({ length: 40 }, (_, n) => n - 20).map((power) => Number(`1e${power}`));
+  const within = (steps) => decades.flatMap((decade) => steps.map((step) => step * decade)).filter((value) => value > 0.8 * low && value < 1.25 * high);
+  const ticks = [[1, 2, 5], [1]].map(within).find(({ length }) => length <= MOST_TICKS) ?? [];
+  if (ticks.length < 2) return { tickmode: "auto" };
+  return { tickmode: "array", tickvals: ticks, ticktext: ticks.map((value) => number(value, 3)) };
+}
+
+/** The indicators of a pane. */
+function namesOf(pane, names) {
+  return pane.key === "mesh" ? names.filter((name) => name.startsWith("mesh_")) : pane.names;
+}
+
 function axisTitle(pane, units) {
   if (pane.key === "mesh") return titled("Mesh lines", units.mesh_1);
   if (pane.key === "omx") return titled("OMX", units.omx);
@@ -86,13 +107,14 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     layout[`yaxis${suffix}`] = {
       domain: [Math.max(0, top - height), top],
       type: logarithmic ? "log" : "linear",
+      ...(logarithmic ? logarithmicTicks(items.flatMap((item) => namesOf(pane, names).map((name) => item[name]))) : { tickmode: "auto" }),
       title: { text: axisTitle(pane, units) },
       nticks: panes.length > 3 ? 3 : 5,
       automargin: false,
       // another scale or set of panes starts from its own range
       uirevision: `${revision} ${logarithmic} ${panes.map(({ key }) => key)}`,
     };
-    const shown = pane.key === "mesh" ? names.filter((name) => name.startsWith("mesh_")) : pane.names;
+    const shown = namesOf(pane, names);
     const words = (item) => shown.map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim()).concat(index === 0 ? (caused.get(item.start_time) ?? []) : []).join("<br>");
     const points = recordPoints(items, items.map((item) => item[shown[0]]), words);
     traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });

@@ -1,8 +1,9 @@
-// Upload of files, one after the other, with progress, and the server's refusal word for word.
+// Upload of files: each with its own start, then one after the other, with progress, and the server's refusal word for word.
 
-import { address, authorization, failure } from "./api.js";
+import { address, failure } from "./api.js";
 import { wavOfCsv } from "./csv-record.js";
 import { h, setChildren, setText } from "./dom.js";
+import { startOfFile } from "./file-start.js";
 import { bytes, depth, utc } from "./format.js";
 
 const TYPES = { wav: "audio/wav", csv: "text/csv", mcap: "application/mcap", json: "application/json", pb: "application/x-protobuf" };
@@ -16,9 +17,7 @@ function field(id, label, properties) {
 function send(href, file, type, onProgress) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
-    const fields = Object.entries(authorization());
     request.open("POST", href);
-    for (const [name, value] of fields) request.setRequestHeader(name, value);
     request.setRequestHeader("content-type", type);
     request.setRequestHeader("accept", "application/json");
     request.upload.addEventListener("progress", ({ loaded, total }) => onProgress(loaded / total));
@@ -28,17 +27,23 @@ function send(href, file, type, onProgress) {
   });
 }
 
-/** The upload part of the dialog. */
+const OWN_TIMES = ["application/mcap", "application/json", "application/x-protobuf"]; // these say when each of their records began
+
+const typeOf = (file) => TYPES[file.name.split(".").pop().toLowerCase()];
+
+/** The upload part of the dialog: files are listed with their starts, and sent when that is asked for. */
 export class UploadPanel {
   #assetId;
   #file = h("input", { type: "file", id: "upload-file", multiple: true, accept: ".wav,.mcap,.csv,.json,.pb", onchange: () => this.take([...this.#file.files]) });
   #unit = field("upload-unit", "Unit", { placeholder: "m/s2", size: 6 });
-  #start = field("upload-start", "Start, UTC", { type: "datetime-local", step: 1 });
   #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
   #rate = field("upload-rate", "Sampling rate of a CSV file, Hz", { type: "number", min: 0, step: "any", placeholder: "from its time column" });
   #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
   #progress = h("progress", { max: 1, value: 0, hidden: true, "aria-label": "Upload" });
   #result;
+  #chosen = new Map(); // file → the input of its start, null where the file says it itself
+  #list = h("ul", { class: "files" });
+  #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendChosen() });
   #sending = Promise.resolve();
   #results = h("div", { class: "results", "aria-live": "polite" });
   element;
@@ -49,13 +54,12 @@ export class UploadPanel {
     // the page takes what is dropped, here as anywhere; this only shows that here is right
     drop.addEventListener("dragover", () => drop.classList.add("over"));
     for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
-    const fields = [this.#unit, this.#start, this.#speed, this.#torque, this.#rate].map(({ element }) => element);
-    const optional = h("details", {}, h("summary", {}, "For WAV and CSV files: unit, start time, operating point, sampling rate"), h("div", { class: "fields" }, fields));
-    this.element = h("section", {}, h("h3", {}, "Upload a file"), optional, drop, this.#progress, this.#results);
+    const fields = [this.#unit, this.#speed, this.#torque, this.#rate].map(({ element }) => element);
+    const optional = h("details", {}, h("summary", {}, "For WAV and CSV files: unit, operating point, sampling rate"), h("div", { class: "fields" }, fields));
+    this.element = h("section", {}, h("h3", {}, "Upload files"), optional, drop, this.#list, this.#send, this.#progress, this.#results);
   }
 
-  #parameters() {
-    const start = this.#start.input.value;
+  #parameters(start) {
     return {
       unit: this.#unit.input.value.trim(),
       start_time: start && new Date(`${start}Z`).toISOString(),
@@ -64,23 +68,54 @@ export class UploadPanel {
     };
   }
 
-  /** Sends files one after the other, after those that are under way, and says of each what became of it. */
-  take(files) {
-    this.#sending = this.#sending.then(() => this.#take(files));
-    return this.#sending;
-  }
-
-  async #take(files) {
-    setChildren(this.#results);
+  /** Lists files with their starts. */
+  async take(files) {
     for (const file of files) {
-      this.#result = h("div", { class: "result", role: "status" });
-      this.#results.append(this.#result);
-      await this.#upload(file);
+      const type = typeOf(file);
+      const start = type && !OWN_TIMES.includes(type) ? await startOfFile(file, type) : null;
+      const input = start && h("input", { type: "datetime-local", step: "0.001", value: start.time.slice(0, -1), "aria-label": `Start of ${file.name}, UTC` });
+      const words = !type ? "cannot be taken" : start ? start.source : "says itself when its records began";
+      const item = h("li", {}, h("span", { class: "file-name" }, file.name, h("span", { class: "muted" }, ` ${bytes(file.size)}`)), this.#remover(file), input && h("label", { class: "field" }, h("span", {}, "Start, UTC"), input), h("span", { class: "muted" }, words));
+      this.#chosen.set(file, input);
+      this.#list.append(item);
     }
+    this.#file.value = "";
+    this.#offer();
   }
 
-  async #upload(file) {
-    const type = TYPES[file.name.split(".").pop().toLowerCase()];
+  #remover(file) {
+    const remove = (event) => {
+      this.#chosen.delete(file);
+      event.currentTarget.closest("li").remove();
+      this.#offer();
+    };
+    return h("button", { type: "button", class: "quiet", "aria-label": `Leave out ${file.name}`, onclick: remove }, "✕");
+  }
+
+  #offer() {
+    const { size } = this.#chosen;
+    this.#send.hidden = size === 0;
+    setText(this.#send, size === 1 ? "Send the file" : `Send ${size} files`);
+  }
+
+  /** Sends what is listed one after the other, after what is under way, and says of each what became of it. */
+  #sendChosen() {
+    const files = [...this.#chosen].map(([file, input]) => [file, input?.value]);
+    this.#chosen.clear();
+    setChildren(this.#list);
+    this.#offer();
+    this.#sending = this.#sending.then(async () => {
+      setChildren(this.#results);
+      for (const [file, start] of files) {
+        this.#result = h("div", { class: "result", role: "status" });
+        this.#results.append(this.#result);
+        await this.#upload(file, start);
+      }
+    });
+  }
+
+  async #upload(file, start) {
+    const type = typeOf(file);
     if (!type) return this.#refused(file, new Error("expected a file that ends in .wav, .mcap, .csv, .json or .pb"));
     this.#progress.hidden = false;
     this.#progress.value = 0;
@@ -89,7 +124,7 @@ export class UploadPanel {
     try {
       const converted = type === "text/csv" ? await wavOfCsv(file, Number(this.#rate.input.value)) : file;
       const sent = converted === file ? type : "audio/wav";
-      const parameters = sent === "audio/wav" ? this.#parameters() : {};
+      const parameters = sent === "audio/wav" ? this.#parameters(start) : {};
       const href = address(["assets", this.#assetId, "segments"], parameters);
       const answer = await send(href, converted, sent, (share) => this.#sent(file, share));
       this.#accepted(file, answer);
@@ -98,7 +133,6 @@ export class UploadPanel {
       this.#refused(file, error);
     } finally {
       this.#progress.hidden = true;
-      this.#file.value = "";
     }
   }
 

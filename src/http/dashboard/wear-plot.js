@@ -56,19 +56,32 @@ function withoutInspections(events) {
   return maintenance instanceof Error ? events : { ...events, maintenance: { items: maintenance.items.filter(({ inspection }) => !inspection) } };
 }
 
-function baselineZone(items, colour) {
-  const collecting = items.filter((item) => item.status === "collecting_baseline");
-  if (collecting.length < 2) return null;
-  const [from, to] = [collecting[0].start_time, collecting.at(-1).start_time];
-  const shape = { type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1, layer: "below", line: { width: 0 }, fillcolor: colour.zone };
-  const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
-  const only = collecting.length === items.length;
-  const annotation = only
-    ? { ...common, y: 0.3, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
-    : { ...common, text: "baseline", x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(), y: 0.15, textangle: -90 };
-  return { shape, annotation };
+/** The stretches of records in a row that a baseline was learnt from; after maintenance there is another one. */
+function baselineStretches(items) {
+  const stretches = [];
+  items.forEach((item, index) => {
+    if (item.status !== "collecting_baseline") return;
+    if (items[index - 1]?.status === "collecting_baseline") stretches.at(-1).push(item);
+    else stretches.push([item]);
+  });
+  return stretches.filter((stretch) => stretch.length > 1);
 }
 
+/** Shaded stretches of baselines with their word. */
+function baselineZones(items, colour) {
+  const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
+  return baselineStretches(items).map((stretch) => {
+    const [from, to] = [stretch[0].start_time, stretch.at(-1).start_time];
+    const shape = { type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1, layer: "below", line: { width: 0 }, fillcolor: colour.zone };
+    const only = stretch.length === items.length;
+    const annotation = only
+      ? { ...common, y: 0.3, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
+      : { ...common, text: "baseline", x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(), y: 0.2, textangle: -90 };
+    return { shape, annotation };
+  });
+}
+
+const STRIP = 0.06; // of the plot's height, below it, for the records without an estimate
 const ROOM = 0.02; // of the range, beside the first and the last record
 
 /** From the first to the last record. Said and not left to Plotly, which loses all points where a forecast and its range go. */
@@ -112,20 +125,20 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
     { x: times, y: items.map((item) => item.median_um), mode: markers, line: { color: colour.accent, width: 2 }, hoverinfo: "skip" },
     recordPoints(items, items.map((item) => item.median_um ?? 0), (item) => hoverWords(item, caused)),
   ];
-  if (items.some((item) => item.median_um == null)) {
-    const y = items.map((item) => (item.median_um == null ? 0 : null));
-    const line = { color: colour.muted, width: 4 };
-    traces.push({ x: times, y, mode: markers, line, hoverinfo: "skip" });
-    entries.push(["line", colour.muted, "records without an estimate"]);
+  const unknown = items.filter((item) => item.median_um == null);
+  if (unknown.length) {
+    // ticks below the depths: a record without an estimate does not say that there is no wear
+    traces.push({ x: unknown.map((item) => item.start_time), y: unknown.map(() => 0.5), yaxis: "y2", mode: "markers", marker: { symbol: "line-ns-open", size: 8, color: colour.muted, line: { width: 1.5, color: colour.muted } }, hoverinfo: "skip" });
+    entries.push(["ticks", colour.muted, "records without an estimate"]);
   }
   if (items.some((item) => item.reference_wear_um != null)) {
     const line = { color: colour.reference, width: 2, dash: "dot" };
     traces.push({ x: times, y: items.map((item) => item.reference_wear_um), mode: markers, line, hoverinfo: "skip" });
     entries.push(["dot", colour.reference, "reference (simulated or inspected)"]);
   }
-  const zone = baselineZone(items, colour);
-  const shapes = zone ? [zone.shape] : [];
-  const annotations = zone ? [zone.annotation] : [];
+  const zones = baselineZones(items, colour);
+  const shapes = zones.map(({ shape }) => shape);
+  const annotations = zones.map(({ annotation }) => annotation);
   for (const [name, value, dash] of [["warning", limits?.warning_um, "dash"], ["danger", limits?.danger_um, "solid"]]) {
     if (value == null) continue;
     const line = limitLine(name, value, colour[name], dash, ends);
@@ -161,9 +174,10 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
       uirevision: revision,
       hovermode: "x unified",
       hoverdistance: -1,
-      xaxis: { ...timeAxis, range },
+      xaxis: { ...timeAxis, range, ...(unknown.length && { anchor: "y2" }) },
       margin: { ...timeMargin, t: timeMargin.t + happened.top },
-      yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false },
+      yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false, domain: [unknown.length ? STRIP : 0, 1] },
+      ...(unknown.length && { yaxis2: { domain: [0, STRIP], range: [0, 1], fixedrange: true, visible: false } }),
       shapes,
       annotations,
     },

@@ -1,0 +1,89 @@
+// A plot as a picture that stands by itself: title, words and legend over it, on the ground of the page.
+
+import { pictureOf } from "./plots.js";
+import { colours } from "./theme.js";
+
+const SCALE = 2; // points of the picture in one of the page
+const MARGIN = 14;
+const [TITLE, WORDS] = [{ size: 17, line: 24 }, { size: 12.5, line: 18 }];
+const SWATCH = { width: 24, height: 14 };
+
+function loaded(address) {
+  return new Promise((resolve, reject) => {
+    const image = new Image();
+    image.onload = () => resolve(image);
+    image.onerror = () => reject(new Error("the picture could not be drawn"));
+    image.src = address;
+  });
+}
+
+/** The legend's entries with their swatches as pictures. */
+function entriesOf(list) {
+  return Promise.all([...list.children].map(async (item) => {
+    const source = new XMLSerializer().serializeToString(item.querySelector("svg"));
+    return { words: item.textContent, swatch: await loaded(`data:image/svg+xml;charset=utf-8,${encodeURIComponent(source)}`) };
+  }));
+}
+
+/** Words in lines of a width. */
+function wrapped(context, text, width) {
+  const lines = [];
+  for (const word of text.split(/\s+/).filter(Boolean)) {
+    const longer = lines.length ? `${lines.at(-1)} ${word}` : word;
+    if (lines.length && context.measureText(longer).width <= width) lines[lines.length - 1] = longer;
+    else lines.push(word);
+  }
+  return lines;
+}
+
+/** What is written over the plot, as drawing steps, and the height that it needs. */
+function headOf(context, family, { title, sub, entries }, width, { ink, muted }) {
+  const steps = [];
+  let y = MARGIN;
+  const write = (text, { size, line }, weight, colour) => {
+    const font = `${weight} ${size}px ${family}`;
+    context.font = font;
+    for (const words of wrapped(context, text, width - 2 * MARGIN)) {
+      const at = y;
+      steps.push(() => Object.assign(context, { font, fillStyle: colour }).fillText(words, MARGIN, at));
+      y += line;
+    }
+  };
+  write(title, TITLE, 600, ink);
+  write(sub, WORDS, 400, muted);
+  context.font = `400 ${WORDS.size}px ${family}`;
+  let x = MARGIN;
+  for (const { words, swatch } of entries) {
+    const long = SWATCH.width + 6 + context.measureText(words).width;
+    if (x > MARGIN && x + long > width - MARGIN) [x, y] = [MARGIN, y + WORDS.line];
+    const [left, top] = [x, y];
+    steps.push(() => {
+      context.drawImage(swatch, left, top, SWATCH.width, SWATCH.height);
+      Object.assign(context, { font: `400 ${WORDS.size}px ${family}`, fillStyle: ink }).fillText(words, left + SWATCH.width + 6, top);
+    });
+    x += long + 16;
+  }
+  if (entries.length) y += WORDS.line;
+  return { steps, height: y + 6 };
+}
+
+/** Saves a plot with its title, the words under it and its legend, a list of the page. */
+export async function savePicture(plot, { title, sub, legend }, filename) {
+  const colour = colours("ink", "muted", "surface");
+  const family = getComputedStyle(document.body).fontFamily;
+  const [drawing, entries] = await Promise.all([pictureOf(plot, SCALE).then(loaded), entriesOf(legend)]);
+  const canvas = document.createElement("canvas");
+  const context = canvas.getContext("2d");
+  const { clientWidth: width, clientHeight: height } = plot;
+  const head = headOf(context, family, { title, sub, entries }, width, colour);
+  Object.assign(canvas, { width: SCALE * width, height: SCALE * (head.height + height) });
+  Object.assign(context, { textBaseline: "top", fillStyle: colour.surface });
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  context.scale(SCALE, SCALE);
+  for (const step of head.steps) step();
+  context.drawImage(drawing, 0, head.height, width, height);
+  const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: `${filename}.png` });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}

@@ -1,0 +1,45 @@
+// Where tokens are asked for: logging in, what the session opens, and logging out.
+
+import assert from "node:assert/strict";
+import { browser } from "./page.mjs";
+
+const guarded = process.env.FLANKWATCH_GUARDED_URL;
+const token = process.env.FLANKWATCH_TOKEN;
+
+async function logIn(page, words) {
+  await page.getByRole("dialog").getByLabel("Token").fill(words);
+  await page.getByRole("button", { name: "Log in" }).click();
+}
+
+export const CHECKS = guarded && {
+  "a session opens the report, lasts over tabs and ends": async () => {
+    const context = await browser.newContext();
+    const page = await context.newPage();
+    await page.goto(`${guarded}/#/assets/pump`);
+    await logIn(page, "fwt_00000000_0");
+    await page.getByText("The service does not know this token.").waitFor();
+    await logIn(page, token);
+    await page.locator("h1", { hasText: "pump" }).waitFor();
+
+    const [report] = await Promise.all([context.waitForEvent("page"), page.getByRole("link", { name: "Report" }).click()]);
+    await report.waitForLoadState();
+    assert.equal((await report.request.get(report.url())).status(), 200);
+    assert.match(await report.title(), /pump/);
+    await report.close();
+
+    const [cookie] = await context.cookies();
+    assert.deepEqual([cookie.httpOnly, cookie.sameSite], [true, "Strict"]);
+    assert.equal(await page.evaluate(() => document.cookie + JSON.stringify({ ...sessionStorage })), "{}", "no script reads the token");
+    await page.close();
+    const other = await context.newPage();
+    await other.goto(`${guarded}/#/assets/pump/settings`);
+    await other.getByLabel("Name", { exact: true }).fill("Pump of the test");
+    await other.getByRole("button", { name: "Save" }).first().click();
+    await other.locator("h1", { hasText: "Pump of the test" }).waitFor();
+
+    await other.getByRole("button", { name: "Log out" }).click();
+    await other.getByRole("dialog").getByLabel("Token").waitFor();
+    assert.deepEqual(await context.cookies(), []);
+    await context.close();
+  },
+};
