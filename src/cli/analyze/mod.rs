@@ -38,7 +38,7 @@ pub(super) struct AnalyzeArgs {
     /// Write a report for a browser or a printer
     #[arg(long)]
     report: Option<PathBuf>,
-    /// Cut recordings into records of this length
+    /// Cut recordings into records of this length in seconds; a rest of less than half of it is left out
     #[arg(long)]
     record_seconds: Option<f64>,
     /// Time of the first sample of the first recording that does not say; later ones follow on it
