@@ -91,11 +91,11 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
         })
         .collect();
     let mut text = format!(
-        "channel {channel}, {}, {} records from {} to {}\n",
+        "channel {channel} ({}): {} records, {} to {}\n",
         unit_words(&first.unit),
         records.len(),
-        first.start_time.strftime("%Y-%m-%d %H:%M:%S"),
-        last.start_time.strftime("%Y-%m-%d %H:%M:%S UTC"),
+        first.start_time.strftime("%Y-%m-%d %H:%M"),
+        last.start_time.strftime("%Y-%m-%d %H:%M UTC"),
     );
     let digits = records.len().to_string().len();
     text += &format!("{:>digits$} {:<14} {:>6}", "#", "start (UTC)", "Hz");

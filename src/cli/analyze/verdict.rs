@@ -19,7 +19,7 @@ pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
 fn of_estimates(estimates: &[&WearEstimate], last: Timestamp) -> String {
     let Some(latest) = estimates.last() else { return String::new() };
     match latest.status {
-        WearStatus::Estimated => worn(latest, last),
+        WearStatus::Estimated => worn(estimates, latest, last),
         WearStatus::OutsideLibrary => format!("{} is not wear: {}", since(estimates), cause(latest)),
         WearStatus::SensorFault => format!("{} cannot be judged: {}", since(estimates), cause(latest)),
         WearStatus::CollectingBaseline => {
@@ -34,7 +34,7 @@ fn of_estimates(estimates: &[&WearEstimate], last: Timestamp) -> String {
     }
 }
 
-fn worn(wear: &WearEstimate, last: Timestamp) -> String {
+fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> String {
     let depth = match (wear.at_least_um, wear.median_um, wear.p05_um, wear.p95_um) {
         (Some(least), ..) => format!("worn at least {least:.0} µm"),
         (_, Some(median), Some(low), Some(high)) => format!("worn {median:.0} µm ({low:.0} to {high:.0})"),
@@ -48,7 +48,17 @@ fn worn(wear: &WearEstimate, last: Timestamp) -> String {
     }
     match wear.above_limit {
         Some(probability) if probability >= 0.5 => format!("{depth}; past the limit with {:.0} % probability", 100.0 * probability),
-        _ => format!("{depth}; no growth that lasts"),
+        _ => depth + &growth(estimates, wear),
+    }
+}
+
+/// Since when the wear has grown, by intervals that do not meet: what is foreseen needs a limit, this does not.
+fn growth(estimates: &[&WearEstimate], latest: &WearEstimate) -> String {
+    let first = estimates.iter().position(|estimate| estimate.status == WearStatus::Estimated);
+    let before = first.and_then(|first| Some((first + 1, estimates[first].p95_um?)));
+    match before.zip(latest.p05_um) {
+        Some(((record, highest), lowest)) if highest < lowest => format!("; it has grown since record {record}"),
+        _ => "; no growth to be seen".to_owned(),
     }
 }
 
@@ -111,7 +121,15 @@ mod tests {
             p95_um: Some(110.0),
             ..wear(WearStatus::Estimated)
         };
-        assert_eq!(said(&[worn.clone()]), "worn 85 µm (60 to 110); no growth that lasts");
+        assert_eq!(said(&[worn.clone()]), "worn 85 µm (60 to 110); no growth to be seen");
+        let little = WearEstimate {
+            median_um: Some(10.0),
+            p05_um: Some(0.0),
+            p95_um: Some(30.0),
+            ..wear(WearStatus::Estimated)
+        };
+        let grown = [wear(WearStatus::CollectingBaseline), little, worn.clone()];
+        assert_eq!(said(&grown), "worn 85 µm (60 to 110); it has grown since record 2");
         let after = |days: i64| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(24 * days);
         worn.prognosis = Some(Prognosis {
             rate_um_per_day: 5.0,
