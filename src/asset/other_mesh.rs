@@ -22,13 +22,13 @@ const MAX_TEETH: u32 = 1_000_000;
 pub struct OtherMeshSpec {
     /// Tooth numbers of its driving and its driven gear.
     #[schema(example = json!([19, 57]))]
-    #[serde(deserialize_with = "pair_of_numbers::teeth")]
+    #[serde(deserialize_with = "pair_of_numbers::other_teeth")]
     pub teeth: [u32; 2],
     /// Turns of its driving shaft against turns of the shaft that speed, torque and tachometer of the records are of; as for the monitored mesh.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
-        deserialize_with = "pair_of_numbers::shaft_ratio"
+        deserialize_with = "pair_of_numbers::other_shaft_ratio"
     )]
     #[schema(example = json!([24, 36]))]
     pub shaft_ratio: Option<[u32; 2]>,

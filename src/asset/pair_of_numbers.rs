@@ -5,21 +5,31 @@ use serde::de::{Deserialize, Deserializer, Error};
 /// Numbers of a list that are told.
 const TOLD: usize = 8;
 
-/// `gear.teeth` and `teeth` of other meshes.
+const TEETH: &str = "two tooth numbers from 4 to 1000";
+const RATIO: &str = "two whole numbers from 1 to 1000000";
+
+/// `gear.teeth`.
 pub(super) fn teeth<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[u32; 2], D::Error> {
-    two("teeth", "two tooth numbers from 4 to 1000", deserializer)
+    pair("gear.teeth", TEETH, &Vec::deserialize(deserializer)?)
 }
 
-/// `shaft_ratio`, where it is given.
+/// `teeth` of other meshes.
+pub(super) fn other_teeth<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[u32; 2], D::Error> {
+    pair("gear.other_meshes.teeth", TEETH, &Vec::deserialize(deserializer)?)
+}
+
+/// `gear.shaft_ratio`, where it is given.
 pub(super) fn shaft_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[u32; 2]>, D::Error> {
     let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
-    numbers
-        .map(|numbers| pair("shaft_ratio", "two whole numbers from 1 to 1000000", &numbers))
-        .transpose()
+    numbers.map(|numbers| pair("gear.shaft_ratio", RATIO, &numbers)).transpose()
 }
 
-fn two<'de, D: Deserializer<'de>>(field: &str, expected: &str, deserializer: D) -> Result<[u32; 2], D::Error> {
-    pair(field, expected, &Vec::<f64>::deserialize(deserializer)?)
+/// `shaft_ratio` of other meshes, where it is given.
+pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[u32; 2]>, D::Error> {
+    let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
+    numbers
+        .map(|numbers| pair("gear.other_meshes.shaft_ratio", RATIO, &numbers))
+        .transpose()
 }
 
 fn pair<E: Error>(field: &str, expected: &str, numbers: &[f64]) -> Result<[u32; 2], E> {
@@ -55,6 +65,10 @@ mod tests {
             ("[24, 26.5]", "gear.teeth is [24, 26.5], expected"),
             ("[24, -1]", "gear.teeth is [24, -1], expected"),
             ("[1, 2, 3, 4, 5, 6, 7, 8, 9]", "gear.teeth is [1, 2, 3, 4, 5, 6, 7, 8, …], expected"),
+            (
+                "[24, 26]\nother_meshes = [{ teeth = [19] }]",
+                "gear.other_meshes.teeth is [19], expected",
+            ),
             (
                 "[24, 26]\nshaft_ratio = [1, 2, 3]",
                 "gear.shaft_ratio is [1, 2, 3], expected two whole numbers",

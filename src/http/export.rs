@@ -255,7 +255,7 @@ fn new_file(folder: &Path) -> Result<(File, SpooledBody), ServiceError> {
         source,
     };
     let mut unguessable = [0; 16];
-    getrandom::fill(&mut unguessable).map_err(|error| failed(error.into()))?;
+    getrandom::fill(&mut unguessable).map_err(|error| failed(std::io::Error::other(error.to_string())))?;
     let path = folder.join(format!("flankwatch-export-{}", hex::encode(unguessable)));
     let mut options = File::options();
     options.write(true).create_new(true);

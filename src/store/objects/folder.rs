@@ -286,7 +286,7 @@ impl Folder {
         let path = self
             .temporary
             .join(format!("room-{}", self.counter.fetch_add(1, Ordering::Relaxed)));
-        let written = fs::write(&path, vec![1; ROOM_BYTES]);
+        let written = fs::write(&path, vec![1_u8; ROOM_BYTES]);
         let _ = fs::remove_file(&path);
         written.map_err(|source| file_error("write", &path, source))
     }
