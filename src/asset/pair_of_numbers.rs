@@ -40,10 +40,7 @@ fn pair<E: Error>(field: &str, expected: &str, numbers: &[f64]) -> Result<[u32; 
         _ => {
             let told: Vec<String> = numbers.iter().take(TOLD).map(f64::to_string).collect();
             let more = if numbers.len() > TOLD { ", …" } else { "" };
-            Err(E::custom(format!(
-                "gear.{field} is [{}{more}], expected {expected}",
-                told.join(", ")
-            )))
+            Err(E::custom(format!("{field} is [{}{more}], expected {expected}", told.join(", "))))
         }
     }
 }
