@@ -2,7 +2,8 @@
 
 use super::spec::field;
 use super::{AssetError, AssetSpec, WearLimits};
-use crate::estimate::{AlarmError, AlarmQuantity, AlarmRule, AlarmSettings};
+use crate::estimate::{AlarmError, AlarmQuantity, AlarmRule};
+use crate::signal::{Band, Indicators};
 
 /// The most rules of an asset: each has a state with every kept state of the fold.
 const MAX_RULES: usize = 32;
@@ -27,24 +28,21 @@ fn following_from(limits: &WearLimits) -> Vec<AlarmRule> {
         return Vec::new();
     };
     let wear = AlarmRule {
-        quantity: AlarmQuantity::WearUm,
         // A warning at the same depth as danger says nothing.
         warning: warning_um.filter(|warning| danger_um.is_none_or(|danger| *warning < danger)),
         danger: danger_um,
         hysteresis: HYSTERESIS * lower,
-        settings: AlarmSettings::default(),
+        ..AlarmRule::of(AlarmQuantity::WearUm)
     };
     let novelty = AlarmRule {
-        quantity: AlarmQuantity::Novelty,
         warning: Some(NOVELTY_WARNING),
-        danger: None,
         hysteresis: NOVELTY_HYSTERESIS,
-        settings: AlarmSettings::default(),
+        ..AlarmRule::of(AlarmQuantity::Novelty)
     };
     vec![wear, novelty]
 }
 
-pub(super) fn validate(rules: &[AlarmRule]) -> Result<(), AssetError> {
+pub(super) fn validate(rules: &[AlarmRule], bands: &[Band]) -> Result<(), AssetError> {
     if rules.len() > MAX_RULES {
         return Err(field("alarms", format!("a list of {}", rules.len()), "at most 32 rules"));
     }
@@ -52,14 +50,8 @@ pub(super) fn validate(rules: &[AlarmRule]) -> Result<(), AssetError> {
         if rules[..index].iter().any(|other| other.quantity == rule.quantity) {
             return Err(field("alarms.quantity", &rule.quantity, "every quantity once"));
         }
-        if let AlarmQuantity::Indicator(name) = &rule.quantity
-            && (name.is_empty() || name.len() > 64 || !name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_'))
-        {
-            return Err(field(
-                "alarms.quantity.indicator",
-                format!("{name:?}"),
-                "the name of an indicator: 1 to 64 letters, digits and _",
-            ));
+        if let Some(name) = rule.quantity.indicator() {
+            check_indicator(name, bands)?;
         }
         rule.validate().map_err(|error| match error {
             AlarmError::Field {
@@ -70,7 +62,10 @@ pub(super) fn validate(rules: &[AlarmRule]) -> Result<(), AssetError> {
                 match name {
                     "warning" => "alarms.warning",
                     "danger" => "alarms.danger",
+                    "warning_below" => "alarms.warning_below",
+                    "danger_below" => "alarms.danger_below",
                     "hysteresis" => "alarms.hysteresis",
+                    "over_s" => "alarms.over_s",
                     "raise" => "alarms.settings.raise",
                     "clear" => "alarms.settings.clear",
                     _ => "alarms",
@@ -78,12 +73,29 @@ pub(super) fn validate(rules: &[AlarmRule]) -> Result<(), AssetError> {
                 value,
                 expected,
             ),
+            AlarmError::NoStretch => field(
+                "alarms.over_s",
+                "missing",
+                "the number of seconds over which the change is measured",
+            ),
             AlarmError::NoLevel | AlarmError::State { .. } => {
                 field("alarms", &rule.quantity, "a warning or a danger level for each quantity")
             }
         })?;
     }
     Ok(())
+}
+
+/// A rule on an indicator that no record ever has would never be raised.
+fn check_indicator(name: &str, bands: &[Band]) -> Result<(), AssetError> {
+    let names = Indicators::names(bands);
+    if names.iter().any(|known| known == name) {
+        return Ok(());
+    }
+    let nearest = Indicators::nearest(name, names.iter().map(String::as_str)).join(", ");
+    let value = format!("{:?}", name.chars().take(64).collect::<String>());
+    let expected = format!("the name of an indicator; the nearest are {nearest}");
+    Err(field("alarms.quantity.indicator", value, expected))
 }
 
 #[cfg(test)]
@@ -125,6 +137,18 @@ mod tests {
                 "alarms.settings.raise",
             ),
             ("{ quantity = { indicator = \"\" }, warning = 1 }", "alarms.quantity.indicator"),
+            ("{ quantity = \"novelty\", warning = 1e308 }", "alarms.warning"),
+            (
+                "{ quantity = \"wear_um\", danger_below = 2, warning_below = 1 }",
+                "alarms.danger_below",
+            ),
+            ("{ quantity = { rate_per_day = \"wear_um\" }, warning = 1 }", "alarms.over_s"),
+            (
+                "{ quantity = { rate_per_day = { indicator = \"rsm\" } }, warning = 1, over_s = 60 }",
+                "alarms.quantity.indicator",
+            ),
+            ("{ quantity = \"sensor_fault\", danger = 1 }", "alarms.danger"),
+            ("{ quantity = \"stale_s\", warning_below = 1 }", "alarms.warning_below"),
             (
                 "{ quantity = \"novelty\", warning = 1 }, { quantity = \"novelty\", danger = 2 }",
                 "alarms.quantity",
@@ -135,5 +159,24 @@ mod tests {
                 other => panic!("{rules}: {other:?}"),
             }
         }
+    }
+
+    #[test]
+    fn a_misspelt_indicator_is_refused_with_the_nearest_names() {
+        let error = spec("alarms = [{ quantity = { indicator = \"kurtsosis\" }, warning = 4 }]")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("\"kurtsosis\"") && error.contains("the nearest are kurtosis"),
+            "{error}"
+        );
+        let bands = "bands = [{ name = \"low\", band_hz = [10, 1000] }]";
+        let of_band = |name: &str| {
+            spec(&format!(
+                "alarms = [{{ quantity = {{ indicator = \"{name}\" }}, warning = 4 }}]\n{bands}"
+            ))
+        };
+        assert!(of_band("band_low").is_ok());
+        assert!(of_band("band_lwo").unwrap_err().to_string().contains("band_low"));
     }
 }

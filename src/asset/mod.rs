@@ -3,6 +3,7 @@
 mod alarm_rules;
 mod operating_bin;
 mod other_mesh;
+mod pair_of_numbers;
 mod place;
 mod segment;
 mod spec;

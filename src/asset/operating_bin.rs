@@ -8,6 +8,9 @@ use super::spec::field;
 /// The most bins of an asset.
 const MAX_BINS: usize = 16;
 
+/// No edge of a bin is further from zero.
+const GREATEST: f64 = 1e12;
+
 /// A box of operating points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -60,9 +63,13 @@ pub(super) fn validate(bins: &[OperatingBin]) -> Result<(), AssetError> {
         ];
         for (name, range) in ranges {
             if let Some([low, high]) = range
-                && !(low.is_finite() && high.is_finite() && low < high)
+                && !(low >= -GREATEST && low < high && high <= GREATEST)
             {
-                return Err(field(name, format!("[{low}, {high}]"), "two finite numbers, the lower one first"));
+                return Err(field(
+                    name,
+                    format!("[{low}, {high}]"),
+                    "two numbers from -1e12 to 1e12, the lower one first",
+                ));
             }
         }
         if ranges.iter().all(|(_, range)| range.is_none()) {

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::pair_of_numbers;
 use super::spec::{GearSpec, field};
 use super::{AssetError, AssetSpec};
 use crate::signal::{OtherMesh, OtherMeshes};
@@ -21,9 +22,14 @@ const MAX_TEETH: u32 = 1_000_000;
 pub struct OtherMeshSpec {
     /// Tooth numbers of its driving and its driven gear.
     #[schema(example = json!([19, 57]))]
+    #[serde(deserialize_with = "pair_of_numbers::other_teeth")]
     pub teeth: [u32; 2],
     /// Turns of its driving shaft against turns of the shaft that speed, torque and tachometer of the records are of; as for the monitored mesh.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "pair_of_numbers::other_shaft_ratio"
+    )]
     #[schema(example = json!([24, 36]))]
     pub shaft_ratio: Option<[u32; 2]>,
 }
@@ -45,6 +51,14 @@ impl OtherMeshSpec {
             mesh_orders: driving * turns,
             shaft_orders: [turns, turns * driving / driven],
         }
+    }
+
+    /// As it is written in a description.
+    fn words(self) -> String {
+        let ratio = self
+            .shaft_ratio
+            .map_or_else(String::new, |ratio| format!(", shaft_ratio = {ratio:?}"));
+        format!("teeth = {:?}{ratio}", self.teeth)
     }
 
     fn is_usable(self) -> bool {
@@ -104,7 +118,7 @@ pub(super) fn validate(spec: &AssetSpec) -> Result<(), AssetError> {
     if let Some(other) = gear.other_meshes.iter().find(|other| !other.is_usable()) {
         return Err(field(
             "gear.other_meshes",
-            format!("{other:?}"),
+            other.words(),
             "two tooth numbers from 4 to 1000 each, and shaft_ratio of two numbers from 1 to 1000000",
         ));
     }

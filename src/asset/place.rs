@@ -9,6 +9,9 @@ use super::spec::field;
 /// The most measuring points of an asset.
 const MAX_POINTS: usize = 64;
 
+/// The greatest sensitivity, in whatever unit.
+const GREATEST_SENSITIVITY: f64 = 1e12;
+
 /// Longest text of a description, in bytes.
 const MAX_TEXT: usize = 200;
 
@@ -97,9 +100,9 @@ pub(super) fn validate(points: &[MeasuringPoint]) -> Result<(), AssetError> {
         check_text("points.sensitivity_unit", point.sensitivity_unit.as_deref())?;
         check_text("points.serial", point.serial.as_deref())?;
         if let Some(sensitivity) = point.sensitivity
-            && !(sensitivity > 0.0 && sensitivity.is_finite())
+            && !(sensitivity > 0.0 && sensitivity <= GREATEST_SENSITIVITY)
         {
-            return Err(field("points.sensitivity", sensitivity, "a finite number above 0"));
+            return Err(field("points.sensitivity", sensitivity, "a number above 0 and at most 1e12"));
         }
     }
     Ok(())

@@ -10,6 +10,7 @@ use thiserror::Error;
 use super::alarm_rules;
 use super::operating_bin::{self, OperatingBin};
 use super::other_mesh::{self, OtherMeshSpec};
+use super::pair_of_numbers;
 use super::place::{self, Location, MeasuringPoint};
 use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
@@ -35,7 +36,7 @@ pub enum AssetError {
         /// Its value.
         value: String,
         /// What would have been right.
-        expected: &'static str,
+        expected: Cow<'static, str>,
     },
     /// The gear pair cannot be built.
     #[error("gear.pair: {0}")]
@@ -96,13 +97,18 @@ pub struct AssetSpec {
 #[serde(deny_unknown_fields)]
 pub struct GearSpec {
     /// Tooth numbers of the driving and the driven gear.
+    #[serde(deserialize_with = "pair_of_numbers::teeth")]
     pub teeth: [u32; 2],
     /// Nominal rotational frequency of the driving shaft in hertz.
     pub shaft_speed_hz: f64,
     /// Turns of the driving shaft against turns of the shaft that speed, torque and tachometer of the records are of, for a further stage of a
     /// gearbox: the teeth that drive, multiplied along the way from that shaft to this one, and those that are driven. Where not given it is that
     /// shaft itself.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "pair_of_numbers::shaft_ratio"
+    )]
     #[schema(example = json!([24, 36]))]
     pub shaft_ratio: Option<[u32; 2]>,
     /// Other meshes that the sensor hears and no asset watches, at most 7; those that assets watch through the same sensor are known without.
@@ -158,6 +164,12 @@ pub struct WearLimits {
 
 /// The most bands of an asset: each is stored with every record.
 const MAX_BANDS: usize = 16;
+
+/// The greatest depth of a limit in µm, as of an inspection.
+const GREATEST_DEPTH_UM: f64 = 1e5;
+
+/// The highest frequency of a band in hertz: half of more than any sampling rate.
+const GREATEST_FREQUENCY_HZ: f64 = 1e7;
 
 fn default_speed_tolerance() -> f64 {
     0.05
@@ -250,7 +262,7 @@ impl AssetSpec {
         place::check_text("sensor.channel", self.sensor.channel.as_deref())?;
         self.location.validate()?;
         place::validate(&self.points)?;
-        alarm_rules::validate(self.alarms.as_deref().unwrap_or_default())?;
+        alarm_rules::validate(self.alarms.as_deref().unwrap_or_default(), &self.bands)?;
         operating_bin::validate(&self.operating_bins)?;
         if !(8..=10_000).contains(&self.baseline.records) {
             return Err(field("baseline.records", self.baseline.records, "a number from 8 to 10000"));
@@ -260,9 +272,9 @@ impl AssetSpec {
             ("limits.danger_um", self.limits.danger_um),
         ] {
             if let Some(limit) = limit
-                && !(limit > 0.0 && limit.is_finite())
+                && !(limit > 0.0 && limit <= GREATEST_DEPTH_UM)
             {
-                return Err(field(name, limit, "a finite depth above 0"));
+                return Err(field(name, limit, "a depth above 0 and at most 100000"));
             }
         }
         if let (Some(warning), Some(danger)) = (self.limits.warning_um, self.limits.danger_um)
@@ -271,12 +283,12 @@ impl AssetSpec {
             return Err(field("limits.warning_um", warning, "a depth at or below limits.danger_um"));
         }
         if let Some([low, high]) = self.envelope_band_hz
-            && !(low >= 0.0 && low < high && high.is_finite())
+            && !(low >= 0.0 && low < high && high <= GREATEST_FREQUENCY_HZ)
         {
             return Err(field(
                 "envelope_band_hz",
                 format!("[{low}, {high}]"),
-                "two frequencies, the lower one first",
+                "two frequencies from 0 to 1e7, the lower one first",
             ));
         }
         if self.envelope_band_hz.is_some() && !self.envelope_band.is_default() {
@@ -290,11 +302,14 @@ impl AssetSpec {
             return Err(field("bands", format!("a list of {}", self.bands.len()), "at most 16 bands"));
         }
         for (index, band) in self.bands.iter().enumerate() {
-            if !band.is_usable() || self.bands[..index].iter().any(|other| other.name == band.name) {
+            if !band.is_usable()
+                || band.band_hz[1] > GREATEST_FREQUENCY_HZ
+                || self.bands[..index].iter().any(|other| other.name == band.name)
+            {
                 return Err(field(
                     "bands",
-                    format!("{band:?}"),
-                    "a name of its own of 1 to 32 characters of a-z, 0-9 and _, and two frequencies, the lower one first",
+                    format!("name = {:?}, band_hz = {:?}", band.name, band.band_hz),
+                    "a name of its own of 1 to 32 characters of a-z, 0-9 and _, and two frequencies from 0 to 1e7, the lower one first",
                 ));
             }
         }
@@ -356,11 +371,11 @@ impl AssetSpec {
     }
 }
 
-pub(super) fn field(field: &'static str, value: impl fmt::Display, expected: &'static str) -> AssetError {
+pub(super) fn field(field: &'static str, value: impl fmt::Display, expected: impl Into<Cow<'static, str>>) -> AssetError {
     AssetError::Field {
         field,
         value: value.to_string(),
-        expected,
+        expected: expected.into(),
     }
 }
 
@@ -390,6 +405,31 @@ mod tests {
             "points = [{ channel = \"a\", calibrated_on = \"yesterday\" }]",
         ] {
             assert!(with_bands(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn numbers_beyond_all_measure_are_refused_with_their_bound() {
+        for (text, name) in [
+            ("limits = { danger_um = 1e308 }", "limits.danger_um"),
+            ("envelope_band_hz = [1.0, 1e308]", "envelope_band_hz"),
+            ("bands = [{ name = \"a\", band_hz = [1, 1e308] }]", "bands"),
+            ("points = [{ channel = \"a\", sensitivity = 1e308 }]", "points.sensitivity"),
+            (
+                "operating_bins = [{ name = \"a\", torque_nm = [0, 1e308] }]",
+                "operating_bins.torque_nm",
+            ),
+            (
+                "alarms = [{ quantity = \"novelty\", warning = 1, hysteresis = 1e308 }]",
+                "alarms.hysteresis",
+            ),
+        ] {
+            match with_bands(text) {
+                Err(AssetError::Field { field, expected, .. }) => {
+                    assert!(field == name && expected.contains(char::is_numeric), "{text}: {field}, {expected}");
+                }
+                other => panic!("{text}: {other:?}"),
+            }
         }
     }
 

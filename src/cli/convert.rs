@@ -45,7 +45,8 @@ pub(super) struct ConvertArgs {
     /// Torque on the driving shaft in newton metres
     #[arg(long, value_name = "NM", allow_negative_numbers = true)]
     pub torque_nm: Option<f64>,
-    /// Length of the MCAP records in seconds; without it up to 2 minutes are one record, more is cut into records of 10 s
+    /// Length of the MCAP records in seconds; without it up to 2 minutes are one record, more is cut into records of 10 s. A rest of less than
+    /// half a record is left out
     #[arg(long, value_name = "S")]
     pub record_seconds: Option<f64>,
     /// Replace OUT where it exists

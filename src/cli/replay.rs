@@ -45,7 +45,7 @@ pub(super) struct ReplayArgs {
     /// How fast: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
-    /// Cut WAV recordings into records of this length
+    /// Cut WAV recordings into records of this length in seconds; a rest of less than half of it is left out
     #[arg(long)]
     record_seconds: Option<f64>,
     /// Time of the first sample of the first recording that does not say; later ones follow on it

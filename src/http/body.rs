@@ -16,6 +16,7 @@ use tokio::io::AsyncWriteExt;
 use super::content_encoding::{ContentEncoding, STEP};
 use super::limits::HttpLimits;
 use super::problem::Problem;
+use crate::recording::Format;
 use crate::service::ServiceError;
 
 /// The media type of a body without its parameters, in lower case; none where the client does not say.
@@ -171,6 +172,19 @@ pub(super) async fn described<T: DeserializeOwned>(limits: &HttpLimits, headers:
     from_json(&read_description(headers, body, limits).await?)
 }
 
+/// Bytes that say what a recording is.
+const BEGINNING: usize = 16;
+
+fn check_mcap(beginning: &[u8]) -> Result<(), Problem> {
+    match Format::detect(beginning).map_err(ServiceError::from)? {
+        Format::Mcap => Ok(()),
+        Format::Wav => Err(Problem::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "the recording is a WAV, expected MCAP as content-type says",
+        )),
+    }
+}
+
 /// A body in a file, removed when dropped.
 pub(super) struct SpooledBody {
     path: PathBuf,
@@ -178,7 +192,7 @@ pub(super) struct SpooledBody {
 }
 
 impl SpooledBody {
-    /// Writes the whole of a body, decoded, to a file in `folder`.
+    /// Writes the whole of a body that is to be MCAP, decoded, to a file in `folder`.
     pub(super) async fn receive(headers: &HeaderMap, body: Body, folder: &Path, limits: &HttpLimits) -> Result<Self, Problem> {
         static COUNTER: AtomicU64 = AtomicU64::new(0);
         let mut body = DecodedBody::new(headers, body, limits.recording_bytes, limits)?;
@@ -193,9 +207,21 @@ impl SpooledBody {
         let file = tokio::fs::File::create(&spooled.path).await.map_err(failed)?;
         let mut file = tokio::io::BufWriter::with_capacity(1 << 20, file);
         let mut hash = Sha256::new();
+        let mut beginning = Some(Vec::new());
         while let Some(bytes) = body.next().await? {
+            // A small body that says to be another one must not become gigabytes before that is seen.
+            if let Some(first) = beginning.as_mut() {
+                first.extend_from_slice(&bytes[..bytes.len().min(BEGINNING)]);
+                if first.len() >= BEGINNING {
+                    check_mcap(first)?;
+                    beginning = None;
+                }
+            }
             hash.update(&bytes);
             file.write_all(&bytes).await.map_err(failed)?;
+        }
+        if let Some(whole) = beginning {
+            check_mcap(&whole)?;
         }
         file.flush().await.map_err(failed)?;
         spooled.sha256 = hash.finalize().to_vec();

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::BufWriter;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::path::Path;
 
 use axum::body::Body;
 use axum::extract::State;
@@ -77,28 +77,31 @@ pub(super) async fn export(
     AssetInPath(asset): AssetInPath,
     Parameters(asked): Parameters<ExportParameters>,
 ) -> Result<Response, Problem> {
-    static COUNTER: AtomicU64 = AtomicU64::new(0);
     let spectra = asked.spectra.unwrap_or(100);
     if spectra > MAX_SPECTRA {
         return Err(Problem::query("spectra", spectra, "a number from 0 to 10000"));
     }
-    let store = &app.service.store;
-    let spec = store.asset(&asset).await?.spec;
+    app.service.store.asset(&asset).await?;
     let _ticket = app.service.workers.admit_answer()?;
-    let channels = store.channels(&asset).await?;
+    match written(&app, &asset, &asked, spectra, &app.uploads).await {
+        // What is kept can be read also while there is no room beside it.
+        Err(problem) if problem.is_no_room() => written(&app, &asset, &asked, spectra, &std::env::temp_dir()).await,
+        answer => answer,
+    }
+}
+
+/// The answer, by way of a file in `folder`.
+async fn written(app: &App, asset: &AssetId, asked: &ExportParameters, spectra: u64, folder: &Path) -> Result<Response, Problem> {
+    let store = &app.service.store;
+    let spec = store.asset(asset).await?.spec;
+    let channels = store.channels(asset).await?;
     let is_wanted = |name: &str| asked.channel.as_ref().is_none_or(|channel| channel == name);
     let segments: u64 = channels
         .iter()
         .filter(|channel| is_wanted(&channel.channel))
         .map(|channel| channel.segments)
         .sum();
-    let path = app.uploads.join(format!("export-{}", COUNTER.fetch_add(1, Ordering::Relaxed)));
-    let spooled = SpooledBody::at(path.clone());
-    let file = File::create(&path).map_err(|source| ServiceError::File {
-        action: "write",
-        path: path.clone(),
-        source,
-    })?;
+    let (file, spooled) = new_file(folder)?;
     let mut writer = HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(ServiceError::from)?;
     let wanted = channels.iter().filter(|channel| is_wanted(&channel.channel));
     let latest: Vec<_> = wanted.filter_map(|channel| channel.last_segment.clone()).collect();
@@ -119,7 +122,7 @@ pub(super) async fn export(
     };
     let mut number = 0;
     loop {
-        let page = store.segments(&asset, &filter, PAGE).await?;
+        let page = store.segments(asset, &filter, PAGE).await?;
         let Some(last) = page.last() else { break };
         filter.after = Some(SegmentKey {
             start_time: last.start_time,
@@ -130,7 +133,7 @@ pub(super) async fn export(
             // Every k-th record, so that there are about as many as were asked for.
             let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
             number += 1;
-            let spectrum = if is_chosen { spectrum_of(&app, &segment).await? } else { None };
+            let spectrum = if is_chosen { spectrum_of(app, &segment).await? } else { None };
             with_spectra.push((segment, spectrum));
         }
         let written = app.service.workers.run("write a history", move || {
@@ -141,7 +144,7 @@ pub(super) async fn export(
         });
         writer = written.await?.map_err(ServiceError::from)?;
     }
-    let changes = alarm_changes(&app, &asset, &asked).await?;
+    let changes = alarm_changes(app, asset, asked).await?;
     let written = app.service.workers.run("write alarms", move || {
         changes.iter().try_for_each(|(base, message)| {
             let time = Timestamp::from_nanosecond(message.start_time_ns.into()).unwrap_or_default();
@@ -242,6 +245,24 @@ fn write(writer: &mut Writer, segment: &Segment, spectrum: Option<&Spectrum>) ->
 
 fn nanoseconds(time: Timestamp) -> i64 {
     i64::try_from(time.as_nanosecond()).unwrap_or(i64::MAX)
+}
+
+/// A new file in a folder that others may write to as well: its name cannot be guessed, and nobody else reads it.
+fn new_file(folder: &Path) -> Result<(File, SpooledBody), ServiceError> {
+    let failed = |source: std::io::Error| ServiceError::File {
+        action: "write",
+        path: folder.to_path_buf(),
+        source,
+    };
+    let mut unguessable = [0; 16];
+    getrandom::fill(&mut unguessable).map_err(|error| failed(std::io::Error::other(error.to_string())))?;
+    let path = folder.join(format!("flankwatch-export-{}", hex::encode(unguessable)));
+    let mut options = File::options();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let file = options.open(&path).map_err(failed)?;
+    Ok((file, SpooledBody::at(path)))
 }
 
 /// The file piece by piece; it is removed when the last one is gone, or the client.

@@ -38,6 +38,8 @@ pub(super) struct Ready {
     database: String,
     /// `ok`, or why nothing is removed from the raw recordings: the database does not know them.
     raw_recordings: String,
+    /// `ok`, or why a record cannot be kept: the disk is full, for example.
+    room: String,
     /// Records being processed or waiting.
     queue: Queue,
     /// Of a node of a cluster: `ok`, or why another part that it needs cannot be used.
@@ -104,6 +106,7 @@ async fn readiness(service: &Service) -> (StatusCode, Json<Ready>) {
         Ok(Err(error)) => Some(error.to_string()),
         Err(_) => Some("does not answer".to_owned()),
     };
+    let room = room(service).await;
     let (used, limit) = service.workers.queue();
     let mut health = match service.role.queue() {
         Some(queue) => queue.health().await,
@@ -112,7 +115,7 @@ async fn readiness(service: &Service) -> (StatusCode, Json<Ready>) {
     if service.store.is_shared() {
         health.push(object_store(service).await);
     }
-    let is_ready = database.is_none() && used < limit && health.iter().all(|part| part.fault.is_none());
+    let is_ready = database.is_none() && room.is_none() && used < limit && health.iter().all(|part| part.fault.is_none());
     let status = if is_ready {
         StatusCode::OK
     } else {
@@ -123,11 +126,28 @@ async fn readiness(service: &Service) -> (StatusCode, Json<Ready>) {
         status: if is_ready { "ok" } else { "unavailable" },
         database: or_ok(database),
         raw_recordings: or_ok(service.store.held()),
+        room: or_ok(room),
         queue: Queue { used, limit },
         parts: health.into_iter().map(|part| (part.part, or_ok(part.fault))).collect(),
         feeds: feeds(service),
     };
     (status, Json(parts))
+}
+
+/// Why a record cannot be kept; none where it can.
+async fn room(service: &Service) -> Option<String> {
+    // What is damaged is not written to, and is told by itself.
+    if service.store.damage().is_some() {
+        return None;
+    }
+    let store = service.store.clone();
+    let look = tokio::task::spawn_blocking(move || store.objects().check_room());
+    match tokio::time::timeout(ANSWER_TIMEOUT, look).await {
+        Ok(Ok(Ok(()))) => None,
+        Ok(Ok(Err(error))) => Some(error.to_string()),
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some("the disk does not answer".to_owned()),
+    }
 }
 
 async fn object_store(service: &Service) -> PartHealth {

@@ -80,21 +80,21 @@ pub(super) async fn trend(
         return Ok(etag::not_modified(tag));
     }
     let wants_csv = table::wants_csv(&headers);
+    let names: Option<Vec<String>> = asked.names.as_deref().map(|names| {
+        let names = names.split(',').map(str::trim).filter(|name| !name.is_empty());
+        names.map(str::to_owned).collect()
+    });
+    if let Some(names) = names.as_ref().filter(|names| names.len() > 64) {
+        return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
+    }
+    let check = |known: &BTreeMap<String, Vec<f64>>| check_names(names.as_deref().unwrap_or_default(), known, &asset.spec);
     let Some(channel) = channel else {
+        check(&BTreeMap::new())?;
         return table::answer(tag, wants_csv, TrendView::default(), table_of);
     };
     let trend = app.service.store.trend(&channel).await?;
-    let names: Vec<String> = match &asked.names {
-        Some(names) => names
-            .split(',')
-            .map(|name| name.trim().to_string())
-            .filter(|name| !name.is_empty())
-            .collect(),
-        None => trend.indicators.keys().cloned().collect(),
-    };
-    if names.len() > 64 {
-        return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
-    }
+    check(&trend.indicators)?;
+    let names = names.unwrap_or_else(|| trend.indicators.keys().cloned().collect());
     let bin = chosen::asked_bin(&asset.spec, asked.operating_bin.as_deref())?;
     let render = move || {
         let chosen = Chosen::of(&trend, asked.from, asked.to, bin.as_ref());
@@ -103,6 +103,19 @@ pub(super) async fn trend(
     let mut view = app.service.workers.run("reduce a trend", render).await?;
     view.channel = Some(channel.channel);
     table::answer(tag, wants_csv, view, table_of)
+}
+
+/// A name that is no indicator's, and that no record has a value of from before a change of the bands, is a slip.
+fn check_names(names: &[String], recorded: &BTreeMap<String, Vec<f64>>, spec: &AssetSpec) -> Result<(), Problem> {
+    let known = Indicators::names(&spec.bands);
+    let is_known = |name: &&String| known.contains(name) || recorded.contains_key(*name);
+    let Some(unknown) = names.iter().find(|name| !is_known(name)) else {
+        return Ok(());
+    };
+    let all = known.iter().chain(recorded.keys().filter(|name| !known.contains(name)));
+    let nearest = Indicators::nearest(unknown, all.map(String::as_str)).join(", ");
+    let expected = format!("names of indicators; the nearest are {nearest}");
+    Err(Problem::query("names", format!("{unknown:?}"), &expected))
 }
 
 fn table_of(view: &TrendView, table: &mut table::Table) -> Result<(), csv::Error> {

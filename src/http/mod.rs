@@ -22,6 +22,7 @@ mod etag;
 mod event_ring;
 mod events;
 mod export;
+mod head;
 mod health;
 mod indicators;
 mod libraries;

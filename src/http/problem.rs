@@ -56,6 +56,9 @@ fn as_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result
     serializer.serialize_u16(status.as_u16())
 }
 
+/// When to come again where there was no room: somebody has to make it.
+const NO_ROOM_RETRY_S: u32 = 60;
+
 impl Problem {
     pub(super) fn new(status: StatusCode, detail: impl Into<String>) -> Self {
         Self(Box::new(Details {
@@ -133,8 +136,18 @@ impl Problem {
         self
     }
 
-    /// The same, naming the field that a decoder's message names in backticks.
+    /// The same, naming the field that a decoder's message names in backticks, or with its value and what was expected.
     pub(super) fn naming_field_in(mut self, message: &str) -> Self {
+        if let Some((field, rest)) = message.split_once(" is ")
+            && field
+                .chars()
+                .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, '.' | '_'))
+            && let Some((value, expected)) = rest.split_once(", expected ")
+        {
+            // Where it stands comes after it.
+            let expected = expected.split(" at line ").next().unwrap_or(expected);
+            return self.with_field(field, value, expected);
+        }
         let is_about_a_field = message.starts_with("unknown field `") || message.starts_with("missing field `");
         if is_about_a_field && let Some(field) = message.split('`').nth(1) {
             self.0.field = Some(field.to_string());
@@ -154,7 +167,8 @@ impl IntoResponse for Problem {
         let body = self.body();
         let damage = self.0.is_damage.then(|| DamageFound(self.0.detail.clone()));
         let mut response = (self.0.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
-        if let Some(seconds) = self.0.retry_after_s {
+        let is_no_room = self.is_no_room();
+        if let Some(seconds) = self.0.retry_after_s.or(is_no_room.then_some(NO_ROOM_RETRY_S)) {
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
         }
         if let Some(damage) = damage {

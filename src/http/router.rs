@@ -15,8 +15,9 @@ use utoipa_axum::routes;
 use super::app::App;
 use super::problem::Problem;
 use super::{
-    access, alarms, angle, assets, cepstra, damage, dashboard, drain, etag, events, export, health, indicators, libraries, library_states,
-    maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, session, traffic, tus, uploads, waterfall,
+    access, alarms, angle, assets, cepstra, damage, dashboard, drain, etag, events, export, head, health, indicators, libraries,
+    library_states, maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, session, traffic, tus, uploads,
+    waterfall,
     waveforms, wear,
 };
 
@@ -83,6 +84,7 @@ pub(super) fn router(app: App) -> Router {
         .layer(from_fn(etag::layer))
         .layer(from_fn_with_state(app.clone(), damage::layer))
         .layer(from_fn_with_state(Arc::clone(&app.access), access::guard))
+        .layer(from_fn_with_state(app.clone(), head::layer))
         .layer(from_fn_with_state(app.clone(), traffic::time_out))
         .layer(CatchPanicLayer::custom(traffic::panicked))
         .layer(CompressionLayer::new().gzip(true))

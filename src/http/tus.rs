@@ -30,14 +30,19 @@ fn number(headers: &HeaderMap, name: &HeaderName) -> Result<u64, Problem> {
     let given = headers.get(name);
     given
         .and_then(|value| value.to_str().ok()?.parse().ok())
-        .ok_or_else(|| Problem::query(name.as_str(), format!("{given:?}"), "a number of bytes"))
+        .ok_or_else(|| Problem::query(name.as_str(), text_of(given), "a number of bytes"))
+}
+
+/// The value of a header field, or that it is missing.
+fn text_of(value: Option<&HeaderValue>) -> String {
+    value.map_or_else(|| "missing".to_owned(), |value| format!("{value:?}"))
 }
 
 fn check_version(headers: &HeaderMap) -> Result<(), Problem> {
     match headers.get(RESUMABLE) {
         Some(version) if version == VERSION => Ok(()),
         version => {
-            let detail = format!("tus-resumable is {version:?}, expected {VERSION}");
+            let detail = format!("tus-resumable is {}, expected {VERSION}", text_of(version));
             Err(Problem::new(StatusCode::PRECONDITION_FAILED, detail))
         }
     }
@@ -116,7 +121,13 @@ pub(super) async fn create(State(app): State<App>, headers: HeaderMap) -> Result
     }
     let name = metadata(&headers, "asset");
     let asset = name.clone().and_then(|name| AssetId::new(name).ok());
-    let asset = asset.ok_or_else(|| Problem::query("upload-metadata", format!("{name:?}"), "asset and its name in base64"))?;
+    let asset = asset.ok_or_else(|| {
+        Problem::query(
+            "upload-metadata",
+            name.map_or_else(|| "missing".to_owned(), |name| format!("{name:?}")),
+            "asset and its name in base64",
+        )
+    })?;
     app.service.store.asset(&asset).await?;
     let upload = resumable::begin(&app, asset, length).await?;
     let location = format!("/v1/uploads/{}", upload.id);

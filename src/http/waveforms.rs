@@ -243,7 +243,8 @@ pub(super) async fn envelope(
         }
         (None, Some(low), Some(high)) if low >= 0.0 && low < high && high <= half_rate_hz => BandChoice::Hertz([low, high]),
         (None, low, high) => {
-            let found = format!("{low:?} to {high:?}").replace("Some(", "").replace(')', "");
+            let end = |hz: Option<f64>| hz.map_or_else(|| "missing".to_owned(), |hz| hz.to_string());
+            let found = format!("{} to {}", end(low), end(high));
             let expected = format!("both ends, the lower one first, from 0 to {half_rate_hz} Hz");
             return Err(Problem::query("band_low_hz, band_high_hz", found, &expected));
         }

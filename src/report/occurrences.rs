@@ -8,7 +8,8 @@ use super::Report;
 use super::chart::Mark;
 use super::page::escape;
 use crate::estimate::{
-    AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Inspection, MaintenanceEvent, MaintenanceKind, PanelChange, Severity,
+    AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Inspection, MaintenanceEvent, MaintenanceKind, PanelChange,
+    RatedQuantity, Severity,
 };
 use crate::library::FlankPlace;
 
@@ -74,7 +75,10 @@ pub(super) fn sections(report: &Report, body: &mut String) {
 /// Where alarms of a channel were raised, and where something was done to the machine.
 pub(super) fn marks(report: &Report, channel: &str) -> Vec<Mark> {
     let of_alarms = report.alarms.iter().filter(|alarm| alarm.channel == channel).flat_map(|alarm| {
-        let raised = |change: &&AlarmChange| change.action.is_none() && change.maintenance.is_none() && change.severity.is_some();
+        let raised = |change: &&AlarmChange| {
+            let is_by_itself = matches!(change.action, None | Some(AlarmAction::Stale { .. }));
+            is_by_itself && change.maintenance.is_none() && change.severity.is_some()
+        };
         alarm.history.iter().filter(raised).map(|change| {
             let class = change.severity.map_or("warning", Severity::name);
             Mark {
@@ -101,9 +105,14 @@ fn seconds(time: Timestamp) -> f64 {
 
 fn alarm_table(alarm: &ReportedAlarm, body: &mut String) {
     let levels = alarm.rule.iter().flat_map(|rule| {
-        [("warning", rule.warning), ("danger", rule.danger)]
-            .into_iter()
-            .filter_map(|(name, level)| level.map(|level| format!("{name} above {level}")))
+        [
+            ("warning above", rule.warning),
+            ("danger above", rule.danger),
+            ("warning below", rule.warning_below),
+            ("danger below", rule.danger_below),
+        ]
+        .into_iter()
+        .filter_map(|(name, level)| level.map(|level| format!("{name} {level}")))
     });
     let levels: Vec<String> = levels.collect();
     let levels = if levels.is_empty() {
@@ -141,7 +150,7 @@ fn change_row(change: &AlarmChange) -> String {
         (Some(AlarmAction::Comment), _) => "remark".to_owned(),
         (Some(AlarmAction::ShelvingOver), _) => "no longer shelved: its time was over".to_owned(),
         (None, Some(kind)) => format!("{}: begins again", kind_words(kind)),
-        (None, None) => change
+        (None | Some(AlarmAction::Stale { .. }), _) => change
             .severity
             .map_or_else(|| "back to normal".to_owned(), |severity| format!("{} raised", severity.name())),
     };
@@ -197,7 +206,12 @@ fn quantity_words(quantity: &AlarmQuantity) -> String {
         AlarmQuantity::WearUm => "Wear depth (µm)".to_owned(),
         AlarmQuantity::WearAboveLimit => "Probability of having passed the limit".to_owned(),
         AlarmQuantity::Novelty => "Novelty (−log₁₀ p)".to_owned(),
+        AlarmQuantity::SensorFault => "Sensor fault (0 or 1)".to_owned(),
+        AlarmQuantity::StaleS => "Seconds without a record".to_owned(),
         AlarmQuantity::Indicator(name) => format!("Indicator {name}"),
+        AlarmQuantity::RatePerDay(RatedQuantity::WearUm) => "Change of the wear depth (µm a day)".to_owned(),
+        AlarmQuantity::RatePerDay(RatedQuantity::Novelty) => "Change of the novelty a day".to_owned(),
+        AlarmQuantity::RatePerDay(RatedQuantity::Indicator(name)) => format!("Change of the indicator {name} a day"),
     }
 }
 
@@ -223,7 +237,6 @@ fn state_words(state: AlarmState) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::AlarmSettings;
 
     fn change(second: i64, severity: Option<Severity>, by: &str) -> AlarmChange {
         AlarmChange {
@@ -241,11 +254,9 @@ mod tests {
     #[test]
     fn alarms_and_maintenance_are_told_and_marked() {
         let rule = AlarmRule {
-            quantity: AlarmQuantity::WearUm,
             warning: Some(100.0),
-            danger: None,
             hysteresis: 5.0,
-            settings: AlarmSettings::default(),
+            ..AlarmRule::of(AlarmQuantity::WearUm)
         };
         let quiet = AlarmRule {
             quantity: AlarmQuantity::Novelty,

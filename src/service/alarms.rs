@@ -12,7 +12,7 @@ use super::history::History;
 use super::pipeline::Committer;
 use crate::asset::SegmentId;
 use crate::estimate::{ActionTaken, AlarmAction};
-use crate::store::{AlarmNotice, SegmentKey, Store, StoredAlarm};
+use crate::store::{AlarmNotice, SegmentKey, Silence, Store, StoredAlarm};
 
 /// How often shelvings are looked at.
 const SHELVING_INTERVAL: Duration = Duration::from_secs(1);
@@ -46,17 +46,40 @@ impl Alarms {
     /// Errors: [`ServiceError::AlarmUnknown`]; [`ServiceError::Alarm`] where it cannot be done in the alarm's
     /// state.
     pub async fn act(&self, id: &str, done: OperatorAction) -> Result<StoredAlarm, ServiceError> {
+        let stored = self.store.alarm(id).await?;
+        let stored = stored.ok_or_else(|| ServiceError::AlarmUnknown(id.to_owned()))?;
+        self.act_on(stored, None, done).await
+    }
+
+    /// Does something to an alarm as it stands when its channel is locked, which is `known` where nothing has happened to it yet; after
+    /// `silence` only where no record has come meanwhile.
+    pub(crate) async fn act_on(
+        &self,
+        known: StoredAlarm,
+        silence: Option<&Silence>,
+        done: OperatorAction,
+    ) -> Result<StoredAlarm, ServiceError> {
         let store = &self.store;
-        let unknown = || ServiceError::AlarmUnknown(id.to_owned());
+        let id = known.id.clone();
+        let unknown = || ServiceError::AlarmUnknown(id.clone());
         // No records come in meanwhile: the place after the latest one is known.
         let _pause = self.committer.pause().await;
-        let stored = store.alarm(id).await?.ok_or_else(unknown)?;
-        let slot = self.history.lock(&stored.asset_id, &stored.channel).await;
-        let channel = store.channel(&stored.asset_id, &stored.channel).await?.ok_or_else(unknown)?;
+        let slot = self.history.lock(&known.asset_id, &known.channel).await;
+        let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
         let mut commit = store.begin().await?;
         let mut channel = commit.channel_again(&channel).await?;
+        if silence.is_some_and(|silence| silence.channel.segments != channel.segments) {
+            return Err(unknown());
+        }
         // Asked again under the lock: a history that was just folded again may have changed it.
-        let mut stored = store.alarm(id).await?.ok_or_else(unknown)?;
+        let mut stored = match store.alarm(&id).await? {
+            Some(stored) => StoredAlarm {
+                rule: stored.rule.or(known.rule),
+                ..stored
+            },
+            None if silence.is_some() => known,
+            None => return Err(unknown()),
+        };
         let now = self.clock.now();
         stored.alarm.check(now, &done.action)?;
         let taken = ActionTaken {

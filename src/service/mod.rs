@@ -47,6 +47,7 @@ mod removal;
 mod replay;
 mod replays;
 mod sensor_group;
+mod silence;
 mod simulations;
 mod tally;
 mod upkeep;

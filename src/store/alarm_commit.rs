@@ -138,6 +138,8 @@ impl Commit {
         change: &AlarmChange,
     ) -> Result<(), StoreError> {
         let id = stored.id.as_str();
+        // First: what was done refers to it.
+        self.set_alarm(channel, stored).await?;
         sqlx::query(
             "INSERT INTO alarm_actions (alarm_id, number, after_ns, action)
              SELECT $1, COALESCE(MAX(number), 0) + 1, $2, $3 FROM alarm_actions WHERE alarm_id = $1",
@@ -156,7 +158,6 @@ impl Commit {
         .bind(to_json(change, "change", id)?)
         .execute(&mut *self.transaction)
         .await?;
-        self.set_alarm(channel, stored).await?;
         channel.note_change(place);
         self.set_channel(channel, false).await
     }
@@ -270,7 +271,7 @@ impl Commit {
 }
 
 /// The identifier of an alarm: that of its asset, channel and quantity, whatever its levels.
-fn alarm_id(channel: &ChannelSummary, quantity: &AlarmQuantity) -> String {
+pub(super) fn alarm_id(channel: &ChannelSummary, quantity: &AlarmQuantity) -> String {
     let mut hash = Sha256::new();
     for part in [channel.asset_id.as_str(), &channel.channel, &quantity.to_string()] {
         hash.update((part.len() as u64).to_le_bytes());

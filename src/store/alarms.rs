@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use sqlx::Row;
 use sqlx::any::AnyRow;
 
+use super::alarm_commit::alarm_id;
 use super::rows::{from_json, from_ns, get, get_json, to_ns};
 use super::{ChannelSummary, Store, StoreError};
 use crate::asset::AssetId;
@@ -58,6 +59,21 @@ const ALARM: &str = "SELECT l.*, c.asset_id, c.name AS channel FROM alarms l JOI
 
 /// The state at the time bound first.
 const STATE: &str = "CASE WHEN l.shelved_until_ns > $1 THEN 'shelved' ELSE l.standing END";
+
+impl StoredAlarm {
+    /// That of a channel's rule to which nothing has happened yet.
+    pub fn untouched(channel: &ChannelSummary, rule: &AlarmRule, now: Timestamp) -> Self {
+        Self {
+            id: alarm_id(channel, &rule.quantity),
+            asset_id: channel.asset_id.clone(),
+            channel: channel.channel.clone(),
+            quantity: rule.quantity.clone(),
+            rule: Some(rule.clone()),
+            alarm: Alarm::default(),
+            changed_at: now,
+        }
+    }
+}
 
 impl Store {
     /// Up to `limit` alarms, the one that changed last first, in their states at `now`.

@@ -34,6 +34,7 @@ mod segments;
 mod settings;
 mod shared_sensors;
 mod shelvings;
+mod silences;
 mod tokens;
 mod trend;
 mod upkeep;
@@ -70,6 +71,7 @@ pub use segments::{Analysed, NewSegment, Order, RunResult, SegmentFilter, Segmen
 pub use settings::StoreSettings;
 #[cfg(feature = "cluster")]
 pub use settings::{BucketCredentials, BucketSettings, ObjectsSettings, SharedSettings};
+pub use silences::Silence;
 pub use tokens::StoredToken;
 pub use trend::{Trend, WearPoint};
 

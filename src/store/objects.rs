@@ -120,6 +120,15 @@ impl Objects {
         }
     }
 
+    /// Whether there is room for a small record, where that is known.
+    pub fn check_room(&self) -> Result<(), StoreError> {
+        match &self.backend {
+            Backend::Folder(folder) => folder.check_room(),
+            #[cfg(feature = "cluster")]
+            Backend::Bucket(_) => Ok(()),
+        }
+    }
+
     /// Removes an object; one that is not there is no error.
     pub fn remove(&self, name: &str) -> Result<(), StoreError> {
         self.remove_file(&self.object_path(name))

@@ -72,6 +72,7 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
         let block = flankwatch::recording::encode_block(&record("1", n), flankwatch::recording::BlockEncoding::Json);
         let answer = service.post("/v1/assets/pump/segments", "application/json", &block);
         if answer.status == 507 {
+            assert_eq!(answer.header("retry-after"), "60");
             answer.expect_problem(507, &[]);
             refused += 1;
             if refused == 5 {
@@ -93,6 +94,9 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
         }
     };
     is_readable(&service, &stored);
+    let ready = service.get("/readyz").expect(503).json();
+    assert!(ready["room"].as_str().unwrap().contains("write"), "{ready}");
+    service.get("/v1/assets/pump/export").expect(200);
     // What was kept for a record whose rows had no room does not stay.
     let began = std::time::Instant::now();
     while raw_objects(service.folder()) > stored.len() {
@@ -100,6 +104,7 @@ fn a_full_disk_is_answered_507_and_the_service_goes_on_when_there_is_room() {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     std::fs::remove_file(&ballast).unwrap();
+    service.get("/readyz").expect(200);
     for n in 200..210 {
         stored.push(service.upload("pump", &record("1", n))["id"].as_str().unwrap().to_owned());
     }

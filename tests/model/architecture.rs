@@ -108,6 +108,23 @@ fn pure_code_has_no_clock_environment_chance_or_files() {
 }
 
 #[test]
+fn the_oldest_toolchain_is_stated_once_and_is_not_newer_than_the_one_that_is_used() {
+    let table = |name: &str| -> toml::Table { fs::read_to_string(root().join(name)).unwrap().parse().unwrap() };
+    let manifest = table("Cargo.toml");
+    let oldest = manifest["workspace"]["package"]["rust-version"].as_str().unwrap();
+    let contributing = fs::read_to_string(root().join("CONTRIBUTING.md")).unwrap();
+    assert!(contributing.contains(&format!("({oldest} or later)")) && contributing.contains(&format!("cargo +{oldest} check")));
+    assert_eq!(env!("CARGO_PKG_RUST_VERSION"), oldest, "every package takes that of the workspace");
+    let toolchain = table("rust-toolchain.toml");
+    let channel = toolchain["toolchain"]["channel"].as_str().unwrap();
+    let number = |version: &str| -> Option<Vec<u32>> { version.split('.').map(|part| part.parse().ok()).collect() };
+    assert!(
+        channel == "stable" || number(channel) >= number(oldest),
+        "{channel} is older than {oldest}"
+    );
+}
+
+#[test]
 fn paths_from_the_top_are_found_in_every_spelling() {
     let text = "use crate::{store::{Row, service}, asset};\nuse crate::http;\nlet x = super::super::cli::run();";
     assert_eq!(named_at_the_top(text, 2), ["store", "asset", "http", "cli"]);

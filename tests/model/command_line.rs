@@ -114,7 +114,9 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
     flankwatch(&order).expect_success();
     let records = analyze(&[&run, "--asset", &asset, "--data-dir", &data, "--members", "0"]);
     assert_eq!(records.len(), 120);
-    assert!(records[..20].iter().all(|record| record["wear"].is_null()));
+    let status = |record: &Value| record["wear"]["status"].as_str().unwrap().to_owned();
+    assert!(records[..20].iter().all(|record| status(record) == "collecting_baseline"));
+    assert!(records[..20].iter().all(|record| record["wear"]["median_um"].is_null()));
     assert_eq!(records[7]["wear_reason"], "collecting baseline, 8 of 20");
     let mut covered = 0;
     // Wear that went on within the baseline is missing from the first answers after it.
@@ -130,7 +132,23 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
     assert!(covered >= 95, "{covered} of 100 intervals hold the truth");
 
     let (table, report) = (flankwatch(&["analyze", &run]).expect_success().out(), path(&folder, "report.html"));
-    assert!(table.lines().count() == 121 && table.starts_with("file"));
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!((lines.len(), lines[122]), (123, "no wear: no asset is described, see --asset"));
+    assert!(
+        lines[0].starts_with("channel ") && lines[1].trim_start().starts_with('#'),
+        "{table}"
+    );
+    let described = ["analyze", &run, "--asset", &asset, "--data-dir", &data, "--members", "0"];
+    let table = flankwatch(&described).expect_success().out();
+    let (rows, words) = table.trim_end().rsplit_once('\n').unwrap();
+    let widest = rows.lines().map(|line| line.chars().count()).max().unwrap();
+    assert!(widest <= 80 && words.chars().count() <= 120, "{widest} columns, and {words}");
+    assert!(words.starts_with("worn ") && words.contains("µm"), "{words}");
+    let more = flankwatch(&[&described[..], &["--columns", "fm4,file"]].concat())
+        .expect_success()
+        .out();
+    assert!(more.lines().nth(1).unwrap().contains("fm4") && more.contains("run.mcap"));
+    flankwatch(&["analyze", &run, "--columns", "kurtossis"]).expect_refusal(&["kurtossis", "kurtosis"]);
     let words = [
         "analyze",
         &run,
@@ -146,7 +164,17 @@ fn a_simulated_run_is_followed_and_every_format_prints_it() {
         "0",
     ];
     let csv = flankwatch(&words).expect_success().out();
-    assert_eq!(csv::Reader::from_reader(csv.as_bytes()).records().map(Result::unwrap).count(), 120);
+    let mut rows = csv::Reader::from_reader(csv.as_bytes());
+    let column = |name: &str, row: &csv::StringRecord, header: &csv::StringRecord| {
+        row[header.iter().position(|other| other == name).unwrap()].to_owned()
+    };
+    let header = rows.headers().unwrap().clone();
+    let rows: Vec<csv::StringRecord> = rows.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 120);
+    for (row, record) in rows.iter().zip(&records) {
+        assert_eq!(column("wear_status", row, &header), status(record));
+        assert_eq!(column("wear_reason", row, &header), record["wear_reason"].as_str().unwrap());
+    }
     let html = fs::read_to_string(&report).unwrap();
     // All of it is in the page, so that it can be kept and sent.
     assert!(html.contains("Wear depth") && html.contains("<polygon class=\"band\""));

@@ -6,6 +6,7 @@ mod command_line;
 mod dynamics;
 mod evaluation;
 mod figures;
+mod hostile_bytes;
 mod libraries;
 
 #[allow(dead_code, reason = "each of the test programs uses a part")]

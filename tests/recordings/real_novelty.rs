@@ -4,9 +4,7 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
-use flankwatch::estimate::{
-    Alarm, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings, EstimatorSettings, Tracker, WearEstimate, WearStatus,
-};
+use flankwatch::estimate::{Alarm, AlarmQuantity, AlarmReading, AlarmRule, EstimatorSettings, Tracker, WearEstimate, WearStatus};
 use flankwatch::gear::PairSpec;
 use flankwatch::library::{BuildControl, Ensemble, GridSettings, build};
 use flankwatch::recording::{Cut, RecordDefaults, WavBlocks};
@@ -112,11 +110,9 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
         let flagged_early = early.iter().filter(|score| **score > 4.0).count() as f64 / early.len() as f64;
         let late = &scores[scores.len() - LATE..];
         let rule = AlarmRule {
-            quantity: AlarmQuantity::Novelty,
             warning: Some(4.0),
-            danger: None,
             hysteresis: 1.0,
-            settings: AlarmSettings::default(),
+            ..AlarmRule::of(AlarmQuantity::Novelty)
         };
         let mut alarm = Alarm::default();
         let changes: Vec<(usize, bool)> = scores

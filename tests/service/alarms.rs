@@ -453,3 +453,96 @@ fn an_mcap_of_a_whole_life_raises_in_one_batch() {
     }
     assert_eq!(told(&whole(&service, "batch")), told(&whole(&service, "single")));
 }
+
+/// An asset with a rule on silence: a warning after a minute, danger after an hour.
+fn silent_after_a_minute(id: &str) -> Value {
+    let mut asset = plain_asset(id);
+    asset["alarms"] = json!([{ "quantity": "stale_s", "warning": 60, "danger": 3600 }]);
+    asset
+}
+
+/// Waits until the only alarm of an asset is as it is wanted.
+fn wait_for_alarm(service: &Service, asset: &str, is_wanted: impl Fn(&Value) -> bool) -> Value {
+    let list = service.wait_for(&format!("/v1/alarms?asset={asset}"), |list| {
+        list["items"].as_array().is_some_and(|items| items.iter().any(&is_wanted))
+    });
+    list["items"][0].clone()
+}
+
+#[test]
+fn silence_is_raised_gets_worse_survives_a_restart_and_ends_with_a_record() {
+    let mut service = Service::start();
+    service.post_json("/v1/assets", &silent_after_a_minute("pump")).expect(201);
+    service.post_json("/v1/assets", &silent_after_a_minute("fan")).expect(201);
+    service.upload("pump", &loud(0, 1.0));
+    service.clock.advance(61);
+    let raised = wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
+    assert_eq!(
+        (&raised["state"], &raised["quantity"]),
+        (&json!("unacknowledged"), &json!("stale_s"))
+    );
+    assert_eq!(raised["value"], 61.0);
+    // A channel that never had a record is not waited for.
+    assert_eq!(service.get("/v1/alarms?asset=fan").expect(200).json()["items"], json!([]));
+    act(&service, &raised, "acknowledge", &json!({ "by": "Ada" })).expect(200);
+    service.clock.advance(3600);
+    wait_for_alarm(&service, "pump", |alarm| {
+        alarm["severity"] == "danger" && alarm["state"] == "unacknowledged"
+    });
+
+    service.restart();
+    let kept = whole(&service, "pump");
+    assert_eq!((&kept["severity"], &kept["state"]), (&json!("danger"), &json!("unacknowledged")));
+    // By the clock a record is received now, whatever its own time.
+    service.upload("pump", &loud(1, 1.0));
+    let over = whole(&service, "pump");
+    assert_eq!(
+        (&over["severity"], &over["state"]),
+        (&Value::Null, &json!("returned_unacknowledged"))
+    );
+    let told: Vec<&Value> = over["history"].as_array().unwrap().iter().map(|entry| &entry["severity"]).collect();
+    assert_eq!(told, [&json!("warning"), &json!("warning"), &json!("danger"), &Value::Null]);
+    assert_eq!(
+        over["history"][0]["action"],
+        json!({ "stale": { "severity": "warning", "silent_s": 61 } })
+    );
+
+    // A record that is late by its own time ends it too.
+    service.clock.advance(61);
+    wait_for_alarm(&service, "pump", |alarm| alarm["severity"] == "warning");
+    service.upload("pump", &loud(0, 1.1));
+    wait_for_alarm(&service, "pump", |alarm| alarm["severity"].is_null());
+}
+
+#[test]
+fn levels_below_are_raised_and_cleared_by_records() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["alarms"] = json!([{ "quantity": { "indicator": "rms" }, "warning_below": 0.5, "danger_below": 0.1, "settings": at_once() }]);
+    service.post_json("/v1/assets", &asset).expect(201);
+    service.upload("pump", &loud(0, 1.0));
+    service.upload("pump", &loud(1, 0.01));
+    assert_eq!(only_alarm(&service, "pump")["severity"], "danger");
+    service.upload("pump", &loud(2, 1.0));
+    let over = only_alarm(&service, "pump");
+    assert_eq!((&over["severity"], &over["rule"]["warning_below"]), (&Value::Null, &json!(0.5)));
+}
+
+#[test]
+fn a_misspelt_indicator_is_refused_with_the_nearest_names() {
+    let service = Service::start();
+    let mut asset = plain_asset("pump");
+    asset["alarms"] = json!([{ "quantity": { "indicator": "kurtsosis" }, "warning": 4 }]);
+    let refused = service
+        .post_json("/v1/assets", &asset)
+        .expect_problem(422, &["kurtsosis", "the nearest are kurtosis"]);
+    assert_eq!(refused["field"], "alarms.quantity.indicator");
+    service.plain_asset("pump");
+    for _ in 0..2 {
+        // With and without records.
+        let trend = service.get("/v1/assets/pump/indicators?names=rms,nonsense");
+        assert_eq!(trend.expect_problem(400, &["nonsense", "the nearest are"])["field"], "names");
+        service.get("/v1/assets/pump/indicators?names=rms,na4").expect(200);
+        service.upload("pump", &loud(0, 1.0));
+    }
+}

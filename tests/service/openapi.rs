@@ -163,3 +163,43 @@ fn schemathesis_finds_no_fault_and_no_undocumented_answer() {
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
 }
+
+/// The names in the first cells of the table of docs/api.md whose first heading this is.
+fn documented(heading: &str) -> Vec<String> {
+    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/api.md")).unwrap();
+    let table = text
+        .split_once(&format!("| `{heading}` |"))
+        .unwrap_or_else(|| panic!("no table {heading}"));
+    let rows = table.1.lines().skip(2).take_while(|line| line.starts_with("| `"));
+    rows.map(|row| row[3..].split('`').next().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn every_name_of_an_estimate_is_documented_and_said_by_the_dashboard() {
+    let service = Service::start();
+    let document = description(&service);
+    let names = |schema: &str| -> Vec<String> {
+        let schema = &document["components"]["schemas"][schema];
+        // Those with a description each stand one by one.
+        let each = schema["oneOf"].as_array().into_iter().flatten();
+        let each = each.flat_map(|one| one["enum"].as_array().into_iter().flatten().chain(one.get("const")));
+        let all = schema["enum"].as_array().into_iter().flatten().chain(each);
+        all.map(|name| name.as_str().unwrap().to_owned()).collect()
+    };
+    for (schema, heading, page) in [
+        ("WearStatus", "status", "state.js"),
+        ("SensorFault", "novelty.sensor_fault", "match-words.js"),
+        ("MachineSign", "novelty.machine_sign", "match-words.js"),
+    ] {
+        let (names, documented) = (names(schema), documented(heading));
+        assert!(!names.is_empty(), "{schema}: {}", document["components"]["schemas"][schema]);
+        let [mut of_code, mut of_docs] = [names.clone(), documented];
+        of_code.sort();
+        of_docs.sort();
+        assert_eq!(of_code, of_docs, "{schema} and the table {heading:?} of docs/api.md");
+        let words = std::fs::read_to_string(format!("{}/src/http/dashboard/{page}", env!("CARGO_MANIFEST_DIR"))).unwrap();
+        for name in names {
+            assert!(words.contains(&name), "{page} has no words for {name}");
+        }
+    }
+}

@@ -7,7 +7,7 @@ use std::time::Duration;
 use flankwatch::recording::{BlockEncoding, encode_block};
 use serde_json::json;
 
-use crate::running::{Service, record, samples, wav};
+use crate::running::{Service, mcap, record, samples, wav};
 
 #[test]
 fn a_wrong_path_method_type_or_parameter_is_a_problem() {
@@ -109,8 +109,10 @@ fn a_body_too_large_is_refused_whether_it_says_so_or_not() {
         .post("/v1/assets", "application/json", &[b' '; 1001])
         .expect_problem(413, &["1000"]);
     // In pieces of unknown total length.
-    for media_type in ["audio/wav", "application/mcap"] {
-        let answer = in_pieces(&service, media_type, &large);
+    let mut large_mcap = mcap(&[record("1", 1)]);
+    large_mcap.resize(large.len(), 0);
+    for (media_type, large) in [("audio/wav", &large), ("application/mcap", &large_mcap)] {
+        let answer = in_pieces(&service, media_type, large);
         assert!(
             answer.starts_with("HTTP/1.1 413 ") && answer.contains("application/problem+json"),
             "{answer}"
@@ -289,4 +291,60 @@ fn every_answer_is_counted_also_those_that_no_operation_gives() {
         let line = format!("flankwatch_requests_total{{{labels}}} 1");
         assert!(metrics.lines().any(|found| found == line), "{line} is not in\n{metrics}");
     }
+}
+
+/// Zeros, which gzip makes a thousandth of.
+fn gzip_of_zeros(bytes: usize) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(&vec![0; bytes]).unwrap();
+    encoder.finish().unwrap()
+}
+
+#[test]
+fn what_is_no_mcap_is_refused_by_its_first_bytes() {
+    // Were it unpacked first, it would be too large.
+    let service = Service::start_with(|config| config.http.recording_bytes = 4 << 20);
+    service.plain_asset("pump");
+    let fields = [("content-type", "application/mcap"), ("content-encoding", "gzip")];
+    service
+        .send("POST", "/v1/assets/pump/segments", &fields, &gzip_of_zeros(64 << 20))
+        .expect_problem(422, &["00 00"]);
+    let whole = wav(&[samples(1)]);
+    service
+        .post("/v1/assets/pump/segments", "application/mcap", &whole)
+        .expect_problem(422, &["WAV", "MCAP"]);
+}
+
+#[test]
+fn a_field_that_does_not_fit_is_named_with_its_value_and_what_was_expected() {
+    let service = Service::start();
+    let mut asset = crate::running::plain_asset("pump");
+    asset["gear"]["teeth"] = json!([24, 26, 27]);
+    let refused = service
+        .post_json("/v1/assets", &asset)
+        .expect_problem(422, &["gear.teeth is [24, 26, 27]"]);
+    assert_eq!(
+        (&refused["field"], &refused["value"], &refused["expected"]),
+        (
+            &json!("gear.teeth"),
+            &json!("[24, 26, 27]"),
+            &json!("two tooth numbers from 4 to 1000")
+        )
+    );
+    service.plain_asset("pump");
+    for (name, value) in [("torque_nm", "1e308"), ("shaft_speed_hz", "1e308"), ("reference_wear_um", "1e308")] {
+        let path = format!("/v1/assets/pump/segments?{name}={value}");
+        service
+            .post(&path, "audio/wav", &wav(&[samples(1)]))
+            .expect_problem(422, &[name, "expected"]);
+    }
+    // Nothing of how the program writes it down.
+    let missing = service.send("POST", "/v1/uploads", &[("tus-resumable", "1.0.0")], b"");
+    let problem = missing.expect_problem(400, &["upload-length", "missing"]);
+    assert!(
+        !problem.to_string().contains("Some(") && !problem.to_string().contains("None"),
+        "{problem}"
+    );
+    let empty = service.send("POST", "/v1/uploads", &[("tus-resumable", "1.0.0"), ("upload-length", "")], b"");
+    assert!(!empty.expect_problem(400, &["upload-length"]).to_string().contains("Some("));
 }

@@ -16,7 +16,7 @@ const DEFAULT_SECONDS: f64 = 10.0;
 /// Most samples held at a time over all channels: 256 MiB of `f32`.
 const MAX_HELD_SAMPLES: usize = 4 * MAX_RECORD_SAMPLES;
 
-/// How long the records of a cut recording are. The last one holds what is left and may be shorter.
+/// How long the records of a cut recording are. What is left at the end is a record too if it is at least half as long.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cut {
     /// Seconds, rounded to whole samples.
@@ -112,10 +112,12 @@ impl Cutter {
         self.columns.first().is_some_and(|column| column.len() >= self.frames)
     }
 
-    /// Takes the collected frames as one record a channel; nothing where there are none, unless there were none at all.
+    /// Takes the collected frames as one record a channel; nothing where there are none, unless there were none at all. Of a recording that was cut
+    /// a rest of less than half a record is none: it would stand among the others with features of another resolution.
     pub fn take(&mut self) -> Vec<Result<Record, RecordingError>> {
         let frames = self.columns.first().map_or(0, Vec::len);
-        if frames == 0 && self.first_frame > 0 {
+        if self.first_frame > 0 && 2 * frames < self.frames {
+            self.columns.iter_mut().for_each(Vec::clear);
             return Vec::new();
         }
         let first_sample = self.first_frame;
@@ -169,6 +171,29 @@ mod tests {
         assert_eq!(milliseconds, [0, 0, 500, 500, 1000, 1000]);
         assert_eq!(records[4].samples(), [8.0, 9.0]);
         assert_eq!(records[5].channel(), "b");
+    }
+
+    #[test]
+    fn a_rest_of_less_than_half_a_record_is_none() {
+        let lengths = |frames: usize, cut: Option<Cut>| -> Vec<usize> {
+            let plan = CutPlan::new(cut, frames as u64, 8.0, 1).unwrap();
+            let mut cutter = Cutter::new(vec!["a".into()], 8.0, &RecordDefaults::default(), plan);
+            let mut records = Vec::new();
+            for k in 0..frames {
+                if cutter.push(&[k as f32]) {
+                    records.extend(cutter.take());
+                }
+            }
+            records.extend(cutter.take());
+            records.into_iter().map(|record| record.unwrap().samples().len()).collect()
+        };
+        let five = Some(Cut::Samples(5));
+        assert_eq!(lengths(12, five), [5, 5]);
+        assert_eq!(lengths(13, five), [5, 5, 3]);
+        assert_eq!(lengths(10, five), [5, 5]);
+        // What is not cut is whole, however short.
+        assert_eq!(lengths(2, five), [2]);
+        assert_eq!(lengths(2, None), [2]);
     }
 
     #[test]

@@ -11,7 +11,8 @@ use super::{BlockEncoding, Cut, Format, McapReader, RecordDefaults, Recorded, Re
 
 /// The records of a WAV or MCAP file, read as they are asked for.
 ///
-/// A WAV up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records of 10 s, or as `cut` says. MCAP records come as they were recorded.
+/// A WAV up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records of 10 s, or as `cut` says, where a
+/// rest of less than half a record is left out. MCAP records come as they were recorded.
 pub struct RecordingFile {
     records: Records,
     read: Arc<AtomicU64>,

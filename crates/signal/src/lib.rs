@@ -56,6 +56,7 @@ mod gear_indicators;
 #[cfg(test)]
 mod gear_reference;
 mod gear_signals;
+mod indicator_names;
 mod indicators;
 mod interpolation;
 mod kurtogram;

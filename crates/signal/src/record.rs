@@ -12,6 +12,10 @@ pub const MAX_RECORD_SAMPLES: usize = 1 << 24;
 /// The highest sampling rate taken, in hertz.
 const MAX_SAMPLE_RATE_HZ: f64 = 10e6;
 
+/// Fastest shaft in hertz, and the greatest torque in N·m and temperature in °C: products of them stay finite.
+const MAX_SHAFT_SPEED_HZ: f64 = 1e6;
+const MAX_OPERATING_VALUE: f64 = 1e12;
+
 /// What the machine was doing while the record was taken, as far as it is known.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -175,12 +179,12 @@ impl Record {
     /// The same record with its operating point.
     pub fn with_operating_point(mut self, operating_point: OperatingPoint) -> Result<Self, RecordError> {
         if let Some(value) = operating_point.shaft_speed_hz
-            && !(value > 0.0 && value.is_finite())
+            && !(value > 0.0 && value <= MAX_SHAFT_SPEED_HZ)
         {
             return Err(RecordError::OperatingPoint {
                 field: "shaft_speed_hz",
                 value,
-                expected: "a finite number above 0",
+                expected: "a number above 0 and at most 1e6",
             });
         }
         for (field, value) in [
@@ -188,12 +192,12 @@ impl Record {
             ("temperature_c", operating_point.temperature_c),
         ] {
             if let Some(value) = value
-                && !value.is_finite()
+                && !(-MAX_OPERATING_VALUE..=MAX_OPERATING_VALUE).contains(&value)
             {
                 return Err(RecordError::OperatingPoint {
                     field,
                     value,
-                    expected: "a finite number",
+                    expected: "a number from -1e12 to 1e12",
                 });
             }
         }

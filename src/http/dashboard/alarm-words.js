@@ -2,7 +2,7 @@
 
 import { unitOf } from "./alarm-units.js";
 import { h } from "./dom.js";
-import { depth, indicatorName, number, unit, utc } from "./format.js";
+import { depth, indicatorName, number, span, unit, utc } from "./format.js";
 import { badge } from "./symbols.js";
 
 /** Where an alarm stands; `open` ones ask for somebody. */
@@ -17,7 +17,8 @@ export const ALARM_STATES = {
 /** What a rule watches. */
 export function quantityWords(quantity) {
   if (quantity?.indicator) return indicatorName(quantity.indicator);
-  return { wear_um: "Wear depth", wear_above_limit: "Probability of having passed the limit", novelty: "Novelty (−log₁₀ of the p-value)" }[quantity] ?? String(quantity);
+  if (quantity?.rate_per_day) return `Change a day: ${quantityWords(quantity.rate_per_day)}`;
+  return { wear_um: "Wear depth", wear_above_limit: "Probability of having passed the limit", novelty: "Novelty (−log₁₀ of the p-value)", sensor_fault: "Sensor fault", stale_s: "Time without a record" }[quantity] ?? String(quantity);
 }
 
 /** A reading or level of an alarm with its unit. */
@@ -25,15 +26,23 @@ export function reading(value, alarm) {
   const { quantity } = alarm;
   if (value == null) return "–";
   if (quantity === "wear_um") return `${depth(value)} µm`;
+  if (quantity === "stale_s") return span(value);
+  if (quantity?.rate_per_day === "wear_um") return `${number(value, 3)} µm a day`;
+  if (quantity?.rate_per_day) return `${number(value, 3)} a day`;
   return `${number(value, 3)} ${quantity?.indicator ? unit(unitOf(alarm)) : ""}`.trim();
 }
 
-/** The level that a raised alarm is above, or where one begins that is not raised. */
+/** The level that a raised alarm is beyond, or where one begins that is not raised. */
 export function levelWords(alarm) {
-  const { rule, severity } = alarm;
+  const { rule, severity, value } = alarm;
   if (!rule) return "";
-  if (severity) return rule[severity] == null ? "" : `above ${reading(rule[severity], alarm)}`;
-  return ["warning", "danger"].filter((name) => rule[name] != null).map((name) => `${name} above ${reading(rule[name], alarm)}`)[0];
+  const sides = (name) => [["above", rule[name]], ["below", rule[`${name}_below`]]].filter(([, level]) => level != null);
+  const words = ([side, level]) => `${side} ${reading(level, alarm)}`;
+  if (severity) {
+    const passed = sides(severity).filter(([side, level]) => value == null || (side === "above" ? value > level : value < level));
+    return (passed.length ? passed : sides(severity)).map(words)[0] ?? "";
+  }
+  return ["warning", "danger"].flatMap((name) => sides(name).map((side) => `${name} ${words(side)}`))[0];
 }
 
 const SEVERITIES = { danger: ["danger", "Danger"], warning: ["warning", "Warning"] };
@@ -57,7 +66,7 @@ const ACTIONS = { acknowledge: "acknowledged", unshelve: "unshelved", comment: "
 export function changeWords(change, alarm) {
   const { action, severity, value, state } = change;
   if (action?.shelve) return `shelved until ${utc(action.shelve.until)}`;
-  if (action) return ACTIONS[action] ?? String(action).replaceAll("_", " ");
+  if (action && !action.stale) return ACTIONS[action] ?? String(action).replaceAll("_", " ");
   const at = value == null ? "" : ` at ${reading(value, alarm)}`;
   if (severity) return `${severity} raised${at}`;
   return state === "normal" || state === "returned_unacknowledged" ? `back to normal${at}` : `${state.replaceAll("_", " ")}${at}`;

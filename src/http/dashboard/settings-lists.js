@@ -55,25 +55,46 @@ class Rows {
 
 const text = (attributes) => () => h("input", { type: "text", autocomplete: "off", ...attributes });
 const whole = () => h("input", { type: "number", step: "1", min: "1" });
-const KINDS = [["wear_um", "Wear depth (µm)"], ["wear_above_limit", "Probability of having passed the limit"], ["novelty", "Novelty (−log₁₀ p)"], ["indicator", "Indicator"]];
+const KINDS = [
+  ["wear_um", "Wear depth (µm)"],
+  ["wear_above_limit", "Probability of having passed the limit"],
+  ["novelty", "Novelty (−log₁₀ p)"],
+  ["sensor_fault", "Sensor fault (0 or 1)"],
+  ["stale_s", "Time without a record (s)"],
+  ["indicator", "Indicator"],
+  ["rate wear_um", "Change of the wear depth (µm a day)"],
+  ["rate novelty", "Change of the novelty a day"],
+  ["rate indicator", "Change of an indicator a day"],
+];
 const kinds = () => h("select", {}, KINDS.map(([value, words]) => h("option", { value }, words)));
 const setting = (key) => (rule) => ({ ...DEFAULT_SETTINGS, ...rule.settings })[key];
 
+const kindOf = (quantity) => (quantity?.rate_per_day ? `rate ${kindOf(quantity.rate_per_day)}` : quantity?.indicator ? "indicator" : quantity);
+
+function quantityOf(kind, indicator) {
+  if (kind.startsWith("rate ")) return { rate_per_day: quantityOf(kind.slice(5), indicator) };
+  return kind === "indicator" ? { indicator } : kind;
+}
+
 const RULE = [
-  { label: "Watches", value: ({ quantity }) => (quantity?.indicator ? "indicator" : quantity), input: kinds },
-  { label: "Indicator", value: ({ quantity }) => quantity?.indicator, input: text({ placeholder: "rms" }), place: "of-indicator" },
+  { label: "Watches", value: ({ quantity }) => kindOf(quantity), input: kinds },
+  { label: "Indicator", value: ({ quantity }) => (quantity?.rate_per_day ?? quantity)?.indicator, input: text({ placeholder: "rms" }), place: "of-indicator" },
   { label: "Warning above", value: ({ warning }) => warning },
   { label: "Danger above", value: ({ danger }) => danger },
+  { label: "Warning below", value: ({ warning_below: level }) => level },
+  { label: "Danger below", value: ({ danger_below: level }) => level },
   { label: "Hysteresis", value: ({ hysteresis }) => hysteresis },
+  { label: "Change over (s)", value: ({ over_s: over }) => over },
   { label: "Raised by", value: setting("raise"), input: whole, place: "count", breaks: true },
   { label: "of the last", value: setting("raise_of"), input: whole, place: "count" },
   { label: "Cleared by", value: setting("clear"), input: whole, place: "count" },
   { label: "of the last", value: setting("clear_of"), input: whole, place: "count" },
 ];
 
-function ruleOf([kind, indicator, warning, danger, hysteresis, raise, raiseOf, clear, clearOf]) {
+function ruleOf([kind, indicator, warning, danger, warningBelow, dangerBelow, hysteresis, over, raise, raiseOf, clear, clearOf]) {
   const settings = { raise: number(raise), raise_of: number(raiseOf), clear: number(clear), clear_of: number(clearOf) };
-  return given({ quantity: kind === "indicator" ? { indicator: indicator.trim() } : kind, warning: number(warning), danger: number(danger), hysteresis: number(hysteresis), settings: { ...DEFAULT_SETTINGS, ...given(settings) } });
+  const levels = { warning: number(warning), danger: number(danger), warning_below: number(warningBelow), danger_below: number(dangerBelow) };
+  return given({ quantity: quantityOf(kind, indicator.trim()), ...levels, hysteresis: number(hysteresis), over_s: number(over), settings: { ...DEFAULT_SETTINGS, ...given(settings) } });
 }
 
 const BIN = [
@@ -89,7 +110,11 @@ function binOf([name, speedLow, speedHigh, torqueLow, torqueHigh]) {
   return given({ name: name.trim(), shaft_speed_hz: range(speedLow, speedHigh), torque_nm: range(torqueLow, torqueHigh) });
 }
 
-const levels = (rule) => ["warning", "danger"].filter((name) => rule[name] != null).map((name) => `${name} above ${reading(rule[name], rule)}`).join(", ");
+const levels = (rule) => [["warning", "above"], ["danger", "above"], ["warning", "below"], ["danger", "below"]]
+  .map(([name, side]) => [`${name} ${side}`, rule[side === "below" ? `${name}_below` : name]])
+  .filter(([, level]) => level != null)
+  .map(([words, level]) => `${words} ${reading(level, rule)}`)
+  .join(", ");
 
 /** The fieldsets for alarm rules and operating bins. */
 export class SettingLists {

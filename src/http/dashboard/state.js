@@ -16,6 +16,7 @@ export const STATES = {
   outside: { word: "Not explained by wear", short: "Not explained", severity: "unsure", namur: "specification" },
   unclear: { word: "Not identifiable", short: "Not identifiable", severity: "unsure", namur: "specification" },
   collecting: { word: "Collecting baseline", short: "Baseline", severity: "learning", namur: "check" },
+  recomputing: { word: "Computing again", short: "Computing again", severity: "learning", namur: "check" },
   building: { word: "Building library", short: "Building library", severity: "learning", namur: "check" },
   normal: { word: "Normal", short: "Normal", severity: "normal" },
   unlimited: { word: "No limits set", short: "No limits", severity: "none", title: "wear is estimated, but there is no limit to compare it with" },
@@ -34,6 +35,7 @@ export function rank(key) {
 export function wearState(wear, limits) {
   if (wear.status === "collecting_baseline") return "collecting";
   if (wear.status === "no_library") return "no_library";
+  if (wear.status === "recomputing") return "recomputing";
   if (wear.status === "sensor_fault") return "sensor";
   if (wear.status === "outside_library") return "outside";
   if (wear.status !== "estimated") return "unclear";
@@ -100,6 +102,7 @@ export function sentence(wear, limits, hasPair = true) {
   if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
   if (wear.status === "outside_library") return unexplained(wear);
+  if (wear.status === "recomputing") return "The records before are being computed again; the estimate follows.";
   if (wear.status === "not_identifiable") return `The records do not tell how worn the gear is: ${wear.reason}.`;
   const { p05_um: low, p95_um: high } = wear;
   const certain = wear.at_least_um != null

@@ -74,11 +74,12 @@ function axisTitle(pane, units) {
 /** The levels at which an alarm on an indicator is raised, as lines over its pane with their names. */
 function levelLines(name, rules, suffix, colour, logarithmic) {
   const rule = rules.find(({ quantity }) => quantity === name || quantity?.indicator === name);
-  const levels = ["warning", "danger"].filter((severity) => rule?.[severity] != null && !(logarithmic && rule[severity] <= 0));
+  const all = ["warning", "danger"].flatMap((severity) => [{ severity, side: "above", level: rule?.[severity] }, { severity, side: "below", level: rule?.[`${severity}_below`] }]);
+  const levels = all.filter(({ level }) => level != null && !(logarithmic && level <= 0));
   const place = { xref: "paper", yref: `y${suffix}` };
   return {
-    shapes: levels.map((severity) => ({ ...place, type: "line", layer: "below", x0: 0, x1: 1, y0: rule[severity], y1: rule[severity], line: { color: colour[severity], width: 1.5, dash: severity === "danger" ? "solid" : "dash" } })),
-    annotations: levels.map((severity) => ({ ...place, x: 0.005, xanchor: "left", yanchor: "bottom", y: logarithmic ? Math.log10(rule[severity]) : rule[severity], text: `${severity} above ${number(rule[severity])}`, showarrow: false, bgcolor: colour.surface, font: { color: colour[severity] } })),
+    shapes: levels.map(({ severity, level }) => ({ ...place, type: "line", layer: "below", x0: 0, x1: 1, y0: level, y1: level, line: { color: colour[severity], width: 1.5, dash: severity === "danger" ? "solid" : "dash" } })),
+    annotations: levels.map(({ severity, side, level }) => ({ ...place, x: 0.005, xanchor: "left", yanchor: side === "above" ? "bottom" : "top", y: logarithmic ? Math.log10(level) : level, text: `${severity} ${side} ${number(level)}`, showarrow: false, bgcolor: colour.surface, font: { color: colour[severity] } })),
   };
 }
 

@@ -13,6 +13,9 @@ use super::{ListedFile, ListedObject, StoreError, is_name};
 /// Where the pieces of uploads are.
 const UPLOADS: &str = "uploads";
 
+/// What there has to be room for.
+const ROOM_BYTES: usize = 1 << 20;
+
 /// A folder of objects.
 #[derive(Debug)]
 pub(super) struct Folder {
@@ -278,6 +281,16 @@ impl Folder {
         self.folder.join(Self::object_path(name))
     }
 
+    /// Whether there is room for a small record: it is written, not to last, and removed.
+    pub(super) fn check_room(&self) -> Result<(), StoreError> {
+        let path = self
+            .temporary
+            .join(format!("room-{}", self.counter.fetch_add(1, Ordering::Relaxed)));
+        let written = fs::write(&path, vec![1_u8; ROOM_BYTES]);
+        let _ = fs::remove_file(&path);
+        written.map_err(|source| file_error("write", &path, source))
+    }
+
     fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
         let temporary = self.write_temporary(bytes)?;
         fs::rename(&temporary, path).map_err(|source| file_error("rename to", path, source))
@@ -355,6 +368,16 @@ mod tests {
             put(&objects, b"abcdef");
             assert_eq!(objects.get(&name).unwrap(), &b"abcdef"[..]);
         }
+    }
+
+    #[test]
+    fn looking_for_room_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let objects = Objects::open(folder.path()).unwrap();
+        objects.check_room().unwrap();
+        assert_eq!(fs::read_dir(folder.path().join("tmp")).unwrap().count(), 0);
+        fs::remove_dir(folder.path().join("tmp")).unwrap();
+        assert!(objects.check_room().is_err());
     }
 
     #[test]

@@ -105,7 +105,7 @@ pub struct Indicators {
 pub struct WearEstimate {
     #[prost(int64, tag = "1")]
     pub start_time_ns: i64,
-    /// "estimated", "collecting_baseline", "no_library", "not_identifiable".
+    /// "estimated", "collecting_baseline", "no_library", "no_features", "not_identifiable", "outside_library", "sensor_fault", "recomputing".
     #[prost(string, tag = "2")]
     pub status: ::prost::alloc::string::String,
     #[prost(double, optional, tag = "3")]
@@ -125,7 +125,8 @@ pub struct AlarmState {
     /// Nanoseconds UTC of the record or action that changed it.
     #[prost(int64, tag = "1")]
     pub start_time_ns: i64,
-    /// What it watches: "wear_um", "wear_above_limit", "novelty" or "indicator:" and a name.
+    /// What it watches: "wear_um", "wear_above_limit", "novelty", "sensor_fault", "stale_s", "indicator:" and a name, or "rate_per_day:" and one
+    /// of "wear_um", "novelty", "indicator:" and a name.
     #[prost(string, tag = "2")]
     pub name: ::prost::alloc::string::String,
     /// "normal", "unacknowledged", "acknowledged", "returned_unacknowledged", "shelved".

@@ -138,7 +138,7 @@ proptest! {
 
 #[test]
 fn a_cut_wav_is_what_the_whole_one_is() {
-    let frames: Vec<[f32; 2]> = (0..100_000).map(|k| [k as f32, -(k as f32)]).collect();
+    let frames: Vec<[f32; 2]> = (0..102_000).map(|k| [k as f32, -(k as f32)]).collect();
     let bytes = wav(&frames, 1000.0);
     let length = bytes.len() as u64;
     let defaults = RecordDefaults::default();
@@ -153,7 +153,7 @@ fn a_cut_wav_is_what_the_whole_one_is() {
         assert_eq!(joined, channel.samples());
     }
     assert_eq!(cut[29].start_time(), Timestamp::from_second(98).unwrap());
-    assert_eq!(cut[29].samples().len(), 2000);
+    assert_eq!(cut[29].samples().len(), 4000);
 }
 
 #[test]

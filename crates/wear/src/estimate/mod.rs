@@ -25,7 +25,7 @@ mod wear;
 
 pub use alarm::{
     ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmError, AlarmPanel, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings,
-    AlarmState, PanelAction, PanelChange, Severity,
+    AlarmState, PanelAction, PanelChange, RatedQuantity, Severity,
 };
 pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};

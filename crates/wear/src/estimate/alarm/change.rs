@@ -69,6 +69,13 @@ pub enum AlarmAction {
     Comment,
     /// Nobody: the time that it was put aside until has come.
     ShelvingOver,
+    /// Nobody: so long no record has come that the severity is another one.
+    Stale {
+        /// The severity that the time without a record calls for; none where one has come.
+        severity: Option<Severity>,
+        /// Seconds without a record.
+        silent_s: u64,
+    },
 }
 
 /// What a person did, with its place among the readings.

@@ -3,12 +3,14 @@
 //! Pure: an [`Alarm`] is a fold over readings, maintenance events and people's actions in the order of time; an [`AlarmPanel`] is one for each rule
 //! of a measuring channel. Late records fold again like estimates do: actions keep their place among the readings.
 //!
-//! A level is entered when N of the last M readings lie above it, and left when N of the last M lie below its clear level: a value that
-//! wanders around one level changes nothing.
+//! A level is entered when N of the last M readings lie beyond it, and left when N of the last M lie on the good side of its clear level: a
+//! value that wanders around one level changes nothing. That no record comes is no reading: whoever has a clock tells of it as of an action.
 
 mod change;
 mod error;
 mod panel;
+mod quantity;
+mod rate;
 mod rule;
 #[cfg(test)]
 mod tests;
@@ -18,12 +20,14 @@ use std::collections::VecDeque;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use self::rate::RateWindow;
 use super::event::MaintenanceEvent;
 
 pub use change::{ActionTaken, AlarmAction, AlarmChange, AlarmReading, AlarmState};
 pub use error::AlarmError;
 pub use panel::{AlarmPanel, PanelAction, PanelChange};
-pub use rule::{AlarmQuantity, AlarmRule, AlarmSettings, Severity};
+pub use quantity::{AlarmQuantity, RatedQuantity};
+pub use rule::{AlarmRule, AlarmSettings, Severity};
 
 /// One rule's alarm; an exact copy in JSON goes on the same.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -41,6 +45,9 @@ pub struct Alarm {
     shelved_until: Option<Timestamp>,
     /// The latest readings, the last one at the back.
     recent: VecDeque<f64>,
+    /// What a rate is measured from.
+    #[serde(default, skip_serializing_if = "RateWindow::is_empty")]
+    rate: RateWindow,
     /// The reading of the latest change that a reading made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     value: Option<f64>,
@@ -96,29 +103,50 @@ impl Alarm {
     /// Takes a reading; the change where it raised, worsened, eased or cleared the alarm.
     pub fn reading(&mut self, rule: &AlarmRule, reading: AlarmReading) -> Option<AlarmChange> {
         let value = reading.value.filter(|value| value.is_finite())?;
+        let value = match rule.over_s {
+            Some(over_s) => self.rate.update(over_s, reading.time, value)?,
+            None => value,
+        };
         let AlarmSettings { raise_of, clear_of, .. } = rule.settings;
         self.recent.push_back(value);
         while self.recent.len() > raise_of.max(clear_of) as usize {
             self.recent.pop_front();
         }
-        let before = self.raised;
-        self.raised = [Severity::Danger, Severity::Warning]
+        let severity = [Severity::Danger, Severity::Warning]
             .into_iter()
             .find(|&severity| self.calls_for(rule, severity));
-        if self.raised == before {
+        if severity == self.raised {
             return None;
         }
-        // What is worse than before has to be acknowledged again; what is less bad does not.
-        if self.raised > before {
-            self.acknowledged = false;
-            self.outstanding = true;
-            self.raised_at.get_or_insert(reading.time);
-        }
-        if self.raised.is_none() {
-            self.is_over();
-        }
+        self.stands_at(severity, reading.time);
         self.value = Some(value);
         Some(self.changed(reading.time, |change| change.value = Some(value)))
+    }
+
+    /// Takes that a record came, where its absence is what is watched; the change where that was raised.
+    pub fn record_came(&mut self, time: Timestamp) -> Option<AlarmChange> {
+        self.raised?;
+        self.stands_at(None, time);
+        self.value = Some(0.0);
+        Some(self.changed(time, |change| change.value = Some(0.0)))
+    }
+
+    /// Forgets what a rate is measured from.
+    pub(crate) fn forget_rate(&mut self) {
+        self.rate.clear();
+    }
+
+    fn stands_at(&mut self, severity: Option<Severity>, time: Timestamp) {
+        let before = std::mem::replace(&mut self.raised, severity);
+        // What is worse than before has to be acknowledged again; what is less bad does not.
+        if severity > before {
+            self.acknowledged = false;
+            self.outstanding = true;
+            self.raised_at.get_or_insert(time);
+        }
+        if severity.is_none() {
+            self.is_over();
+        }
     }
 
     /// Takes what a person did. What cannot be done any more, because records that came late changed the alarm, leaves it as it is.
@@ -131,10 +159,19 @@ impl Alarm {
                 }
                 AlarmAction::Shelve { until } => self.shelved_until = Some(until),
                 AlarmAction::Unshelve | AlarmAction::ShelvingOver => self.shelved_until = None,
+                AlarmAction::Stale { severity, silent_s } => {
+                    self.stands_at(severity, taken.time);
+                    self.value = Some(silent_s as f64);
+                }
                 AlarmAction::Acknowledge | AlarmAction::Comment => {}
             }
         }
+        let value = match taken.action {
+            AlarmAction::Stale { silent_s, .. } => Some(silent_s as f64),
+            _ => None,
+        };
         self.changed(taken.time, |change| {
+            change.value = value;
             change.action = Some(taken.action.clone());
             change.by.clone_from(&taken.by);
             change.comment.clone_from(&taken.comment);
@@ -165,6 +202,10 @@ impl Alarm {
                 state,
                 expected: "a shelving that is over",
             }),
+            AlarmAction::Stale { severity, .. } if *severity == self.raised => Err(AlarmError::State {
+                state,
+                expected: "another severity",
+            }),
             _ => Ok(()),
         }
     }
@@ -172,6 +213,7 @@ impl Alarm {
     /// Forgets the readings, since those to come are of another gear or sensor; the change where something was raised.
     pub fn begin_again(&mut self, event: &MaintenanceEvent) -> Option<AlarmChange> {
         self.recent.clear();
+        self.rate.clear();
         self.raised.take()?;
         self.is_over();
         Some(self.changed(event.time, |change| change.maintenance = Some(event.kind)))
@@ -183,9 +225,13 @@ impl Alarm {
         self.raised_at = None;
     }
 
-    /// Whether the latest readings call for a severity: raised by N of M above it, or raised before and not cleared by N of M below.
+    /// Whether the latest readings call for a severity: raised by N of M beyond it on one side, or raised before and not cleared by N of M on the
+    /// good side of all its levels.
     fn calls_for(&self, rule: &AlarmRule, severity: Severity) -> bool {
-        let Some(level) = rule.level(severity) else { return false };
+        let (above, below) = (rule.above(severity), rule.below(severity));
+        if above.is_none() && below.is_none() {
+            return false;
+        }
         let AlarmSettings {
             raise,
             raise_of,
@@ -195,9 +241,13 @@ impl Alarm {
         let count =
             |of: u32, holds: &dyn Fn(f64) -> bool| self.recent.iter().rev().take(of as usize).filter(|value| holds(**value)).count();
         if self.raised >= Some(severity) {
-            count(clear_of, &|value| value < level - rule.hysteresis) < clear as usize
+            let is_good = |value: f64| {
+                above.is_none_or(|level| value < level - rule.hysteresis) && below.is_none_or(|level| value > level + rule.hysteresis)
+            };
+            count(clear_of, &is_good) < clear as usize
         } else {
-            count(raise_of, &|value| value > level) >= raise as usize
+            let is_beyond = |holds: &dyn Fn(f64) -> bool| count(raise_of, holds) >= raise as usize;
+            above.is_some_and(|level| is_beyond(&|value| value > level)) || below.is_some_and(|level| is_beyond(&|value| value < level))
         }
     }
 

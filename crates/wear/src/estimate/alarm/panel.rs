@@ -43,7 +43,11 @@ impl AlarmPanel {
         let each = self.alarms.iter_mut().zip(rules).enumerate();
         let changes = each.filter_map(|(n, (alarm, rule))| {
             let value = rule.quantity.value(wear, indicators);
-            Some((n, alarm.reading(rule, AlarmReading { time, value })?))
+            let change = match rule.quantity {
+                AlarmQuantity::StaleS => alarm.record_came(time),
+                _ => alarm.reading(rule, AlarmReading { time, value }),
+            };
+            Some((n, change?))
         });
         changes.collect()
     }
@@ -56,6 +60,12 @@ impl AlarmPanel {
 
     /// Takes a maintenance event.
     pub fn maintenance(&mut self, rules: &[AlarmRule], event: &MaintenanceEvent) -> Vec<PanelChange> {
+        for (alarm, rule) in self.alarms.iter_mut().zip(rules) {
+            // A depth that was measured is no growth.
+            if rule.quantity.is_wear() {
+                alarm.forget_rate();
+            }
+        }
         let each = self.alarms.iter_mut().zip(rules).enumerate();
         let begin_again = each.filter(|(_, (_, rule))| rule.quantity.begins_again(event.kind));
         begin_again

@@ -1,64 +1,8 @@
-//! What an alarm watches, and when it is raised and cleared.
-
-use std::fmt;
+//! When an alarm is raised and cleared.
 
 use serde::{Deserialize, Serialize};
 
-use super::AlarmError;
-use crate::estimate::{MaintenanceKind, WearEstimate};
-use flankwatch_signal::Indicators;
-
-/// What a rule watches.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum AlarmQuantity {
-    /// The median wear depth in µm.
-    WearUm,
-    /// The probability that wear has passed the asset's limit, 0 to 1.
-    WearAboveLimit,
-    /// The novelty score: −log₁₀ of the p-value.
-    Novelty,
-    /// A condition indicator by name, in its own unit.
-    Indicator(String),
-}
-
-impl AlarmQuantity {
-    /// The value in a record's results; none where there is none. `indicators` gives those of the record and of the run up to it.
-    pub fn value(&self, wear: &WearEstimate, indicators: [&Indicators; 2]) -> Option<f64> {
-        match self {
-            Self::WearUm => wear.median_um,
-            Self::WearAboveLimit => wear.above_limit,
-            Self::Novelty => wear.novelty.as_ref().map(|novelty| novelty.score),
-            Self::Indicator(name) => indicators.iter().find_map(|indicators| indicators.get(name)),
-        }
-    }
-
-    /// Whether it judges wear: what was read of a gear says nothing of the one that replaces it.
-    fn is_wear(&self) -> bool {
-        matches!(self, Self::WearUm | Self::WearAboveLimit)
-    }
-
-    /// Whether readings before an event say nothing of those after it.
-    pub(super) fn begins_again(&self, event: MaintenanceKind) -> bool {
-        match event {
-            MaintenanceKind::GearReplaced => true,
-            MaintenanceKind::Inspected => false,
-            MaintenanceKind::SensorReplaced | MaintenanceKind::RegimeChanged => !self.is_wear(),
-        }
-    }
-}
-
-impl fmt::Display for AlarmQuantity {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::WearUm => f.write_str("wear_um"),
-            Self::WearAboveLimit => f.write_str("wear_above_limit"),
-            Self::Novelty => f.write_str("novelty"),
-            Self::Indicator(name) => write!(f, "indicator:{name}"),
-        }
-    }
-}
+use super::{AlarmError, AlarmQuantity};
 
 /// How bad it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -99,9 +43,18 @@ pub struct AlarmRule {
     /// A reading above this is dangerous.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub danger: Option<f64>,
-    /// How far below its level a reading has to lie to clear it.
+    /// A reading below this warns.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warning_below: Option<f64>,
+    /// A reading below this is dangerous.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub danger_below: Option<f64>,
+    /// How far on the good side of its level a reading has to lie to clear it.
     #[serde(default)]
     pub hysteresis: f64,
+    /// Of a rate, and only of it: over how many seconds the change is measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub over_s: Option<f64>,
     /// How many of the last readings decide.
     #[serde(default)]
     pub settings: AlarmSettings,
@@ -114,11 +67,11 @@ pub struct AlarmRule {
 pub struct AlarmSettings {
     /// So many ...
     pub raise: u32,
-    /// ... of the last so many readings above a level raise it.
+    /// ... of the last so many readings beyond a level raise it.
     pub raise_of: u32,
     /// So many ...
     pub clear: u32,
-    /// ... of the last so many readings below its clear level clear it.
+    /// ... of the last so many readings on the good side of its clear level clear it.
     pub clear_of: u32,
 }
 
@@ -136,25 +89,67 @@ impl Default for AlarmSettings {
 /// The most readings that a rule may look back on.
 const MOST_READINGS: u32 = 100;
 
+/// No level is further from zero than this: with it and any hysteresis a reading can be compared.
+const GREATEST_LEVEL: f64 = 1e30;
+
+/// A change is measured over a second to a hundred years.
+const OVER_S: [f64; 2] = [1.0, 3.2e9];
+
 impl AlarmRule {
+    /// One for a quantity with no level yet.
+    pub fn of(quantity: AlarmQuantity) -> Self {
+        Self {
+            quantity,
+            warning: None,
+            danger: None,
+            warning_below: None,
+            danger_below: None,
+            hysteresis: 0.0,
+            over_s: None,
+            settings: AlarmSettings::default(),
+        }
+    }
+
     /// Whether every number can be used.
     ///
     /// # Errors
     /// The first one that cannot, with what was expected.
     pub fn validate(&self) -> Result<(), AlarmError> {
         let refuse = |field, value, expected| Err(AlarmError::Field { field, value, expected });
-        for (field, level) in [("warning", self.warning), ("danger", self.danger)] {
-            if let Some(value) = level.filter(|value| !value.is_finite()) {
-                return refuse(field, value, "a finite number");
+        let levels = [
+            ("warning", self.warning),
+            ("danger", self.danger),
+            ("warning_below", self.warning_below),
+            ("danger_below", self.danger_below),
+        ];
+        for (field, level) in levels {
+            let Some(value) = level else { continue };
+            // NaN lies within no bound.
+            if !(-GREATEST_LEVEL..=GREATEST_LEVEL).contains(&value) {
+                return refuse(field, value, "a number from -1e30 to 1e30");
+            }
+            match self.quantity {
+                AlarmQuantity::SensorFault | AlarmQuantity::StaleS if field.ends_with("_below") => {
+                    return refuse(field, value, "only levels above which it is raised, with sensor_fault and stale_s");
+                }
+                AlarmQuantity::SensorFault if !(value > 0.0 && value < 1.0) => {
+                    return refuse(field, value, "a level between 0 and 1, since a reading is 0 or 1");
+                }
+                AlarmQuantity::StaleS if value <= 0.0 => return refuse(field, value, "a number of seconds above 0"),
+                _ => {}
             }
         }
-        match (self.warning, self.danger) {
-            (None, None) => return Err(AlarmError::NoLevel),
-            (Some(warning), Some(danger)) if danger <= warning => return refuse("danger", danger, "a level above the warning's"),
-            _ => {}
+        if !(0.0..=GREATEST_LEVEL).contains(&self.hysteresis) {
+            return refuse("hysteresis", self.hysteresis, "a number from 0 to 1e30");
         }
-        if !(self.hysteresis >= 0.0 && self.hysteresis.is_finite()) {
-            return refuse("hysteresis", self.hysteresis, "a finite number of at least 0");
+        self.check_order()?;
+        match (&self.quantity, self.over_s) {
+            (AlarmQuantity::RatePerDay(_), None) => return Err(AlarmError::NoStretch),
+            (AlarmQuantity::RatePerDay(_), Some(value)) if !(OVER_S[0]..=OVER_S[1]).contains(&value) => {
+                return refuse("over_s", value, "a number of seconds from 1 to 3.2e9");
+            }
+            (AlarmQuantity::RatePerDay(_), Some(_)) | (_, None) => {}
+            (_, Some(value)) => return refuse("over_s", value, "nothing beside a quantity that is no rate_per_day"),
         }
         let AlarmSettings {
             raise,
@@ -174,11 +169,52 @@ impl AlarmRule {
         Ok(())
     }
 
-    /// The level of a severity, where it has one.
-    pub(super) fn level(&self, severity: Severity) -> Option<f64> {
+    /// Whether there is a level, and danger lies beyond warning on both sides, with room between the sides.
+    fn check_order(&self) -> Result<(), AlarmError> {
+        let refuse = |field, value, expected| Err(AlarmError::Field { field, value, expected });
+        match (self.warning, self.danger) {
+            (Some(warning), Some(danger)) if danger <= warning => return refuse("danger", danger, "a level above the warning's"),
+            _ => {}
+        }
+        match (self.warning_below, self.danger_below) {
+            (Some(warning), Some(danger)) if danger >= warning => {
+                return refuse("danger_below", danger, "a level below that of warning_below");
+            }
+            _ => {}
+        }
+        let highest_below = [("warning_below", self.warning_below), ("danger_below", self.danger_below)]
+            .into_iter()
+            .find_map(|(field, level)| Some((field, level?)));
+        match (highest_below, self.warning.or(self.danger)) {
+            (None, None) => Err(AlarmError::NoLevel),
+            (Some((field, below)), Some(above)) if below + 2.0 * self.hysteresis >= above => refuse(
+                field,
+                below,
+                "a level below those of warning and danger by more than twice the hysteresis",
+            ),
+            _ => Ok(()),
+        }
+    }
+
+    /// The level of a severity above which it is raised, where it has one.
+    pub(super) fn above(&self, severity: Severity) -> Option<f64> {
         match severity {
             Severity::Warning => self.warning,
             Severity::Danger => self.danger,
         }
+    }
+
+    /// The level of a severity below which it is raised, where it has one.
+    pub(super) fn below(&self, severity: Severity) -> Option<f64> {
+        match severity {
+            Severity::Warning => self.warning_below,
+            Severity::Danger => self.danger_below,
+        }
+    }
+
+    /// The severity that so many seconds without a record call for, of a rule of such.
+    pub fn severity_of_silence(&self, silent_s: f64) -> Option<Severity> {
+        let is_beyond = |severity: &Severity| self.above(*severity).is_some_and(|level| silent_s > level);
+        [Severity::Danger, Severity::Warning].into_iter().find(is_beyond)
     }
 }

@@ -8,7 +8,6 @@ use crate::estimate::MaintenanceKind;
 
 fn rule(raise: u32, raise_of: u32, clear: u32, clear_of: u32) -> AlarmRule {
     AlarmRule {
-        quantity: AlarmQuantity::WearUm,
         warning: Some(100.0),
         danger: Some(200.0),
         hysteresis: 10.0,
@@ -18,6 +17,7 @@ fn rule(raise: u32, raise_of: u32, clear: u32, clear_of: u32) -> AlarmRule {
             clear,
             clear_of,
         },
+        ..AlarmRule::of(AlarmQuantity::WearUm)
     }
 }
 
@@ -261,4 +261,161 @@ proptest! {
             prop_assert_eq!(&copy, &alarm);
         }
     }
+}
+
+#[test]
+fn a_level_can_lie_below_and_on_both_sides() {
+    let both = AlarmRule {
+        warning_below: Some(50.0),
+        danger_below: Some(20.0),
+        ..rule(2, 2, 2, 2)
+    };
+    assert!(both.validate().is_ok());
+    let mut alarm = Alarm::default();
+    let got = feed(
+        &mut alarm,
+        &both,
+        &[75.0, 45.0, 45.0, 55.0, 55.0, 65.0, 65.0, 10.0, 10.0, 150.0, 150.0, 75.0, 75.0],
+    );
+    let (none, warning, danger) = (None, Some(Severity::Warning), Some(Severity::Danger));
+    // 55 is not yet beyond the hysteresis; from danger below it goes to warning above, and back.
+    let expected = [
+        none, none, warning, warning, warning, warning, none, none, danger, danger, warning, warning, none,
+    ];
+    assert_eq!(got, expected);
+    for refused in [
+        AlarmRule {
+            danger_below: Some(60.0),
+            ..both.clone()
+        },
+        AlarmRule {
+            warning_below: Some(85.0),
+            ..both.clone()
+        },
+        AlarmRule {
+            warning_below: Some(f64::NAN),
+            ..both.clone()
+        },
+        AlarmRule {
+            danger: Some(1e308),
+            ..both.clone()
+        },
+    ] {
+        assert!(refused.validate().is_err(), "{refused:?}");
+    }
+}
+
+#[test]
+fn a_rate_is_watched_and_an_inspection_is_no_growth() {
+    let rate = AlarmRule {
+        warning: Some(100.0),
+        over_s: Some(3600.0),
+        settings: rule(1, 1, 1, 1).settings,
+        ..AlarmRule::of(AlarmQuantity::RatePerDay(RatedQuantity::WearUm))
+    };
+    assert!(rate.validate().is_ok());
+    let without = AlarmRule {
+        over_s: None,
+        ..rate.clone()
+    };
+    assert_eq!(without.validate(), Err(AlarmError::NoStretch));
+    let stray = AlarmRule {
+        over_s: Some(60.0),
+        ..rule(1, 1, 1, 1)
+    };
+    assert!(stray.validate().is_err());
+    // 60 µm a day for an hour, then 240.
+    let slow: Vec<f64> = (0..60).map(|minute| 60.0 / 1440.0 * f64::from(minute)).collect();
+    let fast = (0..60).map(|minute| 2.5 + 240.0 / 1440.0 * f64::from(minute));
+    let (mut alarm, values) = (Alarm::default(), slow.iter().copied().chain(fast).collect::<Vec<_>>());
+    let got = feed(&mut alarm, &rate, &values);
+    assert!(
+        got[..60].iter().all(Option::is_none) && got[119] == Some(Severity::Warning),
+        "{got:?}"
+    );
+    assert!(alarm.value().unwrap() > 100.0);
+
+    let mut panel = AlarmPanel {
+        alarms: vec![Alarm::default()],
+    };
+    let rules = [rate];
+    feed(&mut panel.alarms[0], &rules[0], &slow);
+    let inspected = MaintenanceEvent {
+        time: at(60),
+        kind: MaintenanceKind::Inspected,
+        by: "Ada".to_owned(),
+        comment: String::new(),
+        inspection: None,
+    };
+    panel.maintenance(&rules, &inspected);
+    let reading = AlarmReading {
+        time: at(61),
+        value: Some(80.0),
+    };
+    assert_eq!(panel.alarms[0].reading(&rules[0], reading), None);
+}
+
+#[test]
+fn silence_is_told_by_a_clock_and_ended_by_a_record() {
+    let stale = AlarmRule {
+        warning: Some(60.0),
+        danger: Some(600.0),
+        ..AlarmRule::of(AlarmQuantity::StaleS)
+    };
+    assert!(stale.validate().is_ok());
+    let severities = [59.0, 61.0, 601.0].map(|seconds| stale.severity_of_silence(seconds));
+    assert_eq!(severities, [None, Some(Severity::Warning), Some(Severity::Danger)]);
+    let mut alarm = Alarm::default();
+    let silent = |severity, silent_s| AlarmAction::Stale { severity, silent_s };
+    assert!(act(&mut alarm, 5, silent(None, 3)).is_err(), "nothing is raised");
+    let raised = act(&mut alarm, 5, silent(Some(Severity::Warning), 61)).unwrap();
+    assert_eq!((raised.state, raised.value), (AlarmState::Unacknowledged, Some(61.0)));
+    assert!(act(&mut alarm, 6, silent(Some(Severity::Warning), 120)).is_err(), "told already");
+    act(&mut alarm, 7, AlarmAction::Acknowledge).unwrap();
+    let worse = act(&mut alarm, 8, silent(Some(Severity::Danger), 601)).unwrap();
+    assert_eq!((worse.state, worse.severity), (AlarmState::Unacknowledged, Some(Severity::Danger)));
+    let back = alarm.record_came(at(9)).unwrap();
+    assert_eq!((back.state, back.severity), (AlarmState::ReturnedUnacknowledged, None));
+    assert_eq!(alarm.record_came(at(10)), None);
+    let below = AlarmRule {
+        warning_below: Some(1.0),
+        ..stale
+    };
+    assert!(below.validate().is_err());
+}
+
+#[test]
+fn a_fault_of_the_sensor_is_watched_where_it_is_judged() {
+    use crate::estimate::{BaselineProgress, Novelty, SensorFault, WearEstimate, WearStatus};
+    use flankwatch_signal::Indicators;
+
+    let with = |status, sensor_fault| {
+        let novelty = Novelty {
+            p_value: 1.0,
+            score: 0.0,
+            outside: false,
+            sensor_fault,
+            machine_sign: None,
+            lasting: None,
+            most: Vec::new(),
+        };
+        WearEstimate {
+            novelty: Some(novelty),
+            ..WearEstimate::without_number(status, String::new(), BaselineProgress { have: 8, need: 8 })
+        }
+    };
+    let none = Indicators::default();
+    let value = |wear: &WearEstimate| AlarmQuantity::SensorFault.value(wear, [&none, &none]);
+    assert_eq!(value(&with(WearStatus::SensorFault, Some(SensorFault::Clipped))), Some(1.0));
+    assert_eq!(value(&with(WearStatus::Estimated, None)), Some(0.0));
+    let learning = WearEstimate {
+        novelty: None,
+        ..with(WearStatus::CollectingBaseline, None)
+    };
+    assert_eq!(value(&learning), None);
+    let level = |danger| AlarmRule {
+        danger: Some(danger),
+        ..AlarmRule::of(AlarmQuantity::SensorFault)
+    };
+    assert!(level(0.5).validate().is_ok() && level(1.0).validate().is_err());
 }

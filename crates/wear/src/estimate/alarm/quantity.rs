@@ -1,0 +1,105 @@
+//! What an alarm watches.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::estimate::{MaintenanceKind, WearEstimate, WearStatus};
+use flankwatch_signal::Indicators;
+
+/// What a rule watches.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum AlarmQuantity {
+    /// The median wear depth in µm.
+    WearUm,
+    /// The probability that wear has passed the asset's limit, 0 to 1.
+    WearAboveLimit,
+    /// The novelty score: −log₁₀ of the p-value.
+    Novelty,
+    /// Whether the sensor is at fault: 1 where it is, 0 where it is not.
+    SensorFault,
+    /// Seconds without a record, by the clock of whoever waits for it. A record is its end.
+    StaleS,
+    /// A condition indicator by name, in its own unit.
+    Indicator(String),
+    /// How fast something changes, in its unit a day.
+    RatePerDay(RatedQuantity),
+}
+
+/// What has a rate of change.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum RatedQuantity {
+    /// The median wear depth in µm.
+    WearUm,
+    /// The novelty score.
+    Novelty,
+    /// A condition indicator by name, in its own unit.
+    Indicator(String),
+}
+
+impl AlarmQuantity {
+    /// The value in a record's results, of a rate that which changes; none where there is none. `indicators` gives those of the record and of
+    /// the run up to it.
+    pub fn value(&self, wear: &WearEstimate, indicators: [&Indicators; 2]) -> Option<f64> {
+        let indicator = |name: &str| indicators.iter().find_map(|indicators| indicators.get(name));
+        let novelty = || wear.novelty.as_ref().map(|novelty| novelty.score);
+        match self {
+            Self::WearUm | Self::RatePerDay(RatedQuantity::WearUm) => wear.median_um,
+            Self::WearAboveLimit => wear.above_limit,
+            Self::Novelty | Self::RatePerDay(RatedQuantity::Novelty) => novelty(),
+            Self::SensorFault => sensor_fault(wear),
+            Self::StaleS => Some(0.0),
+            Self::Indicator(name) | Self::RatePerDay(RatedQuantity::Indicator(name)) => indicator(name),
+        }
+    }
+
+    /// The name of the indicator that is watched, itself or its rate.
+    pub fn indicator(&self) -> Option<&str> {
+        match self {
+            Self::Indicator(name) | Self::RatePerDay(RatedQuantity::Indicator(name)) => Some(name),
+            _ => None,
+        }
+    }
+
+    /// Whether it judges wear: what was read of a gear says nothing of the one that replaces it.
+    pub(super) fn is_wear(&self) -> bool {
+        matches!(self, Self::WearUm | Self::WearAboveLimit | Self::RatePerDay(RatedQuantity::WearUm))
+    }
+
+    /// Whether readings before an event say nothing of those after it.
+    pub(super) fn begins_again(&self, event: MaintenanceKind) -> bool {
+        match event {
+            // Nothing that is done to the machine brings a record.
+            _ if *self == Self::StaleS => false,
+            MaintenanceKind::GearReplaced => true,
+            MaintenanceKind::Inspected => false,
+            MaintenanceKind::SensorReplaced | MaintenanceKind::RegimeChanged => !self.is_wear(),
+        }
+    }
+}
+
+/// None where nothing was judged, as while the baseline is collected.
+fn sensor_fault(wear: &WearEstimate) -> Option<f64> {
+    let is_fault = wear.status == WearStatus::SensorFault || wear.novelty.as_ref()?.sensor_fault.is_some();
+    Some(f64::from(u8::from(is_fault)))
+}
+
+impl fmt::Display for AlarmQuantity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::WearUm => f.write_str("wear_um"),
+            Self::WearAboveLimit => f.write_str("wear_above_limit"),
+            Self::Novelty => f.write_str("novelty"),
+            Self::SensorFault => f.write_str("sensor_fault"),
+            Self::StaleS => f.write_str("stale_s"),
+            Self::Indicator(name) => write!(f, "indicator:{name}"),
+            Self::RatePerDay(RatedQuantity::WearUm) => f.write_str("rate_per_day:wear_um"),
+            Self::RatePerDay(RatedQuantity::Novelty) => f.write_str("rate_per_day:novelty"),
+            Self::RatePerDay(RatedQuantity::Indicator(name)) => write!(f, "rate_per_day:indicator:{name}"),
+        }
+    }
+}

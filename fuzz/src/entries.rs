@@ -1,0 +1,125 @@
+//! Bytes from outside through everything that reads them: nothing may panic, and what is taken is whole.
+
+use std::io::Cursor;
+use std::str;
+
+use flankwatch::asset::AssetSpec;
+use flankwatch::estimate::MaintenanceEvent;
+use flankwatch::gear::PairSpec;
+use flankwatch::recording::{
+    BlockEncoding, CsvFrames, Cut, Format, McapReader, RawLayout, RawSample, RecordDefaults, WavBlocks, decode_block, decode_raw,
+    decode_wav,
+};
+use flankwatch::service::ReplayRequest;
+use flankwatch::signal::Record;
+
+/// A name, which is that of the program that fuzzes it, and what it does with bytes.
+pub type Entry = (&'static str, fn(&[u8]));
+
+/// All of them.
+pub const ALL: [Entry; 8] = [
+    ("wav", wav),
+    ("mcap", mcap),
+    ("csv", csv),
+    ("raw", raw),
+    ("protobuf_block", protobuf_block),
+    ("json_block", json_block),
+    ("pair", pair),
+    ("api_json", api_json),
+];
+
+/// Records or frames read of one input.
+const MOST: usize = 1000;
+
+/// A WAV, whole and cut into short records.
+pub fn wav(bytes: &[u8]) {
+    let defaults = RecordDefaults::default();
+    for record in decode_wav(bytes, &defaults).into_iter().flatten() {
+        check(&record);
+    }
+    let cut = Some(Cut::Samples(16));
+    if let Ok(blocks) = WavBlocks::new(Cursor::new(bytes), bytes.len() as u64, &defaults, cut) {
+        for record in blocks.take(MOST).flatten() {
+            check(&record);
+        }
+    }
+}
+
+/// An MCAP recording.
+pub fn mcap(bytes: &[u8]) {
+    let _ = Format::detect(bytes);
+    for recorded in McapReader::new(Cursor::new(bytes.to_vec())).take(MOST).flatten() {
+        check(&recorded.record);
+    }
+}
+
+/// A CSV file.
+pub fn csv(bytes: &[u8]) {
+    if let Ok(mut frames) = CsvFrames::new(bytes, &[]) {
+        let mut frame = vec![0.0; frames.channels().len()];
+        for _ in 0..MOST {
+            if !matches!(frames.next_frame(&mut frame), Ok(true)) {
+                break;
+            }
+        }
+    }
+}
+
+/// Bare samples, whose layout the first two bytes choose.
+pub fn raw(bytes: &[u8]) {
+    let [first, second, samples @ ..] = bytes else { return };
+    let sample = if first % 2 == 0 { RawSample::F32 } else { RawSample::I16 };
+    if let Ok(layout) = RawLayout::new(sample, 4000.0, u32::from(*second), None) {
+        for record in decode_raw(samples, layout, &RecordDefaults::default()).into_iter().flatten() {
+            check(&record);
+        }
+    }
+}
+
+/// One block in protobuf.
+pub fn protobuf_block(bytes: &[u8]) {
+    if let Ok(record) = decode_block(bytes, BlockEncoding::Protobuf, &RecordDefaults::default()) {
+        check(&record);
+    }
+}
+
+/// One block in JSON.
+pub fn json_block(bytes: &[u8]) {
+    if let Ok(record) = decode_block(bytes, BlockEncoding::Json, &RecordDefaults::default()) {
+        check(&record);
+    }
+}
+
+/// The description of a pair, in TOML or JSON.
+pub fn pair(bytes: &[u8]) {
+    let of_toml = str::from_utf8(bytes).ok().and_then(|text| PairSpec::from_toml(text).ok());
+    for spec in of_toml.into_iter().chain(serde_json::from_slice(bytes).ok()) {
+        if spec.check().is_ok() {
+            let _ = spec.resolve();
+        }
+    }
+}
+
+/// Bodies in JSON that the API takes besides records, and a description in TOML.
+pub fn api_json(bytes: &[u8]) {
+    let of_toml = str::from_utf8(bytes).ok().and_then(|text| AssetSpec::from_toml(text).ok());
+    for spec in of_toml.into_iter().chain(serde_json::from_slice(bytes).ok()) {
+        if spec.validate().is_ok() {
+            assert!(spec.alarm_rules().iter().all(|rule| rule.validate().is_ok()));
+            let context = spec.mesh_context();
+            assert!(context.nominal_shaft_speed_hz.is_finite());
+            let again = serde_json::to_vec(&spec).expect("a description that is taken can be answered");
+            assert!(
+                serde_json::from_slice::<AssetSpec>(&again).is_ok(),
+                "what is answered can be sent back"
+            );
+        }
+    }
+    let _ = serde_json::from_slice::<ReplayRequest>(bytes);
+    let _ = serde_json::from_slice::<MaintenanceEvent>(bytes);
+}
+
+fn check(record: &Record) {
+    assert!(!record.samples().is_empty() && record.samples().iter().all(|sample| sample.is_finite()));
+    assert!(record.sample_rate_hz() > 0.0 && record.duration_s().is_finite());
+}

@@ -1,0 +1,184 @@
+//! Records through the analysis and, channel by channel, into the wear estimate.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::AnalyzeArgs;
+use super::envelope::{AnalyzedEnvelope, EnvelopeArg};
+use super::record::AnalyzedRecord;
+use crate::asset::AssetSpec;
+use crate::cli::CliError;
+use crate::cli::library::kept_ensemble;
+use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, PanelChange};
+use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
+use crate::report::{Report, ReportedAlarm, ReportedRecord};
+use crate::signal::{
+    AnalysisSettings, Analyzer, BandSource, Condition, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext, OperatingPoint,
+    Record, ShaftSpeed, Spectrum,
+};
+
+/// The records of a command's files.
+pub(super) struct Analysis<'a> {
+    args: &'a AnalyzeArgs,
+    asset: Option<AssetSpec>,
+    analyzer: Analyzer,
+    pub(super) records: Vec<AnalyzedRecord>,
+    last_spectrum: Option<Spectrum>,
+    alarms: Vec<ReportedAlarm>,
+}
+
+impl<'a> Analysis<'a> {
+    /// Without any record yet.
+    pub(super) fn new(args: &'a AnalyzeArgs, asset: Option<AssetSpec>) -> Self {
+        Self {
+            args,
+            asset,
+            analyzer: Analyzer::new(AnalysisSettings::default()),
+            records: Vec::new(),
+            last_spectrum: None,
+            alarms: Vec::new(),
+        }
+    }
+
+    pub(super) fn report(&self) -> Report {
+        Report {
+            asset: self.asset.as_ref().map(|asset| asset.name_or_id().to_string()),
+            limits: self.asset.as_ref().map(|asset| asset.limits).unwrap_or_default(),
+            records: self.records.iter().map(ReportedRecord::from).collect(),
+            last_spectrum: self.last_spectrum.clone(),
+            alarms: self.alarms.clone(),
+            ..Report::default()
+        }
+    }
+
+    pub(super) fn take_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
+        let defaults = RecordDefaults {
+            start_time: *next_start,
+            unit: self.asset.as_ref().and_then(|asset| asset.sensor.unit.clone()),
+            channel_units: self.asset.as_ref().map(AssetSpec::channel_units).unwrap_or_default(),
+            operating_point: OperatingPoint {
+                shaft_speed_hz: self.args.shaft_speed_hz,
+                torque_nm: self.args.torque_nm,
+                ..OperatingPoint::default()
+            },
+            ..RecordDefaults::default()
+        };
+        let cut = self.args.record_seconds.map(Cut::Seconds);
+        let mut file = RecordingFile::open(path, defaults, cut).map_err(CliError::recording(path))?;
+        if let Some(seconds) = file.default_cut_seconds() {
+            eprintln!(
+                "note: {}: a long recording, cut into records of {seconds} s; --record-seconds chooses another length",
+                path.display()
+            );
+        }
+        for recorded in &mut file {
+            let recorded = recorded.map_err(CliError::recording(path))?;
+            let length = SignedDuration::from_secs_f64(recorded.record.duration_s());
+            *next_start = (*next_start).max(recorded.record.start_time() + length);
+            self.take_record(path, recorded);
+        }
+        Ok(())
+    }
+
+    fn take_record(&mut self, path: &Path, recorded: Recorded) {
+        let record = recorded.record;
+        // Without a description there is no mesh to speak of, and no reason to name what it would have given.
+        let unknown = ConditionSettings {
+            mesh: MeshContext::unknown(),
+            bands: &[],
+            gear_indicators: false,
+        };
+        let settings = self.asset.as_ref().map_or(unknown, AssetSpec::condition_settings);
+        let seen = self
+            .asset
+            .as_ref()
+            .map_or(Cow::Borrowed(&record), |asset| asset.seen_from_shaft(&record));
+        let Condition { analysis, basis } = self.analyzer.condition(&seen, &settings);
+        let envelope = self
+            .args
+            .envelope
+            .map(|asked| self.envelope(&record, analysis.shaft_speed.as_ref(), asked));
+        if self.args.report.is_some() {
+            self.last_spectrum = Some(self.analyzer.amplitude_spectrum(&record));
+        }
+        self.records.push(AnalyzedRecord {
+            file: path.display().to_string(),
+            channel: record.channel().to_owned(),
+            start_time: record.start_time(),
+            sample_rate_hz: record.sample_rate_hz(),
+            samples: record.samples().len(),
+            unit: record.unit().to_owned(),
+            shaft_speed_hz: analysis.shaft_speed.map(|speed| speed.shaft_speed_hz),
+            shaft_speed_source: analysis.shaft_speed.map(|speed| speed.source),
+            mesh_frequency_hz: analysis.shaft_speed.map(|speed| speed.mesh_frequency_hz).filter(|&hz| hz > 0.0),
+            basis,
+            indicators: analysis.indicators,
+            envelope,
+            wear: None,
+            wear_reason: "no asset is described, see --asset".to_owned(),
+            reference_wear_um: recorded.reference_wear_um,
+            features: analysis.features,
+        });
+    }
+
+    fn envelope(&mut self, record: &Record, speed: Option<&ShaftSpeed>, asked: EnvelopeArg) -> AnalyzedEnvelope {
+        let asset = self.asset.as_ref();
+        let search = match asked {
+            EnvelopeArg::Search(search) => search,
+            _ => asset.map_or_else(EnvelopeSearch::default, |asset| asset.envelope_band),
+        };
+        let given = match asked {
+            EnvelopeArg::Hertz(band_hz) => Some(EnvelopeBand::given(band_hz, BandSource::Query)),
+            EnvelopeArg::Asset => asset.and_then(AssetSpec::given_envelope_band),
+            EnvelopeArg::Search(_) => None,
+        };
+        let band = given.unwrap_or_else(|| self.analyzer.envelope_band(record, speed, search));
+        let spectrum = self.analyzer.envelope_spectrum(record, band.band_hz);
+        AnalyzedEnvelope::new(band, &spectrum)
+    }
+
+    /// Folds each channel's records in time order, as the service does.
+    pub(super) fn estimate_wear(&mut self) -> Result<(), CliError> {
+        let Some(asset) = &self.asset else { return Ok(()) };
+        let settings = EstimatorSettings {
+            baseline_records: asset.baseline.records,
+            limit_um: asset.limits.danger_um.or(asset.limits.warning_um),
+        };
+        let longest = self
+            .records
+            .iter()
+            .fold(BTreeMap::new(), |mut counts: BTreeMap<&str, u32>, record| {
+                *counts.entry(&record.channel).or_default() += 1;
+                counts
+            });
+        // A library is worth its simulation only if some channel gets past its baseline.
+        let needed = longest.values().any(|&count| count > settings.baseline_records);
+        let pair = asset.gear.pair.as_ref().filter(|_| needed);
+        let ensemble = pair
+            .map(|pair| kept_ensemble(&self.args.data_dir, pair, self.args.members))
+            .transpose()?;
+        let estimator = ChannelEstimator::new(settings, ensemble, asset.alarm_rules());
+        let mut order: Vec<usize> = (0..self.records.len()).collect();
+        order.sort_by_key(|&i| self.records[i].start_time);
+        let mut channels: BTreeMap<String, (ChannelState, Vec<PanelChange>)> = BTreeMap::new();
+        for index in order {
+            let record = &mut self.records[index];
+            let channel = channels.entry(record.channel.clone());
+            let (state, changes) = channel.or_insert_with(|| (estimator.start(), Vec::new()));
+            let result = estimator.record(state, record.start_time, &record.features, &record.indicators);
+            record.indicators.extend(result.indicators);
+            changes.extend(result.changes);
+            record.wear_reason = result.wear.reason.clone();
+            record.wear = Some(result.wear);
+        }
+        let rules = estimator.rules();
+        let reported = channels
+            .iter()
+            .flat_map(|(channel, (_, changes))| ReportedAlarm::of_changes(channel, rules, changes));
+        self.alarms = reported.collect();
+        Ok(())
+    }
+}

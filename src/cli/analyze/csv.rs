@@ -1,0 +1,72 @@
+//! A line a record, every indicator in a column.
+
+use std::collections::BTreeSet;
+
+use super::record::AnalyzedRecord;
+use crate::report::angle_words;
+
+/// The first ones of the indicators' columns.
+const FIRST: [&str; 5] = ["rms", "kurtosis", "crest_factor", "omx", "mesh_2"];
+
+pub(super) fn csv(records: &[AnalyzedRecord]) -> String {
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let known: BTreeSet<&String> = records.iter().flat_map(|record| record.indicators.values.keys()).collect();
+    let others: Vec<&str> = known.into_iter().map(String::as_str).filter(|name| !FIRST.contains(name)).collect();
+    let mut header: Vec<&str> = vec![
+        "file",
+        "channel",
+        "start_time",
+        "sample_rate_hz",
+        "samples",
+        "unit",
+        "shaft_speed_hz",
+        "mesh_frequency_hz",
+    ];
+    header.extend(FIRST);
+    header.extend([
+        "wear_median_um",
+        "wear_p05_um",
+        "wear_p95_um",
+        "wear_status",
+        "wear_cause",
+        "wear_reason",
+        "shaft_angle",
+    ]);
+    header.extend(&others);
+    let rows = records.iter().map(|record| {
+        let mut row = vec![
+            record.file.clone(),
+            record.channel.clone(),
+            record.start_time.to_string(),
+            record.sample_rate_hz.to_string(),
+            record.samples.to_string(),
+            record.unit.clone(),
+            number(record.shaft_speed_hz),
+            number(record.mesh_frequency_hz),
+        ];
+        row.extend(FIRST.iter().map(|name| number(record.indicators.get(name))));
+        let wear = record.wear.as_ref();
+        row.extend(
+            [
+                wear.and_then(|w| w.median_um),
+                wear.and_then(|w| w.p05_um),
+                wear.and_then(|w| w.p95_um),
+            ]
+            .map(number),
+        );
+        row.extend([record.status(), record.cause()].map(Option::unwrap_or_default));
+        row.push(record.wear_reason.clone());
+        row.push(record.basis.shaft_angle.as_ref().map_or_else(String::new, angle_words));
+        row.extend(others.iter().map(|name| number(record.indicators.get(name))));
+        row
+    });
+    let header = header.into_iter().map(str::to_owned).collect::<Vec<_>>();
+    for row in std::iter::once(header).chain(rows) {
+        writer
+            .write_record(row)
+            .expect("writing to memory does not fail, and every row has the header's width");
+    }
+    let bytes = writer.into_inner().expect("flushing to memory does not fail");
+    String::from_utf8(bytes).expect("only text was written")
+}

@@ -1,0 +1,75 @@
+//! One analysed record.
+
+use jiff::Timestamp;
+use serde::Serialize;
+
+use super::envelope::AnalyzedEnvelope;
+use crate::estimate::WearEstimate;
+use crate::report::ReportedRecord;
+use crate::signal::{Basis, Features, Indicators, SpeedSource};
+
+/// One analysed record, as it is printed.
+#[derive(Debug, Serialize)]
+pub(super) struct AnalyzedRecord {
+    pub(super) file: String,
+    pub(super) channel: String,
+    pub(super) start_time: Timestamp,
+    pub(super) sample_rate_hz: f64,
+    pub(super) samples: usize,
+    pub(super) unit: String,
+    pub(super) shaft_speed_hz: Option<f64>,
+    pub(super) shaft_speed_source: Option<SpeedSource>,
+    pub(super) mesh_frequency_hz: Option<f64>,
+    #[serde(flatten)]
+    pub(super) basis: Basis,
+    #[serde(flatten)]
+    pub(super) indicators: Indicators,
+    /// The envelope spectrum where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) envelope: Option<AnalyzedEnvelope>,
+    /// The wear estimate with its status, whether or not it has a depth; null without a description of the asset.
+    pub(super) wear: Option<WearEstimate>,
+    /// The estimate in words, or why there is none.
+    pub(super) wear_reason: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) reference_wear_um: Option<f64>,
+    #[serde(skip)]
+    pub(super) features: Features,
+}
+
+impl AnalyzedRecord {
+    /// The name of the status, as everywhere; none without a description of the asset.
+    pub(super) fn status(&self) -> Option<String> {
+        self.wear.as_ref().map(|wear| name_of(&wear.status))
+    }
+
+    /// The name of what a record shows that wear does not explain: of a fault of the sensor, else of a sign of the machine.
+    pub(super) fn cause(&self) -> Option<String> {
+        let novelty = self.wear.as_ref()?.novelty.as_ref()?;
+        let sign = || novelty.machine_sign.as_ref().map(name_of);
+        novelty.sensor_fault.as_ref().map(name_of).or_else(sign)
+    }
+}
+
+/// The name that a value has in JSON.
+fn name_of(value: &impl Serialize) -> String {
+    let name = serde_json::to_value(value).ok();
+    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
+}
+
+impl From<&AnalyzedRecord> for ReportedRecord {
+    fn from(record: &AnalyzedRecord) -> Self {
+        Self {
+            name: record.file.clone(),
+            channel: record.channel.clone(),
+            start_time: record.start_time,
+            unit: record.unit.clone(),
+            shaft_speed_hz: record.shaft_speed_hz,
+            indicators: record.indicators.clone(),
+            shaft_angle: record.basis.shaft_angle.clone(),
+            wear: record.wear.clone(),
+            wear_words: record.wear_reason.clone(),
+            reference_wear_um: record.reference_wear_um,
+        }
+    }
+}

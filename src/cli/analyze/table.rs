@@ -1,0 +1,192 @@
+//! Aligned columns for people, at most 80 wide where no further ones are asked for.
+
+use std::collections::BTreeMap;
+
+use super::record::AnalyzedRecord;
+use super::verdict::verdict;
+use crate::asset::AssetSpec;
+use crate::cli::CliError;
+use crate::estimate::WearStatus;
+use crate::report::angle_words;
+use crate::signal::Indicators;
+
+/// A column that is asked for beyond those that are always there.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Column {
+    Channel,
+    File,
+    /// Where the shaft's angle came from.
+    Angle,
+    Indicator(String),
+}
+
+/// Names of the columns that are no indicators.
+const OTHERS: [&str; 3] = ["channel", "file", "angle"];
+
+/// Indicators that are always there, and their headings.
+const INDICATORS: [(&str, &str); 3] = [("rms", "RMS"), ("kurtosis", "kurtosis"), ("omx", "OMX")];
+
+impl Column {
+    /// The columns of these names.
+    pub(super) fn chosen(names: &[String], asset: Option<&AssetSpec>) -> Result<Vec<Self>, CliError> {
+        let indicators = Indicators::names(asset.map_or(&[], |asset| &asset.bands));
+        let column = |name: &String| match name.as_str() {
+            "channel" => Ok(Self::Channel),
+            "file" => Ok(Self::File),
+            "angle" => Ok(Self::Angle),
+            _ if indicators.contains(name) => Ok(Self::Indicator(name.clone())),
+            _ => {
+                let known = OTHERS.into_iter().chain(indicators.iter().map(String::as_str));
+                let nearest = Indicators::nearest(name, known).join(", ");
+                Err(CliError::Argument(format!(
+                    "--columns is {name:?}, expected names of indicators, channel, file or angle; the nearest are {nearest}"
+                )))
+            }
+        };
+        names.iter().map(column).collect()
+    }
+
+    fn heading(&self) -> &str {
+        match self {
+            Self::Channel => "channel",
+            Self::File => "file",
+            Self::Angle => "angle",
+            Self::Indicator(name) => name,
+        }
+    }
+
+    fn value(&self, record: &AnalyzedRecord) -> String {
+        match self {
+            Self::Channel => record.channel.clone(),
+            Self::File => record.file.clone(),
+            Self::Angle => record.basis.shaft_angle.as_ref().map_or_else(none, angle_words),
+            Self::Indicator(name) => number(record.indicators.get(name)),
+        }
+    }
+}
+
+/// A block for each channel, its records in the order of time, and at its end what a person would say.
+pub(super) fn table(records: &[AnalyzedRecord], columns: &[Column]) -> String {
+    let mut channels: BTreeMap<&str, Vec<&AnalyzedRecord>> = BTreeMap::new();
+    for record in records {
+        channels.entry(&record.channel).or_default().push(record);
+    }
+    let blocks = channels.into_iter().map(|(channel, mut records)| {
+        records.sort_by_key(|record| record.start_time);
+        block(channel, &records, columns)
+    });
+    blocks.collect::<Vec<_>>().join("\n")
+}
+
+fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> String {
+    let [Some(first), Some(last)] = [records.first(), records.last()] else {
+        return String::new();
+    };
+    let has_wear = records.iter().any(|record| record.wear.is_some());
+    let further: Vec<(String, Vec<String>)> = columns
+        .iter()
+        .map(|column| {
+            let values = records.iter().map(|record| column.value(record));
+            (column.heading().to_owned(), values.collect())
+        })
+        .collect();
+    let mut text = format!(
+        "channel {channel} ({}): {} records, {} to {}\n",
+        unit_words(&first.unit),
+        records.len(),
+        first.start_time.strftime("%Y-%m-%d %H:%M"),
+        last.start_time.strftime("%Y-%m-%d %H:%M UTC"),
+    );
+    let digits = records.len().to_string().len();
+    text += &format!("{:>digits$} {:<14} {:>6}", "#", "start (UTC)", "Hz");
+    for (_, heading) in INDICATORS {
+        text += &format!(" {heading:>7}");
+    }
+    for (heading, values) in &further {
+        text += &format!(" {heading:>width$}", width = width(heading, values));
+    }
+    text += if has_wear { "  wear in µm, or why none\n" } else { "\n" };
+    for (n, record) in records.iter().enumerate() {
+        let speed = record.shaft_speed_hz.map_or_else(none, |hz| format!("{hz:.2}"));
+        text += &format!("{:>digits$} {} {speed:>6}", n + 1, record.start_time.strftime("%m-%d %H:%M:%S"));
+        for (name, heading) in INDICATORS {
+            text += &format!(" {:>width$}", number(record.indicators.get(name)), width = heading.len().max(7));
+        }
+        for (heading, values) in &further {
+            text += &format!(" {:>width$}", values[n], width = width(heading, values));
+        }
+        if has_wear {
+            text += &format!("  {}", wear(record));
+        }
+        text.truncate(text.trim_end().len());
+        text.push('\n');
+    }
+    text + &verdict(records) + "\n"
+}
+
+fn width(heading: &str, values: &[String]) -> usize {
+    let widths = values.iter().map(|value| value.chars().count());
+    widths.fold(heading.chars().count().max(8), usize::max)
+}
+
+/// The depth with its interval, else the names of the status and of what is seen instead of wear.
+fn wear(record: &AnalyzedRecord) -> String {
+    let Some(wear) = &record.wear else { return none() };
+    let status = record.status().unwrap_or_default();
+    match (wear.median_um, wear.p05_um, wear.p95_um) {
+        (Some(_), Some(low), Some(high)) if wear.status != WearStatus::Estimated => format!("{status} {low:.0} to {high:.0}"),
+        (Some(_), _, _) if wear.at_least_um.is_some() => format!("at least {:.0}", wear.at_least_um.unwrap_or_default()),
+        (Some(median), Some(low), Some(high)) => format!("{median:.0} ({low:.0} to {high:.0})"),
+        _ => record.cause().map_or_else(|| status.clone(), |cause| format!("{status}: {cause}")),
+    }
+}
+
+/// Four significant digits in at most 8 characters.
+fn number(value: Option<f64>) -> String {
+    let Some(value) = value else { return none() };
+    let size = value.abs();
+    if value != 0.0 && !(1e-3..1e5).contains(&size) {
+        return format!("{value:.1e}");
+    }
+    let before_point = if size < 1.0 { 0 } else { size.log10() as usize + 1 };
+    format!("{value:.*}", 4usize.saturating_sub(before_point))
+}
+
+fn none() -> String {
+    "-".to_owned()
+}
+
+fn unit_words(unit: &str) -> &str {
+    match unit {
+        "" | "1" => "no unit",
+        unit => unit,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_four_digits_and_fit() {
+        let of = |value| number(Some(value));
+        assert_eq!(
+            [of(0.0), of(0.01234), of(1.0), of(12.345), of(99_999.4)],
+            ["0.0000", "0.0123", "1.000", "12.35", "99999"]
+        );
+        assert_eq!([of(1e-9), of(-1.5e300)], ["1.0e-9", "-1.5e300"]);
+        assert!([1e-300, -0.5, 99_999.9, -99_999.0].into_iter().all(|value| of(value).len() <= 8));
+        assert_eq!(number(None), "-");
+    }
+
+    #[test]
+    fn columns_that_there_are_not_are_refused_with_the_nearest() {
+        let chosen = |names: &[&str]| Column::chosen(&names.iter().map(ToString::to_string).collect::<Vec<_>>(), None);
+        assert_eq!(chosen(&["fm4", "file"]).unwrap(), [Column::Indicator("fm4".into()), Column::File]);
+        let error = chosen(&["kurtossis"]).unwrap_err().to_string();
+        assert!(
+            error.contains("--columns is \"kurtossis\"") && error.contains("the nearest are kurtosis"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,177 @@
+//! What a person would say of a channel's records, in one line.
+
+use jiff::Timestamp;
+
+use super::record::AnalyzedRecord;
+use crate::estimate::{Novelty, WearEstimate, WearStatus};
+
+/// The line about records of one channel in the order of time.
+pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
+    let Some(last) = records.last() else { return String::new() };
+    let estimates: Option<Vec<&WearEstimate>> = records.iter().map(|record| record.wear.as_ref()).collect();
+    match estimates {
+        Some(estimates) => of_estimates(&estimates, last.start_time),
+        None => format!("no wear: {}", last.wear_reason),
+    }
+}
+
+/// What estimates say after the last of them, of the record that starts at `last`.
+fn of_estimates(estimates: &[&WearEstimate], last: Timestamp) -> String {
+    let Some(latest) = estimates.last() else { return String::new() };
+    match latest.status {
+        WearStatus::Estimated => worn(estimates, latest, last),
+        WearStatus::OutsideLibrary => format!("{} is not wear: {}", since(estimates), cause(latest)),
+        WearStatus::SensorFault => format!("{} cannot be judged: {}", since(estimates), cause(latest)),
+        WearStatus::CollectingBaseline => {
+            let baseline = latest.baseline;
+            format!(
+                "learning what healthy looks like: {} of {} records; wear is told after that",
+                baseline.have, baseline.need
+            )
+        }
+        WearStatus::NotIdentifiable => format!("the records do not tell how worn the gear is: {}", latest.reason),
+        _ => format!("no wear is told: {}", latest.reason),
+    }
+}
+
+fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> String {
+    let depth = match (wear.at_least_um, wear.median_um, wear.p05_um, wear.p95_um) {
+        (Some(least), ..) => format!("worn at least {least:.0} µm"),
+        (_, Some(median), Some(low), Some(high)) => format!("worn {median:.0} µm ({low:.0} to {high:.0})"),
+        _ => wear.reason.clone(),
+    };
+    if let Some(prognosis) = &wear.prognosis {
+        let [early, median] = [prognosis.p05, prognosis.median].map(|time| span(last, time));
+        let late = prognosis.p95.map_or_else(|| "much later".to_owned(), |time| span(last, time));
+        let limit = prognosis.limit_um;
+        return format!("{depth} and growing; reaches the limit of {limit:.0} µm in about {median} ({early} to {late})");
+    }
+    match wear.above_limit {
+        Some(probability) if probability >= 0.5 => format!("{depth}; past the limit with {:.0} % probability", 100.0 * probability),
+        _ => depth + &growth(estimates, wear),
+    }
+}
+
+/// Since when the wear has grown, by intervals that do not meet: what is foreseen needs a limit, this does not.
+fn growth(estimates: &[&WearEstimate], latest: &WearEstimate) -> String {
+    let first = estimates.iter().position(|estimate| estimate.status == WearStatus::Estimated);
+    let before = first.and_then(|first| Some((first + 1, estimates[first].p95_um?)));
+    match before.zip(latest.p05_um) {
+        Some(((record, highest), lowest)) if highest < lowest => format!("; it has grown since record {record}"),
+        _ => "; no growth to be seen".to_owned(),
+    }
+}
+
+/// From which record on it has been as it is now.
+fn since(estimates: &[&WearEstimate]) -> String {
+    let is_same = |estimate: &&&WearEstimate| Some(estimate.status) == estimates.last().map(|last| last.status);
+    let count = estimates.iter().rev().take_while(is_same).count();
+    let first = estimates.len() - count + 1;
+    if count == 1 {
+        format!("record {first}")
+    } else {
+        format!("record {first} on")
+    }
+}
+
+/// What is seen, without what the line has said already.
+fn cause(wear: &WearEstimate) -> String {
+    let words = |novelty: &Novelty| {
+        let sign = || novelty.machine_sign.map(|sign| sign.words());
+        novelty.sensor_fault.map(|fault| fault.words()).or_else(sign)
+    };
+    let words = wear.novelty.as_ref().and_then(words).unwrap_or(&wear.reason);
+    words.strip_suffix(", not wear").unwrap_or(words).to_owned()
+}
+
+/// The time from one moment to a later one, in the largest unit that leaves two of it.
+fn span(from: Timestamp, to: Timestamp) -> String {
+    let seconds = to.duration_since(from).as_secs_f64().max(0.0);
+    let units = [
+        (365.25 * 86_400.0, "years"),
+        (86_400.0, "days"),
+        (3600.0, "hours"),
+        (60.0, "minutes"),
+    ];
+    let largest = units.into_iter().find(|(unit_s, _)| seconds >= 2.0 * unit_s);
+    let (unit_s, name) = largest.unwrap_or((1.0, "seconds"));
+    format!("{:.0} {name}", seconds / unit_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::SignedDuration;
+
+    use super::*;
+    use crate::estimate::{BaselineProgress, MachineSign, Prognosis};
+
+    fn wear(status: WearStatus) -> WearEstimate {
+        WearEstimate::without_number(status, "reason".to_owned(), BaselineProgress { have: 8, need: 20 })
+    }
+
+    fn said(estimates: &[WearEstimate]) -> String {
+        of_estimates(&estimates.iter().collect::<Vec<_>>(), Timestamp::UNIX_EPOCH)
+    }
+
+    #[test]
+    fn wear_is_told_with_its_growth() {
+        let mut worn = WearEstimate {
+            median_um: Some(85.2),
+            p05_um: Some(60.0),
+            p95_um: Some(110.0),
+            ..wear(WearStatus::Estimated)
+        };
+        assert_eq!(said(&[worn.clone()]), "worn 85 µm (60 to 110); no growth to be seen");
+        let little = WearEstimate {
+            median_um: Some(10.0),
+            p05_um: Some(0.0),
+            p95_um: Some(30.0),
+            ..wear(WearStatus::Estimated)
+        };
+        let grown = [wear(WearStatus::CollectingBaseline), little, worn.clone()];
+        assert_eq!(said(&grown), "worn 85 µm (60 to 110); it has grown since record 2");
+        let after = |days: i64| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(24 * days);
+        worn.prognosis = Some(Prognosis {
+            rate_um_per_day: 5.0,
+            limit_um: 200.0,
+            median: after(23),
+            p05: after(10),
+            p95: None,
+        });
+        let words = "worn 85 µm (60 to 110) and growing; reaches the limit of 200 µm in about 23 days (10 days to much later)";
+        assert_eq!(said(&[worn]), words);
+    }
+
+    #[test]
+    fn what_is_not_wear_is_told_from_where_it_began() {
+        let novelty = Novelty {
+            p_value: 1e-9,
+            score: 9.0,
+            outside: true,
+            sensor_fault: None,
+            machine_sign: Some(MachineSign::OneTooth),
+            lasting: None,
+            most: Vec::new(),
+        };
+        let cracked = WearEstimate {
+            novelty: Some(novelty),
+            ..wear(WearStatus::OutsideLibrary)
+        };
+        let all = [
+            wear(WearStatus::CollectingBaseline),
+            cracked.clone(),
+            wear(WearStatus::Estimated),
+            cracked.clone(),
+            cracked,
+        ];
+        assert_eq!(
+            said(&all),
+            "record 4 on is not wear: one tooth differs from the others: a crack or chip"
+        );
+        assert_eq!(
+            said(&all[..2]),
+            "record 2 is not wear: one tooth differs from the others: a crack or chip"
+        );
+        assert!(said(&all[..1]).contains("8 of 20 records"));
+    }
+}

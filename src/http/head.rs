@@ -1,0 +1,82 @@
+//! What the head of a request has to be, before anything is done for it.
+
+use axum::extract::{Request, State};
+use axum::http::{StatusCode, Version, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use super::app::App;
+use super::problem::Problem;
+
+/// Lets requests through whose head is no longer than allowed and names its host once.
+pub(super) async fn layer(State(app): State<App>, request: Request, next: Next) -> Response {
+    match check(&request, app.limits.header_bytes) {
+        Ok(()) => next.run(request).await,
+        Err(problem) => problem.into_response(),
+    }
+}
+
+fn check(request: &Request, most: usize) -> Result<(), Problem> {
+    // The connection refuses what does not fit into its buffer, which takes a last piece beyond the limit.
+    let bytes = head_bytes(request);
+    if bytes > most {
+        let detail = format!("the head of the request has {bytes} bytes, expected at most {most}");
+        return Err(Problem::new(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE, detail));
+    }
+    // RFC 9112, 3.2: behind a proxy that takes another one of two hosts than this does, each would guard another name.
+    let hosts = request.headers().get_all(header::HOST).iter().count();
+    let may_be_missing = request.version() < Version::HTTP_11;
+    if hosts > 1 || (hosts == 0 && !may_be_missing) {
+        let detail = format!("the request has {hosts} host fields, expected exactly one");
+        return Err(Problem::new(StatusCode::BAD_REQUEST, detail));
+    }
+    Ok(())
+}
+
+/// The bytes of a request's line and its fields.
+fn head_bytes(request: &Request) -> usize {
+    let path = request.uri().path_and_query().map_or(1, |path| path.as_str().len());
+    let line = request.method().as_str().len() + path + "  HTTP/1.1\r\n".len();
+    let fields = request.headers().iter();
+    let fields = fields.map(|(name, value)| name.as_str().len() + value.len() + ": \r\n".len());
+    line + fields.sum::<usize>() + "\r\n".len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::body::Body;
+
+    fn status(version: Version, fields: &[(&str, &str)]) -> Option<StatusCode> {
+        let mut request = axum::http::Request::builder().version(version).uri("/v1/assets");
+        for (name, value) in fields {
+            request = request.header(*name, *value);
+        }
+        let problem = check(&request.body(Body::empty()).unwrap(), 1000).err()?;
+        Some(problem.into_response().status())
+    }
+
+    #[test]
+    fn a_request_names_its_host_once() {
+        let (own, other) = (("host", "localhost"), ("host", "evil.example"));
+        assert_eq!(status(Version::HTTP_11, &[own]), None);
+        assert_eq!(status(Version::HTTP_10, &[]), None);
+        for (version, fields) in [
+            (Version::HTTP_11, &[][..]),
+            (Version::HTTP_11, &[own, other][..]),
+            (Version::HTTP_11, &[own, own][..]),
+            (Version::HTTP_10, &[own, other][..]),
+        ] {
+            assert_eq!(status(version, fields), Some(StatusCode::BAD_REQUEST), "{fields:?}");
+        }
+    }
+
+    #[test]
+    fn a_head_has_a_greatest_length() {
+        // `GET /v1/assets HTTP/1.1`, the host, and what `x: ` and line ends take.
+        let rest = 1000 - 25 - 17 - 5 - 2;
+        let fields = |length: usize| status(Version::HTTP_11, &[("host", "localhost"), ("x", &"a".repeat(length))]);
+        assert_eq!(fields(rest), None);
+        assert_eq!(fields(rest + 1), Some(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE));
+    }
+}

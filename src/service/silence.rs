@@ -1,0 +1,99 @@
+//! Alarms on silence: no record is no event, so a clock looks for it.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::alarms::{Alarms, OperatorAction};
+use super::error::ServiceError;
+use crate::asset::AssetId;
+use crate::estimate::{AlarmAction, AlarmQuantity, AlarmRule, Severity};
+use crate::store::{DescriptionsMark, Silence, StoredAlarm};
+
+/// How often it is looked for.
+const INTERVAL: Duration = Duration::from_secs(2);
+
+/// The rules on silence, and up to where descriptions were known when they were read.
+#[derive(Default)]
+struct Rules {
+    read_at: Option<DescriptionsMark>,
+    rules: HashMap<AssetId, AlarmRule>,
+}
+
+impl Alarms {
+    /// Raises and ends alarms on silence in the background, as long as somebody holds the service.
+    pub(crate) fn watch_silence_in_background(self: &Arc<Self>) {
+        let alarms = Arc::downgrade(self);
+        tokio::spawn(async move {
+            let mut rules = Rules::default();
+            loop {
+                tokio::time::sleep(INTERVAL).await;
+                let Some(alarms) = alarms.upgrade() else { return };
+                if alarms.store.is_closed() {
+                    return;
+                }
+                if let Err(error) = alarms.watch_silence(&mut rules).await {
+                    tracing::warn!(%error, "failed to look for channels without records");
+                }
+            }
+        });
+    }
+
+    async fn watch_silence(&self, known: &mut Rules) -> Result<(), ServiceError> {
+        let mark = self.store.descriptions_mark().await?;
+        if known.read_at != Some(mark) {
+            let assets = self.store.assets_with_rules_on_silence().await?;
+            let rules = assets.into_iter().filter_map(|asset| {
+                let rules = asset.spec.alarm_rules();
+                let on_silence = rules.into_iter().find(|rule| rule.quantity == AlarmQuantity::StaleS);
+                Some((asset.spec.id, on_silence?))
+            });
+            known.rules = rules.collect();
+            known.read_at = Some(mark);
+        }
+        let assets: Vec<&AssetId> = known.rules.keys().collect();
+        let raised: HashMap<String, Option<Severity>> = self
+            .store
+            .open_alarms(&assets)
+            .await?
+            .into_iter()
+            .map(|stored| (stored.id, stored.alarm.severity()))
+            .collect();
+        let now = self.clock.now();
+        for silence in self.store.silences(&assets).await? {
+            let Some(rule) = known.rules.get(&silence.channel.asset_id) else {
+                continue;
+            };
+            let silent_s = now.duration_since(silence.since).as_secs_f64().max(0.0);
+            let severity = rule.severity_of_silence(silent_s);
+            let untouched = StoredAlarm::untouched(&silence.channel, rule, now);
+            if raised.get(&untouched.id).copied().flatten() != severity {
+                self.tell_silence(untouched, &silence, severity, silent_s).await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Brings an alarm in line with how long its channel has been silent.
+    async fn tell_silence(
+        &self,
+        known: StoredAlarm,
+        silence: &Silence,
+        severity: Option<Severity>,
+        silent_s: f64,
+    ) -> Result<(), ServiceError> {
+        let told = OperatorAction {
+            action: AlarmAction::Stale {
+                severity,
+                silent_s: silent_s as u64,
+            },
+            by: String::new(),
+            comment: String::new(),
+        };
+        match self.act_on(known, Some(silence), told).await {
+            // Somebody was faster: another process, or a record.
+            Ok(_) | Err(ServiceError::Alarm(_) | ServiceError::AlarmUnknown(_)) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
+}

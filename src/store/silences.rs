@@ -1,0 +1,52 @@
+//! Since when channels have been silent.
+
+use jiff::Timestamp;
+
+use super::assets::channel_of;
+use super::rows::{from_ns, get};
+use super::{Asset, ChannelSummary, Store, StoreError};
+use crate::asset::AssetId;
+
+/// Records of a channel that are looked at, the latest by their own time: what comes in of long ago is no sign of life.
+const LATEST: u32 = 8;
+
+/// A channel, and when the last of its latest records was received.
+#[derive(Debug)]
+pub struct Silence {
+    /// The channel.
+    pub channel: ChannelSummary,
+    /// When.
+    pub since: Timestamp,
+}
+
+impl Store {
+    /// The assets with a rule on silence.
+    pub async fn assets_with_rules_on_silence(&self) -> Result<Vec<Asset>, StoreError> {
+        let rows = sqlx::query("SELECT * FROM assets WHERE spec LIKE '%\"stale_s\"%' ORDER BY id")
+            .fetch_all(self.read())
+            .await?;
+        rows.iter().map(super::assets::asset_of).collect()
+    }
+
+    /// Of each channel of these assets since when it has been silent.
+    pub async fn silences(&self, assets: &[&AssetId]) -> Result<Vec<Silence>, StoreError> {
+        let text = |these: &str| {
+            format!(
+                "SELECT c.*, (SELECT MAX(r.received_at_ns) FROM (
+                     SELECT s.received_at_ns FROM segments s WHERE s.channel_no = c.channel_no
+                     ORDER BY s.start_time_ns DESC, s.id DESC LIMIT {LATEST}) r) AS since_ns
+                 FROM channels c WHERE c.segments > 0 AND c.asset_id IN ({these}) ORDER BY c.channel_no"
+            )
+        };
+        let rows = self.rows_of_assets(assets, text).await?;
+        let silence = |row| {
+            let since: Option<i64> = get(row, "since_ns")?;
+            let channel = channel_of(row)?;
+            Ok(since.map(|since| Silence {
+                channel,
+                since: from_ns(since),
+            }))
+        };
+        rows.iter().filter_map(|row| silence(row).transpose()).collect()
+    }
+}
