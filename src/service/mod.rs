@@ -72,7 +72,7 @@ pub use record::{BandChoice, RecordFormat, SegmentEnvelope, StoredRecords, Uploa
 pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::Replays;
-pub use simulations::{Readiness, Simulations};
+pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
 pub use tally::Tally;
 pub use work_queue::{PartHealth, QueuedRecord, Role, WorkQueue};
 pub use workers::{Ticket, Workers};

@@ -117,7 +117,6 @@ impl Service {
 
     async fn take_in(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
         let name = record.raw.sha256.clone();
-        // Before anything waits for a library.
         if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
             return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
         }
@@ -125,7 +124,7 @@ impl Service {
             let mut ticket = self.workers.admit()?;
             ticket.grow(usize::try_from(record.raw.bytes).unwrap_or(usize::MAX))?;
             match self.pipeline.process(record, ticket).await {
-                // Its library is being simulated.
+                // The store is away.
                 Err(ServiceError::Busy { .. }) => tokio::time::sleep(std::time::Duration::from_secs(1)).await,
                 processed => return processed.map(|_| ()),
             }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::alarm::{AlarmPanel, AlarmRule, PanelAction, PanelChange};
 use super::event::MaintenanceEvent;
 use super::tracker::{EstimatorSettings, Tracker, TrackerState};
-use super::wear::WearEstimate;
+use super::wear::{LibraryLack, WearEstimate};
 use crate::library::Ensemble;
 
 /// Estimates wear and alarms along a channel's records.
@@ -45,6 +45,14 @@ impl ChannelEstimator {
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>, rules: Vec<AlarmRule>) -> Self {
         Self {
             tracker: Arc::new(Tracker::new(settings, ensemble)),
+            rules: rules.into(),
+        }
+    }
+
+    /// One while there is no library: as without a pair, and records are told why.
+    pub fn without_library(settings: EstimatorSettings, lack: LibraryLack, rules: Vec<AlarmRule>) -> Self {
+        Self {
+            tracker: Arc::new(Tracker::without_library(settings, lack)),
             rules: rules.into(),
         }
     }

@@ -18,7 +18,7 @@ use super::healthy_lines::{HealthyLines, Measured};
 use super::likelihood::{Anchor, Discrepancy, Likelihood, Reference};
 use super::novelty::{Deviation, judge};
 use super::prognosis::prognosis;
-use super::wear::{WearEstimate, WearStatus};
+use super::wear::{LibraryLack, WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, MESH_LINES};
 use flankwatch_signal::Features;
 
@@ -120,6 +120,7 @@ impl PartialEq for Prepared {
 pub struct Tracker {
     settings: EstimatorSettings,
     ensemble: Option<Arc<Ensemble>>,
+    lack: LibraryLack,
     grid: DepthGrid,
     growth: Growth,
     discrepancy: Option<Discrepancy>,
@@ -138,6 +139,15 @@ impl Tracker {
             discrepancy: ensemble.as_deref().map(Discrepancy::of),
             grid,
             ensemble,
+            lack: LibraryLack::default(),
+        }
+    }
+
+    /// A tracker while there is no library: as without one, and records are told why.
+    pub fn without_library(settings: EstimatorSettings, lack: LibraryLack) -> Self {
+        Self {
+            lack,
+            ..Self::new(settings, None)
         }
     }
 
@@ -153,6 +163,12 @@ impl Tracker {
 
     /// Takes one more record that began at `at`; records and events come in time order.
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
+        let mut answer = self.take_record(state, at, features);
+        self.lack.tell(&mut answer);
+        answer
+    }
+
+    fn take_record(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         match &mut state.0 {
             Stage::Collecting {
                 records,

@@ -147,6 +147,26 @@ fn without_a_library_the_answer_says_so() {
 }
 
 #[test]
+fn while_there_is_no_library_every_answer_says_why() {
+    let library = made_up_library();
+    for (lack, status, word) in [
+        (LibraryLack::Simulated, WearStatus::AwaitingLibrary, "being simulated"),
+        (LibraryLack::Failed("no teeth".into()), WearStatus::LibraryFailed, "no teeth"),
+    ] {
+        let tracker = Tracker::without_library(settings(), lack);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut state = tracker.start();
+        for n in 1..=NEED + 3 {
+            let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+            assert_eq!((wear.status, wear.baseline.have), (status, n.min(NEED)), "{}", wear.reason);
+            assert!(wear.reason.contains(word), "{}", wear.reason);
+        }
+        let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &Features::default());
+        assert_ne!(wear.status, WearStatus::NoLibrary);
+    }
+}
+
+#[test]
 fn lines_in_the_noise_give_no_number() {
     let library = Arc::new(made_up_library());
     let tracker = tracker(&library);
