@@ -58,7 +58,7 @@ struct Summary {
     /// How far the simulation of the library, or of the pairs around it, is; not given where nothing is simulated.
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<SimulationView>,
-    /// The latest estimate of the channel that speaks for the asset.
+    /// The latest estimate of the channel that speaks for the asset, of a record that is not excluded.
     wear: Option<WearEstimate>,
     /// That channel.
     wear_channel: Option<String>,
@@ -274,12 +274,10 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     let mut recent_wear_um = Vec::new();
     let speaking = asset.speaking_channel(&channels, None);
     if let Some(channel) = speaking {
-        if let Some(id) = &channel.last_segment {
-            wear = store.segment(id).await?.map(|segment| WearEstimate {
-                posterior: None,
-                ..segment.wear
-            });
-        }
+        wear = store.latest_counted(channel).await?.map(|segment| WearEstimate {
+            posterior: None,
+            ..segment.wear
+        });
         recent_wear_um = store.wear_curve(channel).await?.to_vec();
     }
     let alarm_rules = asset.spec.alarm_rules();

@@ -82,7 +82,7 @@ impl Category {
             }
             Some(WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary | WearStatus::Recomputing) => Self::CheckFunction,
             _ if library_state == "building" => Self::CheckFunction,
-            Some(WearStatus::NoLibrary | WearStatus::SensorFault) | None => Self::None,
+            Some(WearStatus::NoLibrary | WearStatus::SensorFault | WearStatus::Excluded) | None => Self::None,
         }
     }
 }

@@ -207,6 +207,7 @@ fn kind_words(kind: MaintenanceKind) -> &'static str {
         MaintenanceKind::SensorReplaced => "sensor replaced",
         MaintenanceKind::RegimeChanged => "other speed or load",
         MaintenanceKind::Inspected => "wear measured",
+        MaintenanceKind::BaselineChosen => "baseline chosen",
     }
 }
 
@@ -264,6 +265,7 @@ mod tests {
                     by: "Ada".to_owned(),
                     comment: "new <pair>".to_owned(),
                     inspection: None,
+                    until: None,
                 },
                 MaintenanceEvent {
                     time: Timestamp::from_second(40).unwrap(),
@@ -276,6 +278,7 @@ mod tests {
                         gear: Some(2),
                         place: FlankPlace::Root,
                     }),
+                    until: None,
                 },
             ],
             ..Report::default()

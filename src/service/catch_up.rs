@@ -111,5 +111,5 @@ fn record_for(store: &Store, member: &AssetId, segment: &Segment) -> Option<Iden
         .read(store)
         .inspect_err(|error| tracing::debug!(segment = %segment.id, %error, "failed to read a record for another asset of its sensor"))
         .ok()?;
-    Some(IdentifiedRecord::of_stored(member, record, segment.raw.clone()))
+    Some(IdentifiedRecord::of_stored(member, record, segment.raw.clone(), segment.excluded))
 }

@@ -7,7 +7,7 @@
 //! | [`Simulations`] | has the libraries simulated, and gives each asset its estimator |
 //! | [`Replays`] | takes recordings from a folder through the pipeline |
 //! | [`StoredRecords`] | reads stored records again, with their spectra |
-//! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`] | change what people describe and do |
+//! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`], [`Exclusions`] | change what people describe and do |
 //! | `Retention`, `CatchUp`, `Upkeep` | work in the background |
 //!
 //! Time comes from the [`Clock`] that the service is started with.
@@ -31,6 +31,7 @@ mod catch_up;
 mod clock;
 mod error;
 mod events;
+mod exclusion;
 mod feeds;
 mod history;
 mod keys;
@@ -58,6 +59,7 @@ pub use assets::Assets;
 pub use clock::{Clock, SystemClock};
 pub use error::ServiceError;
 pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace};
+pub use exclusion::Exclusions;
 pub use feeds::{Feed, FeedCount, Feeds, Holding};
 pub use history::History;
 pub use limits::{RawQuotas, ServiceFolders, WorkLimits};

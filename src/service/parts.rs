@@ -9,6 +9,7 @@ use super::catch_up::CatchUp;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::Announcer;
+use super::exclusion::Exclusions;
 use super::feeds::Feeds;
 use super::history::History;
 use super::limits::{ServiceFolders, WorkLimits};
@@ -52,6 +53,8 @@ pub struct Service {
     pub maintenance: Maintenance,
     /// Removes records.
     pub removals: Removals,
+    /// Takes records out of their histories, and in again.
+    pub exclusions: Exclusions,
     /// Recordings that are replayed.
     pub replays: Replays,
     /// Pieces of resumable uploads.
@@ -164,6 +167,13 @@ impl Service {
                 history: Arc::clone(&history),
                 committer: Arc::clone(&committer),
                 raw: Arc::clone(&raw),
+                events: events.clone(),
+            },
+            exclusions: Exclusions {
+                store: store.clone(),
+                committer: Arc::clone(&committer),
+                raw: Arc::clone(&raw),
+                history: Arc::clone(&history),
                 events: events.clone(),
             },
             removals: Removals {

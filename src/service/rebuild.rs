@@ -50,7 +50,9 @@ impl Service {
         let mut assets = self.on_objects(Objects::asset_notes).await?;
         // Those whose sensor others share come before those.
         assets.sort_by_key(|note| note.spec.sensor.of.is_some());
+        let mut excluded: HashSet<SegmentId> = HashSet::new();
         for note in assets {
+            excluded.extend(note.excluded.iter().cloned());
             rebuilt.assets += u64::from(self.take_in_asset(note).await?);
         }
         let removed = if with_removed { HashMap::new() } else { self.removed().await? };
@@ -91,6 +93,11 @@ impl Service {
                         ));
                     }
                 }
+            }
+        }
+        for record in missing.iter().filter(|record| excluded.contains(&record.id)) {
+            if let Some(segment) = self.store.segment(&record.id).await? {
+                self.exclusions.set_one(&segment, true).await?;
             }
         }
         if rebuilt.failed == 0 {

@@ -91,6 +91,7 @@ export function sentence(wear, limits, hasPair = true) {
   if (wear.status === "no_library") return "No gear pair is described for this asset, so wear in µm is not estimated. Indicators are computed, and records unlike the baseline are told by their novelty.";
   if (wear.status === "awaiting_library") return "The library of the gear pair is being simulated. Records are stored with their indicators, and their wear follows by itself.";
   if (wear.status === "library_failed") return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the description to try again.`;
+  if (wear.status === "excluded") return "This record is excluded: it takes no part in the baseline, the estimate and the alarms.";
   if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
   if (wear.status === "outside_library") return unexplained(wear);

@@ -248,6 +248,7 @@ fn inputs_of(new: &BTreeMap<SegmentKey, NewSegment>) -> Vec<FoldInput> {
     new.iter()
         .map(|(key, segment)| FoldInput {
             key: key.clone(),
+            excluded: segment.excluded,
             features: segment.analysed.features.clone(),
             indicators: segment.analysed.indicators.clone(),
         })

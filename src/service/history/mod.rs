@@ -37,7 +37,6 @@ const RETRY_AFTER: Duration = Duration::from_secs(2);
 
 /// The histories of all channels.
 pub struct History {
-    store: Store,
     simulations: Arc<Simulations>,
     role: Role,
     channels: Arc<channels::Channels>,
@@ -63,7 +62,7 @@ impl History {
             workers: Arc::clone(&workers),
         };
         let recomputer = Recomputer {
-            store: store.clone(),
+            store,
             workers,
             simulations: Arc::clone(&simulations),
             clock,
@@ -73,7 +72,6 @@ impl History {
             progress: Arc::clone(&progress),
         };
         Self {
-            store,
             simulations,
             role,
             channels,

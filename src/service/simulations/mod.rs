@@ -61,6 +61,10 @@ impl Asked {
         let simulation = self.simulation.borrow();
         !simulation.is_loading && simulation.progress.is_none()
     }
+
+    fn has_failed(&self) -> bool {
+        self.simulation.borrow().error.is_some()
+    }
 }
 
 /// By library id.
@@ -125,17 +129,19 @@ impl Simulations {
     pub fn describe(&self, spec: &AssetSpec) {
         let id = self.id_of(spec);
         self.release_except(&spec.id, id.as_deref());
-        if let Some(id) = id {
+        let Some(id) = id else { return };
+        let failed = {
             let mut all = lock(&self.asked);
-            let has_failed = all.get(&id).is_some_and(|asked| {
-                let failed = asked.is_over() && asked.simulation.borrow().error.is_some();
-                failed && asked.by.get(&spec.id) != Some(spec)
-            });
-            if has_failed {
-                all.remove(&id);
-            }
-        }
+            let is_again = all
+                .get(&id)
+                .is_some_and(|asked| asked.has_failed() && asked.by.get(&spec.id) != Some(spec));
+            if is_again { all.remove(&id) } else { None }
+        };
         self.ask(spec);
+        if let Some(asked) = lock(&self.asked).get_mut(&id) {
+            asked.by.extend(failed.into_iter().flat_map(|failed| failed.by));
+            asked.by.insert(spec.id.clone(), spec.clone());
+        }
     }
 
     /// Forgets an asset that is gone: what is simulated for it alone is stopped.
@@ -148,7 +154,7 @@ impl Simulations {
             if Some(id.as_str()) == kept || asked.by.remove(asset).is_none() || !asked.by.is_empty() {
                 return true;
             }
-            let is_there = asked.is_over() && asked.simulation.borrow().error.is_none();
+            let is_there = asked.is_over() && !asked.has_failed();
             if !is_there {
                 asked.cancel.store(true, Ordering::Relaxed);
             }

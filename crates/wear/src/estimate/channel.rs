@@ -84,6 +84,15 @@ impl ChannelEstimator {
         }
     }
 
+    /// What is said of a record that people excluded; the state stays as it is.
+    pub fn excluded(&self, state: &ChannelState) -> RecordResult {
+        RecordResult {
+            indicators: Indicators::default(),
+            wear: self.tracker.excluded(&state.tracker),
+            changes: Vec::new(),
+        }
+    }
+
     /// Takes maintenance between two records; returns the changes of alarms.
     pub fn maintenance(&self, state: &mut ChannelState, event: &MaintenanceEvent) -> Vec<PanelChange> {
         self.tracker.event(&mut state.tracker, event);

@@ -34,6 +34,12 @@ const NEWEST_PART: f32 = 0.3;
 /// Records in a row whose own best depth lies outside the interval before the search begins anew.
 const MAX_DISAGREEING: u8 = 10;
 
+/// Fewest records of a chosen baseline; with fewer it is learnt as any other.
+const LEAST_CHOSEN: usize = 8;
+
+/// Most records of a chosen baseline.
+const MOST_CHOSEN: usize = 10_000;
+
 /// What a user decides about the estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EstimatorSettings {
@@ -56,6 +62,9 @@ enum Stage {
         carried: Option<Carried>,
         #[serde(default)]
         meshless: Meshless,
+        /// Where people say which records the baseline is.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        chosen: Option<Chosen>,
     },
     Tracking(Box<Tracking>),
 }
@@ -89,6 +98,14 @@ struct Meshless {
     charts: Charts,
     #[serde(skip)]
     prepared: Prepared,
+}
+
+/// A baseline of all records before a time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Chosen {
+    until: Timestamp,
+    /// The latest of them so far.
+    latest: Option<Timestamp>,
 }
 
 /// What goes on over a new baseline.
@@ -158,6 +175,7 @@ impl Tracker {
             start: None,
             carried: None,
             meshless: Meshless::default(),
+            chosen: None,
         })
     }
 
@@ -168,6 +186,16 @@ impl Tracker {
         answer
     }
 
+    /// The answer to a record that takes no part; the state stays as it is.
+    pub fn excluded(&self, state: &TrackerState) -> WearEstimate {
+        let have = match &state.0 {
+            Stage::Collecting { records, .. } => (records.len() as u32).min(self.settings.baseline_records),
+            Stage::Tracking(_) => self.settings.baseline_records,
+        };
+        let reason = "the record is excluded: it takes no part in the baseline, the estimate and the alarms";
+        self.no_number(WearStatus::Excluded, have, reason)
+    }
+
     fn take_record(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         match &mut state.0 {
             Stage::Collecting {
@@ -175,7 +203,15 @@ impl Tracker {
                 start,
                 carried,
                 meshless,
+                chosen,
             } => {
+                if let Some(Chosen { latest, .. }) = chosen.take_if(|chosen| at >= chosen.until) {
+                    if records.len() >= LEAST_CHOSEN {
+                        let (began, ended) = (start.unwrap_or(at), latest.unwrap_or(at));
+                        state.0 = Stage::Tracking(Box::new(self.begin(records, began, ended, carried.take())));
+                    }
+                    return self.take_record(state, at, features);
+                }
                 let have = records.len() as u32;
                 if self.ensemble.is_some() && !features.has_mesh() {
                     return self.without_mesh(meshless, have, features);
@@ -184,6 +220,15 @@ impl Tracker {
                     return self.no_number(WearStatus::NoFeatures, have, reason);
                 }
                 start.get_or_insert(at);
+                if let Some(Chosen { until, latest }) = chosen {
+                    if records.len() < MOST_CHOSEN {
+                        records.push(features.clone());
+                        *latest = Some(at);
+                    }
+                    let reason = format!("collecting the chosen baseline, {} records of those before {until}", records.len());
+                    let have = (records.len() as u32).min(self.settings.baseline_records);
+                    return self.no_number(WearStatus::CollectingBaseline, have, &reason);
+                }
                 records.push(features.clone());
                 let (have, need) = (records.len() as u32, self.settings.baseline_records);
                 if have >= need {
@@ -235,7 +280,7 @@ impl Tracker {
             }
             // Nothing has been compared yet that a depth could tell from.
             (Stage::Collecting { .. }, MaintenanceKind::Inspected) => return,
-            (_, MaintenanceKind::GearReplaced) => None,
+            (_, MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen) => None,
             (Stage::Collecting { carried, .. }, _) => carried.take(),
             (Stage::Tracking(tracking), _) => tracking.filter.take().map(|filter| Carried { filter }),
         };
@@ -244,6 +289,7 @@ impl Tracker {
             start: None,
             carried,
             meshless: Meshless::default(),
+            chosen: event.until.map(|until| Chosen { until, latest: None }),
         };
     }
 

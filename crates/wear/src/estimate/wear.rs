@@ -34,6 +34,8 @@ pub enum WearStatus {
     Estimated,
     /// The records before are being computed again; the estimate follows.
     Recomputing,
+    /// The record was excluded: it takes no part in the estimate.
+    Excluded,
 }
 
 /// Why there is no library to compare with.

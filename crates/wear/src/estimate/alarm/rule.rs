@@ -42,7 +42,7 @@ impl AlarmQuantity {
     /// Whether readings before an event say nothing of those after it.
     pub(super) fn begins_again(&self, event: MaintenanceKind) -> bool {
         match event {
-            MaintenanceKind::GearReplaced => true,
+            MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen => true,
             MaintenanceKind::Inspected => false,
             MaintenanceKind::SensorReplaced | MaintenanceKind::RegimeChanged => !self.is_wear(),
         }

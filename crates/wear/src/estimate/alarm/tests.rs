@@ -129,6 +129,7 @@ fn a_new_gear_ends_what_the_old_one_raised() {
         by: String::new(),
         comment: String::new(),
         inspection: None,
+        until: None,
     };
     for alarm in &mut panel.alarms {
         feed(alarm, &rules[0], &[150.0, 150.0]);
