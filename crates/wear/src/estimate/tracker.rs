@@ -64,7 +64,7 @@ enum Stage {
         meshless: Meshless,
         /// Where people say which records the baseline is.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        chosen: Option<Chosen>,
+        chosen: Option<Box<Chosen>>,
     },
     Tracking(Box<Tracking>),
 }
@@ -205,9 +205,9 @@ impl Tracker {
                 meshless,
                 chosen,
             } => {
-                if let Some(Chosen { latest, .. }) = chosen.take_if(|chosen| at >= chosen.until) {
+                if let Some(over) = chosen.take_if(|chosen| at >= chosen.until) {
                     if records.len() >= LEAST_CHOSEN {
-                        let (began, ended) = (start.unwrap_or(at), latest.unwrap_or(at));
+                        let (began, ended) = (start.unwrap_or(at), over.latest.unwrap_or(at));
                         state.0 = Stage::Tracking(Box::new(self.begin(records, began, ended, carried.take())));
                     }
                     return self.take_record(state, at, features);
@@ -220,12 +220,16 @@ impl Tracker {
                     return self.no_number(WearStatus::NoFeatures, have, reason);
                 }
                 start.get_or_insert(at);
-                if let Some(Chosen { until, latest }) = chosen {
+                if let Some(chosen) = chosen {
                     if records.len() < MOST_CHOSEN {
                         records.push(features.clone());
-                        *latest = Some(at);
+                        chosen.latest = Some(at);
                     }
-                    let reason = format!("collecting the chosen baseline, {} records of those before {until}", records.len());
+                    let reason = format!(
+                        "collecting the chosen baseline, {} records of those before {}",
+                        records.len(),
+                        chosen.until
+                    );
                     let have = (records.len() as u32).min(self.settings.baseline_records);
                     return self.no_number(WearStatus::CollectingBaseline, have, &reason);
                 }
@@ -289,7 +293,7 @@ impl Tracker {
             start: None,
             carried,
             meshless: Meshless::default(),
-            chosen: event.until.map(|until| Chosen { until, latest: None }),
+            chosen: event.until.map(|until| Box::new(Chosen { until, latest: None })),
         };
     }
 
