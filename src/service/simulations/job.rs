@@ -61,13 +61,17 @@ impl Job {
         if self.load() {
             return Ok(());
         }
-        self.begin(SimulationStage::Waiting);
+        if matches!(self.simulation.borrow().readiness, Readiness::Ready(_)) {
+            (self.tell)();
+        } else {
+            self.begin(SimulationStage::Waiting);
+        }
         let _turn = lock(&self.turns.simulating);
         self.begin(SimulationStage::Library);
         let library = self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?;
         let alone = Ensemble::of(Arc::clone(&library));
         if self.neighbours.members == 0 {
-            self.ready(library, alone);
+            self.ready(library, alone, None);
             return Ok(());
         }
         // Estimates wait for the first members alone: when the rest are there, histories are folded again with them.
@@ -76,33 +80,35 @@ impl Job {
             Ok(first) => first,
             Err(LibraryError::Cancelled) => return Err(LibraryError::Cancelled),
             Err(error) => {
-                self.ready(library, alone);
+                self.ready(library, alone, None);
                 return Err(error);
             }
         };
-        self.ready(Arc::clone(&library), first.clone());
+        self.ready(Arc::clone(&library), first.clone(), Some(SimulationStage::Members));
         (self.tell)();
-        self.begin(SimulationStage::Members);
         let whole = self.members(&first, &self.neighbours)?;
-        self.ready(library, whole);
+        self.ready(library, whole, None);
         Ok(())
     }
 
-    /// Whether all of it was kept from before.
+    /// Takes what was kept from before, the first members where not all are; returns whether that is all.
     fn load(&self) -> bool {
         let _turn = lock(&self.turns.loading);
         let Some(library) = self.source.kept(&self.pair, &self.grid) else {
             return false;
         };
-        let whole = match self.neighbours.members {
+        let kept = |settings: &EnsembleSettings| match settings.members {
             0 => Some(Ensemble::of(Arc::clone(&library))),
-            _ => self.source.kept_ensemble(&library, &self.neighbours).ok().flatten(),
+            _ => self.source.kept_ensemble(&library, settings).ok().flatten(),
         };
-        let is_whole = whole.is_some();
-        if let Some(whole) = whole {
-            self.ready(library, whole);
+        if let Some(whole) = kept(&self.neighbours) {
+            self.ready(Arc::clone(&library), whole, None);
+            return true;
         }
-        is_whole
+        if let Some(first) = kept(&self.neighbours.first()) {
+            self.ready(Arc::clone(&library), first, Some(SimulationStage::Waiting));
+        }
+        false
     }
 
     fn members(&self, smaller: &Ensemble, settings: &EnsembleSettings) -> Result<Ensemble, LibraryError> {
@@ -128,11 +134,12 @@ impl Job {
         }
     }
 
-    fn ready(&self, library: Arc<Library>, ensemble: Ensemble) {
+    /// There is this to compare with, while what is `next` is simulated.
+    fn ready(&self, library: Arc<Library>, ensemble: Ensemble, next: Option<SimulationStage>) {
         lock(&self.ensembles).insert(self.id.clone(), Arc::new(ensemble));
         self.simulation.send_modify(|simulation| {
             simulation.readiness = Readiness::Ready(library);
-            simulation.progress = None;
+            simulation.progress = next.map(SimulationProgress::begin);
             simulation.is_loading = false;
         });
     }

@@ -168,9 +168,7 @@ impl Simulations {
         let id = library_id(&pair, &grid);
         let mut all = lock(&self.asked);
         if let Some(asked) = all.get_mut(&id) {
-            if !asked.by.contains_key(&spec.id) {
-                asked.by.insert(spec.id.clone(), spec.clone());
-            }
+            asked.by.entry(spec.id.clone()).or_insert_with(|| spec.clone());
             return Some((id, asked.simulation.clone()));
         }
         let (sender, receiver) = watch::channel(Simulation::begin());
