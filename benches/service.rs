@@ -1,4 +1,4 @@
-//! The service under load, driven as the release binary: `cargo bench --bench service -- [replay|uploads|polling|growth|fleet]`.
+//! The service under load, driven as the release binary: `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet]`.
 //!
 //! Every figure stands beside a reference from the same run: writing and syncing the same bytes as plain files. The recording for the
 //! replay is made once by `flankwatch simulate` into `target/bench` (or is the file that `FLANKWATCH_BENCH_RUN` names).
@@ -26,6 +26,9 @@ fn main() {
     }
     if wanted("uploads") {
         uploads();
+    }
+    if wanted("new-asset") {
+        new_asset();
     }
     if wanted("polling") {
         polling();
@@ -150,6 +153,23 @@ fn uploads() {
         "uploads at 70 % of that: p50 {:.1} ms, p99 {:.1} ms",
         1e3 * quantile(&times, 0.5),
         1e3 * quantile(&times, 0.99)
+    );
+}
+
+/// 20 uploads a second to an asset that was described a moment ago, while its library and the pairs around it are simulated.
+fn new_asset() {
+    const COUNT: usize = 600;
+    let service = Service::start(&folder("new-asset"));
+    service.post("/v1/assets", "application/json", described("new").to_string().as_bytes());
+    let records = Uploads::new();
+    let (_, times) = load(&service, 8, COUNT, Some(20.0), |n, stream| records.send(stream, "new", n % 4, n));
+    let summary = service.get("/v1/assets/new")["summary"].clone();
+    println!(
+        "uploads to a new asset: p50 {:.1} ms, p99 {:.1} ms; after {COUNT} records its library is {}, and its simulation at {}",
+        1e3 * quantile(&times, 0.5),
+        1e3 * quantile(&times, 0.99),
+        summary["library_state"],
+        summary["simulation"]
     );
 }
 

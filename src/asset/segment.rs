@@ -86,6 +86,9 @@ pub struct Segment {
     pub reference_wear_um: Option<f64>,
     /// Where the raw bytes are.
     pub raw: RawReference,
+    /// People excluded it: it stays stored with its indicators, and takes no part in the baseline, the estimate and the alarms.
+    #[serde(default)]
+    pub excluded: bool,
     /// What indicators and features rest on: preprocessing, quality of the samples, the shaft's angle.
     #[serde(flatten)]
     pub basis: Basis,

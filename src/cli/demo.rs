@@ -203,5 +203,6 @@ fn inspection(time: Timestamp, wear_um: f64) -> MaintenanceEvent {
             gear: None,
             place: FlankPlace::Greatest,
         }),
+        until: None,
     }
 }

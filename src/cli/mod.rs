@@ -3,7 +3,6 @@
 mod analyze;
 mod backup;
 mod convert;
-mod delete;
 mod demo;
 mod error;
 mod evaluate;
@@ -20,6 +19,7 @@ mod pair_file;
 mod quarantine;
 mod rebuild;
 mod recorded_runs;
+mod records;
 mod replay;
 mod serve;
 mod simulate;
@@ -59,8 +59,12 @@ enum Command {
     Analyze(analyze::AnalyzeArgs),
     /// Send recordings to a server
     Replay(replay::ReplayArgs),
-    /// Delete records of an asset on a server
-    Delete(delete::DeleteArgs),
+    /// Delete records of an asset on a server; raw recordings go into quarantine
+    Delete(records::RecordsArgs),
+    /// Take records of an asset on a server out of its histories; they stay stored
+    Exclude(records::RecordsArgs),
+    /// Have excluded records of an asset on a server count again
+    Include(records::RecordsArgs),
     /// Simulate a run to failure with the true wear known
     Simulate(simulate::SimulateArgs),
     /// What the wear estimate is worth on simulated runs whose true wear is known
@@ -111,7 +115,9 @@ pub fn run() -> ExitCode {
         Command::Work(args) => work::run(args).map_err(CliError::from),
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),
-        Command::Delete(args) => delete::run(args),
+        Command::Delete(args) => records::run(args, records::Change::Delete),
+        Command::Exclude(args) => records::run(args, records::Change::Exclude),
+        Command::Include(args) => records::run(args, records::Change::Include),
         Command::Simulate(args) => simulate::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Model(args) => model::run(args),

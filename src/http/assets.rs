@@ -1,5 +1,7 @@
 //! `/v1/assets`.
 
+use std::time::Instant;
+
 use axum::Json;
 use axum::body::Body;
 use axum::extract::State;
@@ -17,6 +19,7 @@ use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::{AssetId, AssetSpec, WearLimits};
 use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate};
+use crate::service::{SimulationProgress, SimulationStage};
 use crate::store::{Asset, StoredAlarm};
 
 /// An asset as it is shown.
@@ -49,7 +52,13 @@ struct Summary {
     library_id: Option<String>,
     /// `none`, `building`, `ready` or `failed`.
     library_state: &'static str,
-    /// The latest estimate of the channel that speaks for the asset.
+    /// Why the library, or the pairs around it, could not be simulated. It is tried again when the description changes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    library_error: Option<String>,
+    /// How far the simulation of the library, or of the pairs around it, is; not given where nothing is simulated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    simulation: Option<SimulationView>,
+    /// The latest estimate of the channel that speaks for the asset, of a record that is not excluded.
     wear: Option<WearEstimate>,
     /// That channel.
     wear_channel: Option<String>,
@@ -62,6 +71,28 @@ struct Summary {
     alarm_rules: Vec<AlarmRule>,
     /// Medians of its wear depth in µm at no more than 40 moments, evenly from its first record to its last.
     recent_wear_um: Vec<f64>,
+}
+
+/// How far a simulation is.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = SimulationProgress)]
+struct SimulationView {
+    /// What is simulated.
+    stage: SimulationStage,
+    /// The part of it that is done, 0 to 1.
+    fraction: f64,
+    /// How long it still takes in s at its speed so far; none before that is known.
+    remaining_s: Option<f64>,
+}
+
+impl From<SimulationProgress> for SimulationView {
+    fn from(progress: SimulationProgress) -> Self {
+        Self {
+            stage: progress.stage,
+            fraction: progress.fraction(),
+            remaining_s: progress.remaining_s(Instant::now()),
+        }
+    }
 }
 
 /// Assets
@@ -237,31 +268,32 @@ async fn view_with(app: &App, asset: Asset, alarms: &[StoredAlarm]) -> Result<As
 async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summary, Problem> {
     let store = &app.service.store;
     let channels = store.channels(&asset.spec.id).await?;
-    let (library_id, readiness) = app.service.simulations.readiness(&asset.spec);
+    let (library_id, simulation) = app.service.simulations.of(&asset.spec);
+    let library_state = simulation.readiness.name();
     let mut wear = None;
     let mut recent_wear_um = Vec::new();
     let speaking = asset.speaking_channel(&channels, None);
     if let Some(channel) = speaking {
-        if let Some(id) = &channel.last_segment {
-            wear = store.segment(id).await?.map(|segment| WearEstimate {
-                posterior: None,
-                ..segment.wear
-            });
-        }
+        wear = store.latest_counted(channel).await?.map(|segment| WearEstimate {
+            posterior: None,
+            ..segment.wear
+        });
         recent_wear_um = store.wear_curve(channel).await?.to_vec();
     }
     let alarm_rules = asset.spec.alarm_rules();
     let is_watched = alarm_rules.iter().any(|rule| rule.quantity == AlarmQuantity::WearUm);
     let unwatched = if is_watched { WearLimits::default() } else { asset.spec.limits };
     Ok(Summary {
-        category: Category::of(alarms, wear.as_ref(), unwatched, readiness.name()),
+        category: Category::of(alarms, wear.as_ref(), unwatched, library_state),
         alarms,
         alarm_rules,
         segments: channels.iter().map(|channel| channel.segments).sum(),
         first_start_time: channels.iter().filter_map(|channel| channel.first_start_time).min(),
         last_start_time: channels.iter().filter_map(|channel| channel.last_start_time).max(),
         library_id,
-        library_state: readiness.name(),
+        library_state,
+        library_error: simulation.error,
+        simulation: simulation.progress.map(SimulationView::from),
         wear,
         wear_channel: speaking.map(|channel| channel.channel.clone()),
         recent_wear_um,

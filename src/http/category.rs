@@ -77,10 +77,16 @@ impl Category {
         }
         match status {
             Some(WearStatus::Estimated) => Self::Normal,
-            Some(WearStatus::OutsideLibrary | WearStatus::NotIdentifiable | WearStatus::NoFeatures) => Self::OutOfSpecification,
-            Some(WearStatus::CollectingBaseline | WearStatus::Recomputing) => Self::CheckFunction,
+            Some(
+                WearStatus::OutsideLibrary
+                | WearStatus::NotIdentifiable
+                | WearStatus::NotComparable
+                | WearStatus::NoFeatures
+                | WearStatus::LibraryFailed,
+            ) => Self::OutOfSpecification,
+            Some(WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary | WearStatus::Recomputing) => Self::CheckFunction,
             _ if library_state == "building" => Self::CheckFunction,
-            Some(WearStatus::NoLibrary | WearStatus::SensorFault) | None => Self::None,
+            Some(WearStatus::NoLibrary | WearStatus::SensorFault | WearStatus::Excluded) | None => Self::None,
         }
     }
 }

@@ -108,7 +108,7 @@ async fn written(app: &App, asset: &AssetId, asked: &ExportParameters, spectra: 
     for (name, entries) in provenance::metadata(&spec, &store.segments_by_id(&latest).await?) {
         writer.metadata(name, entries).map_err(ServiceError::from)?;
     }
-    if let (_, Readiness::Ready(library)) = app.service.simulations.readiness(&spec)
+    if let Readiness::Ready(library) = app.service.simulations.of(&spec).1.readiness
         && let Ok(manifest) = serde_json::to_vec_pretty(library.manifest())
     {
         let attached = writer.attach("library.json", "application/json", app.service.now(), &manifest);

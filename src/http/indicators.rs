@@ -16,6 +16,7 @@ use super::problem::Problem;
 use super::query::{self, AssetInPath, Parameters};
 use super::{assets, etag, reduction, table};
 use crate::asset::{AssetId, AssetSpec};
+use crate::estimate::WearStatus;
 use crate::signal::Indicators;
 use crate::store::Trend;
 
@@ -52,7 +53,7 @@ pub(super) struct TrendView {
     /// Unit of each indicator; `1` for one without.
     units: BTreeMap<String, String>,
     /// One flat row a record in the order of time: `start_time`, `segment_id`, `operating_bin` where it lies
-    /// in one, and each indicator by name (null where it has none).
+    /// in one, `excluded` where it is, and each indicator by name (null where it has none).
     items: Vec<Map<String, Value>>,
     /// Rows were left out to keep to `max_points`.
     reduced: bool,
@@ -148,6 +149,9 @@ fn render(trend: &Trend, spec: &AssetSpec, names: &[String], chosen: &Chosen, mo
         row.insert("segment_id".into(), trend.segment_id[position].0.clone().into());
         if let Some(bin) = chosen::bin_of(&spec.operating_bins, trend, position) {
             row.insert("operating_bin".into(), bin.into());
+        }
+        if trend.wear[position].status == WearStatus::Excluded {
+            row.insert("excluded".into(), true.into());
         }
         for (name, column) in names.iter().zip(&columns) {
             // NaN, for no value, becomes null.

@@ -39,6 +39,9 @@ pub(super) struct Done {
     /// What was measured, for the kind `inspected`.
     #[serde(default)]
     inspection: Option<Inspection>,
+    /// The first time after `time` that is no part of the baseline, for the kind `baseline_chosen`.
+    #[serde(default)]
+    until: Option<Timestamp>,
 }
 
 /// A maintenance event.
@@ -85,16 +88,19 @@ pub(super) async fn add(
         by,
         comment,
         inspection,
+        until,
     } = body::described(&app.limits, &headers, body).await?;
     check_signature(&by, &comment)?;
     let time = time.unwrap_or_else(|| app.service.now());
     check_inspection(kind, inspection.as_ref())?;
+    check_until(kind, time, until)?;
     let event = MaintenanceEvent {
         time,
         kind,
         by,
         comment,
         inspection,
+        until,
     };
     let stored = app.service.maintenance.add(&asset, event).await?;
     let location = format!("/v1/assets/{asset}/maintenance/{}", stored.id);
@@ -160,6 +166,21 @@ impl<S: Send + Sync> FromRequestParts<S> for EventInPath {
         let Path((asset, event)) = parsed.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
         let asset = AssetId::new(asset).map_err(|error| Problem::not_found(format!("there is no such asset: {error}")))?;
         Ok(Self { asset, event })
+    }
+}
+
+/// Refuses a choice of a baseline without its end, and an end of anything else.
+fn check_until(kind: MaintenanceKind, time: Timestamp, until: Option<Timestamp>) -> Result<(), Problem> {
+    let refused = |detail: String| Err(Problem::new(StatusCode::BAD_REQUEST, detail));
+    match (kind, until) {
+        (MaintenanceKind::BaselineChosen, None) => {
+            refused("until is missing, expected the end of the baseline for the kind baseline_chosen".into())
+        }
+        (MaintenanceKind::BaselineChosen, Some(until)) if until <= time => {
+            refused(format!("until is {until}, expected a time after {time}"))
+        }
+        (MaintenanceKind::BaselineChosen, Some(_)) | (_, None) => Ok(()),
+        (_, Some(until)) => refused(format!("until is {until}, expected it only for the kind baseline_chosen")),
     }
 }
 

@@ -21,6 +21,7 @@ mod drain;
 mod etag;
 mod event_ring;
 mod events;
+mod exclusions;
 mod export;
 mod head;
 mod health;

@@ -15,10 +15,9 @@ use utoipa_axum::routes;
 use super::app::App;
 use super::problem::Problem;
 use super::{
-    access, alarms, angle, assets, cepstra, damage, dashboard, drain, etag, events, export, head, health, indicators, libraries,
-    library_states, maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, session, traffic, tus, uploads,
-    waterfall,
-    waveforms, wear,
+    access, alarms, angle, assets, cepstra, damage, dashboard, drain, etag, events, exclusions, export, head, health, indicators,
+    libraries, library_states, maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, session, traffic, tus,
+    uploads, waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -33,6 +32,8 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(maintenance::list, maintenance::add))
         .routes(routes!(maintenance::remove))
         .routes(routes!(segments::list, uploads::upload, segments::remove_range))
+        .routes(routes!(exclusions::exclude_range))
+        .routes(routes!(exclusions::include_range))
         .routes(routes!(indicators::trend))
         .routes(routes!(wear::latest))
         .routes(routes!(wear::history))
@@ -40,6 +41,8 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(waterfall::show))
         .routes(routes!(reports::show))
         .routes(routes!(segments::show, segments::remove))
+        .routes(routes!(exclusions::exclude))
+        .routes(routes!(exclusions::include))
         .routes(routes!(waveforms::waveform))
         .routes(routes!(waveforms::spectrum))
         .routes(routes!(waveforms::envelope))

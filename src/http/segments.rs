@@ -69,6 +69,8 @@ pub(super) struct SegmentRow {
     reference_wear_um: Option<f64>,
     /// Where the raw bytes are.
     raw: RawReference,
+    /// People excluded it: it takes no part in the baseline, the estimate and the alarms.
+    excluded: bool,
     #[serde(flatten)]
     basis: Basis,
     #[serde(flatten)]
@@ -92,6 +94,7 @@ impl From<Segment> for SegmentRow {
             shaft_speed: segment.shaft_speed,
             reference_wear_um: segment.reference_wear_um,
             raw: segment.raw,
+            excluded: segment.excluded,
             basis: segment.basis,
             indicators: segment.indicators,
             wear: WearEstimate {
@@ -208,7 +211,7 @@ pub(super) async fn remove(State(app): State<App>, SegmentInPath(id): SegmentInP
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Which records are deleted; at least one of `from` and `to` is needed.
+/// Which records; at least one of `from` and `to` is needed.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
@@ -219,6 +222,21 @@ pub(super) struct RangeParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
+}
+
+impl RangeParameters {
+    /// The range; `all` says what to do in place of a range without bounds.
+    pub(super) fn range(self, all: &'static str) -> Result<RecordRange, Problem> {
+        if self.from.is_none() && self.to.is_none() {
+            return Err(Problem::query("from", "missing", all));
+        }
+        Ok(RecordRange {
+            channel: self.channel,
+            from: self.from,
+            to: self.to,
+            raw_sha256: None,
+        })
+    }
 }
 
 /// How many records were deleted.
@@ -243,19 +261,7 @@ pub(super) async fn remove_range(
     AssetInPath(asset): AssetInPath,
     Parameters(asked): Parameters<RangeParameters>,
 ) -> Result<Json<Deleted>, Problem> {
-    if asked.from.is_none() && asked.to.is_none() {
-        return Err(Problem::query(
-            "from",
-            "missing",
-            "a time here or in to: delete the asset to delete all",
-        ));
-    }
-    let range = RecordRange {
-        channel: asked.channel,
-        from: asked.from,
-        to: asked.to,
-        raw_sha256: None,
-    };
+    let range = asked.range("a time here or in to: delete the asset to delete all")?;
     let deleted = app.service.removals.remove(&asset, &range).await?;
     Ok(Json(Deleted { deleted }))
 }

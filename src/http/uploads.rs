@@ -361,8 +361,8 @@ pub(super) async fn take_recording<R: Read + Send + 'static>(
 ) -> Result<UploadAnswer, Problem> {
     let summary = app.service.pipeline.accept_recording(asset, open).await?;
     let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
-    let wear = match channel.and_then(|channel| channel.last_segment) {
-        Some(id) => app.service.store.segment(&id).await?.map(|segment| segment.wear),
+    let wear = match channel {
+        Some(channel) => app.service.store.latest_counted(&channel).await?.map(|segment| segment.wear),
         None => None,
     };
     Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, wear })))

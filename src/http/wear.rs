@@ -36,7 +36,7 @@ pub(super) struct WearView {
     asset_id: AssetId,
     /// The channel; none where the asset has no records.
     channel: Option<String>,
-    /// The latest record.
+    /// The latest record that is not excluded.
     segment_id: Option<SegmentId>,
     /// Time of its first sample.
     start_time: Option<Timestamp>,
@@ -68,9 +68,8 @@ pub(super) async fn latest(
     if etag::is_known(&headers, &tag) {
         return Ok(etag::not_modified(tag));
     }
-    let last = channel.as_ref().and_then(|channel| channel.last_segment.as_ref());
-    let segment = match last {
-        Some(id) => app.service.store.segment(id).await?,
+    let segment = match &channel {
+        Some(channel) => app.service.store.latest_counted(channel).await?,
         None => None,
     };
     let view = WearView {

@@ -221,6 +221,7 @@ fn kind_words(kind: MaintenanceKind) -> &'static str {
         MaintenanceKind::SensorReplaced => "sensor replaced",
         MaintenanceKind::RegimeChanged => "other speed or load",
         MaintenanceKind::Inspected => "wear measured",
+        MaintenanceKind::BaselineChosen => "baseline chosen",
     }
 }
 
@@ -275,6 +276,7 @@ mod tests {
                     by: "Ada".to_owned(),
                     comment: "new <pair>".to_owned(),
                     inspection: None,
+                    until: None,
                 },
                 MaintenanceEvent {
                     time: Timestamp::from_second(40).unwrap(),
@@ -287,6 +289,7 @@ mod tests {
                         gear: Some(2),
                         place: FlankPlace::Root,
                     }),
+                    until: None,
                 },
             ],
             ..Report::default()

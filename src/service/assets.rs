@@ -71,7 +71,7 @@ impl Assets {
             }
         };
         self.raw.note_changed_asset(&spec.id).await;
-        self.simulations.prepare(spec);
+        self.simulations.describe(spec);
         if let Role::ApiNode(queue) = &self.role {
             queue.notify_changed(&spec.id);
         }
@@ -110,7 +110,7 @@ impl Assets {
             }
         };
         self.raw.note_changed_asset(&spec.id).await;
-        self.simulations.prepare(spec);
+        self.simulations.describe(spec);
         self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
         self.history.recompute_in_background(beside);
         self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
@@ -149,6 +149,7 @@ impl Assets {
         self.raw.note_changed_asset(id).await;
         self.history.recompute_in_background(beside);
         self.history.forget(id);
+        self.simulations.release(id);
         self.events.announce(LiveEvent::AssetRemoved(id.clone()));
         if let Some(queue) = self.role.queue() {
             queue.notify_changed(id);
@@ -169,7 +170,7 @@ impl Assets {
     pub async fn refresh(&self, asset: &AssetId) -> Result<(), ServiceError> {
         match self.store.asset(asset).await {
             Ok(asset) => {
-                self.simulations.prepare(&asset.spec);
+                self.simulations.describe(&asset.spec);
                 if asset.spec.sensor.of.is_some() {
                     self.catch_up.in_background(vec![asset.spec.id.clone()]);
                 }
@@ -178,6 +179,7 @@ impl Assets {
             }
             Err(StoreError::AssetUnknown(asset)) => {
                 self.history.forget(&asset);
+                self.simulations.release(&asset);
                 Ok(())
             }
             Err(error) => Err(error.into()),

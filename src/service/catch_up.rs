@@ -9,7 +9,7 @@ use super::error::ServiceError;
 use super::pipeline::Pipeline;
 use super::raw::RawObjects;
 use super::record::{IdentifiedRecord, StoredRecord};
-use super::simulations::Simulations;
+use super::sensor_group::described;
 use super::work_queue::Role;
 use super::workers::Workers;
 use crate::asset::{AssetId, Segment, SegmentId};
@@ -22,7 +22,6 @@ const AT_ONCE: u32 = 32;
 pub(crate) struct CatchUp {
     pub(crate) store: Store,
     pub(crate) workers: Arc<Workers>,
-    pub(crate) simulations: Arc<Simulations>,
     pub(crate) pipeline: Arc<Pipeline>,
     pub(crate) raw: Arc<RawObjects>,
     pub(crate) clock: Arc<dyn Clock>,
@@ -86,7 +85,7 @@ impl CatchUp {
                 id: last.id.clone(),
             });
             let segments = self.missing(member, segments).await?;
-            let spec = self.simulations.ready_for(&self.store, member).await?.0.spec;
+            let spec = described(&self.store, member).await?.spec;
             let _uncommitted = self.raw.uncommitted(Vec::new()).await;
             let (store, id) = (self.store.clone(), member.clone());
             let read = move || segments.iter().filter_map(|segment| record_for(&store, &id, segment)).collect();
@@ -112,5 +111,5 @@ fn record_for(store: &Store, member: &AssetId, segment: &Segment) -> Option<Iden
         .read(store)
         .inspect_err(|error| tracing::debug!(segment = %segment.id, %error, "failed to read a record for another asset of its sensor"))
         .ok()?;
-    Some(IdentifiedRecord::of_stored(member, record, segment.raw.clone()))
+    Some(IdentifiedRecord::of_stored(member, record, segment.raw.clone(), segment.excluded))
 }

@@ -33,16 +33,6 @@ pub enum ServiceError {
         /// What would have been right.
         expected: &'static str,
     },
-    /// The asset's library could not be built.
-    #[error("library {id} of asset {asset} could not be built: {reason}")]
-    Library {
-        /// The library.
-        id: String,
-        /// The asset whose records need it.
-        asset: String,
-        /// Why not.
-        reason: String,
-    },
     /// The asset's description changed again and again while a record was analysed.
     #[error("the description of asset {0} changed while the record was analysed: try again")]
     DescriptionChanged(AssetId),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sha2::{Digest, Sha256};
 
 use crate::asset::AssetSpec;
-use crate::estimate::{AlarmRule, EstimatorSettings, METHOD};
+use crate::estimate::{AlarmRule, EstimatorSettings, LibraryLack, METHOD};
 use crate::library::Ensemble;
 use crate::signal::{GEAR_PREPROCESSING, INDICATORS, PREPROCESSING};
 use crate::store::AnalysisKeys;
@@ -43,13 +43,24 @@ pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
 
 /// Everything but the features that a channel's estimates and alarms depend on, and how the features were
 /// made.
-pub(crate) fn fold_key(settings: &EstimatorSettings, feature_key: &str, ensemble: Option<&Ensemble>, rules: &[AlarmRule]) -> String {
+pub(crate) fn fold_key(
+    settings: &EstimatorSettings,
+    feature_key: &str,
+    library: Result<&Ensemble, &LibraryLack>,
+    rules: &[AlarmRule],
+) -> String {
+    let compared_with = match library {
+        Ok(ensemble) => ensemble.id().to_owned(),
+        Err(LibraryLack::NotDescribed) => String::new(),
+        Err(LibraryLack::Simulated) => "awaited".to_owned(),
+        Err(LibraryLack::Failed(reason)) => format!("failed: {reason}"),
+    };
     hash(&[
         env!("CARGO_PKG_VERSION"),
         METHOD,
         RUN_INDICATORS,
         feature_key,
-        ensemble.map_or("", Ensemble::id),
+        &compared_with,
         &settings.baseline_records.to_string(),
         &format!("{:?}", settings.limit_um),
         &serde_json::to_string(rules).unwrap_or_default(),

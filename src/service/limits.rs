@@ -17,8 +17,6 @@ pub struct WorkLimits {
     pub bytes_at_once: usize,
     /// Whole recordings (uploads of many records, replays) read at once.
     pub recordings_at_once: usize,
-    /// How long a record waits for its asset's library.
-    pub library_wait: Duration,
     /// What is simulated of each asset's pair besides its library, in the background.
     pub neighbours: EnsembleSettings,
     /// How many raw bytes are kept.
@@ -38,7 +36,6 @@ impl Default for WorkLimits {
             requests_at_once: 64,
             bytes_at_once: 512 << 20,
             recordings_at_once: 4,
-            library_wait: Duration::from_secs(120),
             neighbours: EnsembleSettings::default(),
             quotas: RawQuotas::default(),
             quarantined_for: Duration::from_secs(30 * 24 * 3600),

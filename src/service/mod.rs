@@ -7,7 +7,7 @@
 //! | [`Simulations`] | has the libraries simulated, and gives each asset its estimator |
 //! | [`Replays`] | takes recordings from a folder through the pipeline |
 //! | [`StoredRecords`] | reads stored records again, with their spectra |
-//! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`] | change what people describe and do |
+//! | [`Assets`], [`Alarms`], [`Maintenance`], [`Removals`], [`Exclusions`] | change what people describe and do |
 //! | `Retention`, `CatchUp`, `Upkeep` | work in the background |
 //!
 //! Time comes from the [`Clock`] that the service is started with.
@@ -31,6 +31,7 @@ mod catch_up;
 mod clock;
 mod error;
 mod events;
+mod exclusion;
 mod feeds;
 mod history;
 mod keys;
@@ -59,6 +60,7 @@ pub use assets::Assets;
 pub use clock::{Clock, SystemClock};
 pub use error::ServiceError;
 pub use events::{Announcer, LiveEvent, NumberedEvent, SegmentPlace};
+pub use exclusion::Exclusions;
 pub use feeds::{Feed, FeedCount, Feeds, Holding};
 pub use history::History;
 pub use limits::{RawQuotas, ServiceFolders, WorkLimits};
@@ -73,7 +75,7 @@ pub use record::{BandChoice, RecordFormat, SegmentEnvelope, StoredRecords, Uploa
 pub use removal::Removals;
 pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::Replays;
-pub use simulations::{Readiness, Simulations};
+pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
 pub use tally::Tally;
 pub use work_queue::{PartHealth, QueuedRecord, Role, WorkQueue};
 pub use workers::{Ticket, Workers};

@@ -9,6 +9,7 @@ use super::catch_up::CatchUp;
 use super::clock::Clock;
 use super::error::ServiceError;
 use super::events::Announcer;
+use super::exclusion::Exclusions;
 use super::feeds::Feeds;
 use super::history::History;
 use super::limits::{ServiceFolders, WorkLimits};
@@ -52,6 +53,8 @@ pub struct Service {
     pub maintenance: Maintenance,
     /// Removes records.
     pub removals: Removals,
+    /// Takes records out of their histories, and in again.
+    pub exclusions: Exclusions,
     /// Recordings that are replayed.
     pub replays: Replays,
     /// Pieces of resumable uploads.
@@ -90,8 +93,8 @@ impl Service {
         let workers = Arc::new(Workers::new(limits)?);
         let shelf = Arc::new(LibraryShelf::new(folders.libraries));
         let source = LibrarySource::new(shelf, &store, &clock, !role.is_api_node());
-        let (complete, completed) = tokio::sync::mpsc::unbounded_channel();
-        let simulations = Arc::new(Simulations::new(source, grid, limits.neighbours, limits.library_wait, complete));
+        let (changed, simulated) = tokio::sync::mpsc::unbounded_channel();
+        let simulations = Arc::new(Simulations::new(source, grid, limits.neighbours, changed));
         let history = Arc::new(History::new(
             store.clone(),
             Arc::clone(&workers),
@@ -101,7 +104,7 @@ impl Service {
             role.clone(),
         ));
         if !role.is_api_node() {
-            history.recompute_when_complete(completed);
+            history.recompute_when_simulated(simulated);
         }
         let raw = Arc::new(RawObjects::new(
             store.clone(),
@@ -133,7 +136,6 @@ impl Service {
         let catch_up = Arc::new(CatchUp {
             store: store.clone(),
             workers: Arc::clone(&workers),
-            simulations: Arc::clone(&simulations),
             pipeline: Arc::clone(&pipeline),
             raw: Arc::clone(&raw),
             clock: Arc::clone(&clock),
@@ -165,6 +167,13 @@ impl Service {
                 history: Arc::clone(&history),
                 committer: Arc::clone(&committer),
                 raw: Arc::clone(&raw),
+                events: events.clone(),
+            },
+            exclusions: Exclusions {
+                store: store.clone(),
+                committer: Arc::clone(&committer),
+                raw: Arc::clone(&raw),
+                history: Arc::clone(&history),
                 events: events.clone(),
             },
             removals: Removals {
@@ -224,7 +233,7 @@ impl Service {
             let Some(last) = assets.last() else { break };
             after = Some(last.spec.id.to_string());
             for asset in assets {
-                self.simulations.prepare(&asset.spec);
+                self.simulations.start(&asset.spec);
                 if asset.spec.sensor.of.is_some() {
                     members.push(asset.spec.id.clone());
                 }

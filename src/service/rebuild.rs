@@ -50,7 +50,9 @@ impl Service {
         let mut assets = self.on_objects(Objects::asset_notes).await?;
         // Those whose sensor others share come before those.
         assets.sort_by_key(|note| note.spec.sensor.of.is_some());
+        let mut excluded: HashSet<SegmentId> = HashSet::new();
         for note in assets {
+            excluded.extend(note.excluded.iter().cloned());
             rebuilt.assets += u64::from(self.take_in_asset(note).await?);
         }
         let removed = if with_removed { HashMap::new() } else { self.removed().await? };
@@ -93,6 +95,11 @@ impl Service {
                 }
             }
         }
+        for record in missing.iter().filter(|record| excluded.contains(&record.id)) {
+            if let Some(segment) = self.store.segment(&record.id).await? {
+                self.exclusions.set_one(&segment, true).await?;
+            }
+        }
         if rebuilt.failed == 0 {
             self.store.accept_objects().await?;
         }
@@ -117,7 +124,6 @@ impl Service {
 
     async fn take_in(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
         let name = record.raw.sha256.clone();
-        // Before anything waits for a library.
         if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
             return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
         }
@@ -125,7 +131,7 @@ impl Service {
             let mut ticket = self.workers.admit()?;
             ticket.grow(usize::try_from(record.raw.bytes).unwrap_or(usize::MAX))?;
             match self.pipeline.process(record, ticket).await {
-                // Its library is being simulated.
+                // The store is away.
                 Err(ServiceError::Busy { .. }) => tokio::time::sleep(std::time::Duration::from_secs(1)).await,
                 processed => return processed.map(|_| ()),
             }

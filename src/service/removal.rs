@@ -28,14 +28,7 @@ pub struct Removals {
 impl Removals {
     /// Removes a record as if it had never come.
     pub async fn remove_one(&self, segment: &Segment) -> Result<u64, ServiceError> {
-        let next = segment.start_time.saturating_add(jiff::SignedDuration::from_nanos(1));
-        let range = RecordRange {
-            channel: Some(segment.channel.clone()),
-            from: Some(segment.start_time),
-            to: next.ok(),
-            raw_sha256: Some(segment.raw.sha256.clone()),
-        };
-        self.remove(&segment.asset_id, &range).await
+        self.remove(&segment.asset_id, &RecordRange::of(segment)).await
     }
 
     /// Removes records of an asset as if they had never come, and of all others of its sensor; returns how

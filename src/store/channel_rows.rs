@@ -102,9 +102,9 @@ impl Commit {
         for chunk in segments.chunks(ROWS_AT_ONCE) {
             let text = format!(
                 "INSERT INTO segments (id, channel_no, start_time_ns, received_at_ns, sample_rate_hz, samples, unit, operating_point,
-                    reference_wear_um, raw_sha256, raw_bytes, raw_media_type, raw_channel_index)
+                    reference_wear_um, raw_sha256, raw_bytes, raw_media_type, raw_channel_index, excluded)
                  VALUES {}",
-                rows_of_placeholders(chunk.len(), 13)
+                rows_of_placeholders(chunk.len(), 14)
             );
             let mut query = sqlx::query(&text);
             for (channel_no, segment) in chunk {
@@ -122,7 +122,8 @@ impl Commit {
                     .bind(segment.raw.sha256.as_str())
                     .bind(i64::try_from(segment.raw.bytes).unwrap_or(i64::MAX))
                     .bind(segment.raw.media_type.as_str())
-                    .bind(i64::from(segment.raw.channel_index));
+                    .bind(i64::from(segment.raw.channel_index))
+                    .bind(i64::from(segment.excluded));
             }
             query
                 .persistent(self.dialect.caches_optional_doubles())

@@ -15,6 +15,7 @@ mod commit;
 mod database;
 mod dead_letters;
 mod error;
+mod exclusion;
 mod fold_states;
 mod generations;
 mod identity;

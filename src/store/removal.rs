@@ -2,13 +2,13 @@
 
 use std::collections::{BTreeSet, HashSet};
 
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 
 use super::commit::Commit;
 use super::raw::kept_among;
 use super::rows::{from_ns, get, placeholders, to_ns};
 use super::{ChannelSummary, SegmentKey, Store, StoreError};
-use crate::asset::{AssetId, SegmentId};
+use crate::asset::{AssetId, Segment, SegmentId};
 
 /// Which records of an asset.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -21,6 +21,19 @@ pub struct RecordRange {
     pub to: Option<Timestamp>,
     /// Only those of these raw bytes.
     pub raw_sha256: Option<String>,
+}
+
+impl RecordRange {
+    /// One record.
+    pub fn of(segment: &Segment) -> Self {
+        let next = segment.start_time.saturating_add(SignedDuration::from_nanos(1));
+        Self {
+            channel: Some(segment.channel.clone()),
+            from: Some(segment.start_time),
+            to: next.ok(),
+            raw_sha256: Some(segment.raw.sha256.clone()),
+        }
+    }
 }
 
 /// Records that were removed.

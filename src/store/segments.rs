@@ -45,6 +45,8 @@ pub struct NewSegment {
     pub reference_wear_um: Option<f64>,
     /// Where the raw bytes are.
     pub raw: RawReference,
+    /// It takes no part in its history.
+    pub excluded: bool,
     /// What its own record says.
     pub analysed: Analysed,
 }
@@ -78,6 +80,8 @@ pub struct RunResult {
 pub struct StoredFeatures {
     /// Place of the segment in its channel.
     pub key: SegmentKey,
+    /// It takes no part in its history.
+    pub excluded: bool,
     /// What they were computed under.
     pub feature_key: String,
     /// Features for the wear estimate.
@@ -111,6 +115,7 @@ impl NewSegment {
             shaft_speed: self.analysed.shaft_speed,
             reference_wear_um: self.reference_wear_um,
             raw: self.raw,
+            excluded: self.excluded,
             basis: self.analysed.basis,
             indicators: self.analysed.indicators,
             features: self.analysed.features,
@@ -249,7 +254,7 @@ impl Store {
             None => (i64::MIN, ""),
         };
         let rows = sqlx::query(
-            "SELECT s.id, s.start_time_ns, a.feature_key, a.features, a.indicators
+            "SELECT s.id, s.start_time_ns, s.excluded, a.feature_key, a.features, a.indicators
              FROM segments s JOIN analyses a ON a.segment_id = s.id AND a.generation = $1
              WHERE s.channel_no = $2 AND (s.start_time_ns, s.id) > ($3, $4)
              ORDER BY s.start_time_ns, s.id LIMIT $5",
@@ -298,6 +303,7 @@ impl Store {
 pub(super) fn features_of(row: &AnyRow) -> Result<StoredFeatures, StoreError> {
     let id: String = get(row, "id")?;
     Ok(StoredFeatures {
+        excluded: get::<i64>(row, "excluded")? != 0,
         feature_key: get(row, "feature_key")?,
         features: get_json(row, "features", &id)?,
         indicators: get_json(row, "indicators", &id)?,
@@ -334,6 +340,7 @@ pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
             media_type: get(row, "raw_media_type")?,
             channel_index: u32::try_from(channel_index).unwrap_or(u32::MAX),
         },
+        excluded: get::<i64>(row, "excluded")? != 0,
         analysed: Analysed {
             keys: AnalysisKeys {
                 analysis: get::<String>(row, "analysis_key")?.into(),

@@ -63,6 +63,7 @@ fn feed(service: &Service, pair: &PairSpec) {
         "limits": { "warning_um": 120.0, "danger_um": 200.0 },
     });
     service.post_json("/v1/assets", &asset).expect(201);
+    service.wait_for("/v1/assets/gearbox", |asset| asset["summary"]["library_state"] == "ready");
     let run = Run::new(RunPlan {
         pair: pair.clone(),
         records: RECORDS,

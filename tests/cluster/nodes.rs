@@ -7,11 +7,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
+use flankwatch::asset::AssetId;
 use flankwatch::cluster::{Cluster, NatsSettings, RunningWorker, WorkerLimits};
 use flankwatch::http::{Node, RunningService, ServiceConfig, SharedEvents, start, start_node};
 use flankwatch::library::{EnsembleSettings, GridSettings};
 use flankwatch::recording::{BlockEncoding, encode_block};
-use flankwatch::service::{Role, Service, ServiceFolders};
+use flankwatch::service::{Readiness, Role, Service, ServiceFolders};
 use flankwatch::signal::Record;
 use flankwatch::store::{Store, StoreSettings};
 use serde_json::{Value, json};
@@ -321,6 +322,19 @@ impl TestCluster {
 
     pub(super) fn client(&self, node: usize) -> Client {
         Client::new(self.nodes[node].url())
+    }
+
+    /// Waits until every worker has the library of an asset: records that come before are folded without it first.
+    pub(super) fn wait_for_libraries(&self, asset: &str) {
+        let id = AssetId::new(asset).unwrap();
+        let began = Instant::now();
+        for (_, service) in &self.workers {
+            let spec = self.runtime.block_on(service.store.asset(&id)).unwrap().spec;
+            while !matches!(service.simulations.of(&spec).1.readiness, Readiness::Ready(_)) {
+                assert!(began.elapsed() < Duration::from_secs(100), "a worker has no library of {asset}");
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        }
     }
 
     /// Records that this worker stored.

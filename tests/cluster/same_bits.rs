@@ -36,6 +36,7 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
         client.send_json("POST", "/v1/assets", &asset("pump"), 201);
         client.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
     }
+    cluster.wait_for_libraries("pump");
     let mut all: Vec<Record> = ["1", "2"].into_iter().flat_map(|channel| records(channel, 40)).collect();
     for record in &all {
         alone.upload("pump", record);
@@ -88,6 +89,7 @@ fn every_node_shows_the_events_of_all_under_the_same_names() {
     let mut streams: Vec<EventStream> = nodes.iter().map(|node| EventStream::open_at(&node.url, "", None)).collect();
     nodes[0].send_json("POST", "/v1/assets", &asset("pump"), 201);
     nodes[1].wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
+    cluster.wait_for_libraries("pump");
     let all = records("1", 11);
     for (n, record) in all.iter().enumerate() {
         nodes[n % 2].upload("pump", record);
@@ -145,6 +147,7 @@ fn a_changed_description_told_to_a_node_is_done_by_a_worker() {
     node.send_json("POST", "/v1/assets", &asset("pump"), 201);
     for client in [&node, &alone] {
         client.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
+        cluster.wait_for_libraries("pump");
         for record in records("1", 20) {
             client.upload("pump", &record);
         }

@@ -198,3 +198,172 @@ fn names_and_units_of_a_description_have_bounds() {
         service.post_json("/v1/assets", &spec).expect_problem(422, &[word]);
     }
 }
+
+/// The numbers of the records of an asset that are not excluded.
+fn counted(service: &Service, asset: &str) -> Vec<Value> {
+    let history = service.get(&format!("/v1/assets/{asset}/wear/history")).expect(200).json();
+    let trend = service.get(&format!("/v1/assets/{asset}/indicators")).expect(200).json();
+    let all = history["items"].as_array().unwrap().iter().zip(trend["items"].as_array().unwrap());
+    let numbers = all.filter(|(wear, _)| wear["status"] != "excluded").map(|(wear, indicators)| {
+        let mut both = [wear.clone(), indicators.clone()];
+        both.iter_mut()
+            .for_each(|one| drop(one.as_object_mut().unwrap().remove("segment_id")));
+        json!(both)
+    });
+    numbers.collect()
+}
+
+#[track_caller]
+fn wait_for_counted(service: &Service, asset: &str, expected: &str) {
+    let began = std::time::Instant::now();
+    while counted(service, asset) != counted(service, expected) {
+        assert!(began.elapsed().as_secs() < 60, "{asset} is not {expected}");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn excluded_records_stay_stored_and_take_no_part_in_the_history() {
+    let mut service = Service::start();
+    for asset in ["pump", "without", "whole"] {
+        service.plain_asset(asset);
+    }
+    let mut segments = Vec::new();
+    for n in 0..14 {
+        segments.push(service.upload("pump", &record("1", n)));
+        service.upload("whole", &record("1", n));
+        if n != 3 && !(6..9).contains(&n) && n != 13 {
+            service.upload("without", &record("1", n));
+        }
+    }
+    let path = |n: usize| format!("/v1/segments/{}", segments[n]["id"].as_str().unwrap());
+    assert_eq!(segments[3]["excluded"], false);
+    service
+        .post_json("/v1/assets/pump/segments/exclude", &json!({}))
+        .expect_problem(400, &["from"]);
+    for n in [3, 13] {
+        let answer = service
+            .post(&format!("{}/exclude", path(n)), "application/json", b"")
+            .expect(200)
+            .json();
+        assert_eq!(answer, json!({ "changed": 1 }));
+    }
+    let url = service.url("");
+    let range = ["--asset", "pump", "--from", "2026-01-01T00:06:00Z", "--to", "2026-01-01T00:09:00Z"];
+    let change = |command: &str| flankwatch(&[&[command, "--url", &url], &range[..]].concat());
+    assert_eq!(change("exclude").expect_success().out(), "3 records excluded\n");
+    assert_eq!(change("exclude").expect_success().out(), "0 records excluded\n");
+    wait_for_counted(&service, "pump", "without");
+    assert_eq!(counted(&service, "pump").len(), 9);
+    let excluded = service.get(&path(7)).expect(200).json();
+    assert_eq!(
+        (&excluded["excluded"], &excluded["wear"]["status"]),
+        (&json!(true), &json!("excluded"))
+    );
+    assert_eq!(excluded["indicators"]["rms"], segments[7]["indicators"]["rms"]);
+    let list = service.get("/v1/assets/pump/segments").expect(200).json();
+    let marked = list["items"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|segment| segment["excluded"] == true);
+    assert_eq!(marked.count(), 5);
+    // The latest one that counts speaks for the asset.
+    assert_eq!(
+        service.get("/v1/assets/pump/wear").expect(200).json()["segment_id"],
+        segments[12]["id"]
+    );
+    // Sent again it stays excluded, records that come later are folded on, and so after a restart.
+    assert_eq!(
+        service
+            .post(
+                "/v1/assets/pump/segments",
+                "application/json",
+                &encode_block(&record("1", 7), BlockEncoding::Json)
+            )
+            .json()["excluded"],
+        true
+    );
+    service.restart();
+    for asset in ["pump", "without"] {
+        service.upload(asset, &record("1", 20));
+        service.upload(asset, &record("1", 10_000));
+    }
+    wait_for_counted(&service, "pump", "without");
+    // What is noted beside the raw recordings says so too.
+    if std::env::var("FLANKWATCH_TEST_DATABASE").is_err() {
+        service.stop();
+        flankwatch(&["rebuild", "--anew", "--data-dir", service.folder().to_str().unwrap()]).expect_success();
+        service.launch();
+        wait_for_counted(&service, "pump", "without");
+    }
+    let url = service.url("");
+    let all = ["include", "--url", &url, "--asset", "pump", "--to", "2027-01-01T00:00:00Z"];
+    assert_eq!(flankwatch(&all).expect_success().out(), "5 records included\n");
+    service.upload("whole", &record("1", 20));
+    service.upload("whole", &record("1", 10_000));
+    wait_for_the_numbers_of(&service, "pump", "whole");
+}
+
+#[test]
+fn excluded_records_are_so_for_all_assets_of_their_sensor() {
+    let service = Service::start();
+    service.plain_asset("first");
+    let through = |id: &str| {
+        let mut asset = plain_asset(id);
+        asset["gear"] = json!({ "teeth": [17, 50], "shaft_speed_hz": 5.0, "shaft_ratio": [31, 62] });
+        asset["sensor"]["of"] = json!("first");
+        asset
+    };
+    service.post_json("/v1/assets", &through("second")).expect(201);
+    for n in 0..4 {
+        service.upload("first", &record("1", n));
+    }
+    let from = "segments/exclude?from=2026-01-01T00:02:00Z";
+    service
+        .post(&format!("/v1/assets/second/{from}"), "application/json", b"")
+        .expect_problem(409, &["first"]);
+    let answer = service
+        .post(&format!("/v1/assets/first/{from}"), "application/json", b"")
+        .expect(200)
+        .json();
+    assert_eq!(answer["changed"], 2);
+    // Also for one that is described later.
+    service.post_json("/v1/assets", &through("third")).expect(201);
+    for asset in ["first", "second", "third"] {
+        service.wait_for(&format!("/v1/assets/{asset}/wear/history"), |history| {
+            let statuses: Vec<&Value> = history["items"].as_array().unwrap().iter().map(|item| &item["status"]).collect();
+            statuses.len() == 4 && statuses.iter().enumerate().all(|(n, status)| (**status == "excluded") == (n >= 2))
+        });
+    }
+}
+
+#[test]
+fn the_baseline_is_the_records_that_people_choose() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    for n in 0..20 {
+        service.upload("pump", &record("1", n));
+    }
+    let tell = |event: Value| service.post_json("/v1/assets/pump/maintenance", &event);
+    let (from, until) = ("2026-01-01T00:04:00Z", "2026-01-01T00:14:00Z");
+    let chosen = |until: &str| json!({ "kind": "baseline_chosen", "time": from, "until": until, "by": "Ada" });
+    tell(json!({ "kind": "baseline_chosen", "time": from, "by": "Ada" })).expect_problem(400, &["until"]);
+    tell(chosen(from)).expect_problem(400, &["until", from]);
+    tell(json!({ "kind": "gear_replaced", "time": from, "until": until, "by": "Ada" })).expect_problem(400, &["until"]);
+    let event = tell(chosen(until)).expect(201).json();
+    let history = service.wait_for("/v1/assets/pump/wear/history", |history| {
+        history["items"][12]["status"] == "collecting_baseline"
+    });
+    for (n, item) in history["items"].as_array().unwrap().iter().enumerate() {
+        let is_chosen = item["reason"].as_str().unwrap().contains("the chosen baseline");
+        assert_eq!(is_chosen, (4..14).contains(&n), "{n}: {item}");
+        assert_eq!(item["status"] == "collecting_baseline", n < 14, "{n}: {item}");
+    }
+    service
+        .delete(&format!("/v1/assets/pump/maintenance/{}", event["id"].as_str().unwrap()))
+        .expect(204);
+    service.wait_for("/v1/assets/pump/wear/history", |history| {
+        history["items"][12]["status"] != "collecting_baseline"
+    });
+}

@@ -22,6 +22,7 @@ mod recomputing;
 mod recordings;
 mod resumable_uploads;
 mod segments;
+mod simulations;
 mod trends;
 mod two_stages;
 mod uploads;

@@ -67,6 +67,7 @@ fn a_changed_baseline_folds_the_history_again() {
     for id in ["changed", "from-the-start"] {
         service.post_json("/v1/assets", &asset_with_pair(id)).expect(201);
     }
+    service.wait_for("/v1/assets/changed", |asset| asset["summary"]["library_state"] == "ready");
     for n in 0..14 {
         service.upload("changed", &record("1", n));
     }

@@ -1,7 +1,5 @@
 //! Gearboxes of several meshes that one sensor hears together: each mesh is an asset, and the records of one come to all.
 
-use std::time::Duration;
-
 use flankwatch::gear::PairSpec;
 use flankwatch::library::GridSettings;
 use flankwatch::signal::{OperatingPoint, Record};
@@ -155,7 +153,6 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
             seconds: 1.0,
             ..GridSettings::default()
         };
-        config.work.library_wait = Duration::from_secs(600);
     });
     let pairs = pairs();
     let plan = |pair: &PairSpec, max_wear_um: f64, wear_exponent: f64| RunPlan {
@@ -190,6 +187,9 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
             asset["sensor"] = json!({ "of": "input" });
         }
         service.post_json("/v1/assets", &asset).expect(201);
+    }
+    for id in ["input", "output"] {
+        service.wait_for(&format!("/v1/assets/{id}"), |asset| asset["summary"]["library_state"] == "ready");
     }
     let records: Vec<Record> = (0..RECORDS)
         .map(|n| {

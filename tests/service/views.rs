@@ -32,6 +32,7 @@ fn fed(service: &Service, with_library: bool) -> String {
         asset["gear"]["pair"] = serde_json::to_value(&pair).unwrap();
     }
     service.post_json("/v1/assets", &asset).expect(201);
+    service.wait_for("/v1/assets/gearbox", |asset| asset["summary"]["library_state"] != "building");
     let run = Run::new(RunPlan {
         pair,
         records: 12,

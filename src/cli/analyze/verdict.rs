@@ -150,6 +150,8 @@ mod tests {
             outside: true,
             sensor_fault: None,
             machine_sign: Some(MachineSign::OneTooth),
+            also: Vec::new(),
+            band_hz: None,
             lasting: None,
             most: Vec::new(),
         };

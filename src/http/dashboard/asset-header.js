@@ -29,10 +29,25 @@ function speedFact(speed, gear, known) {
   return fact("Shaft speed", `${hertz(speed.shaft_speed_hz)}, ${number(speed.shaft_speed_hz * 60, 4)} rpm`, small(speedSource(speed)));
 }
 
-function libraryFact({ library_id: id, library_state: state }, wear) {
+const STAGES = {
+  waiting: "waits for another simulation",
+  library: "library",
+  first_members: "first pairs around it",
+  members: "pairs around it",
+};
+
+/** How far a simulation is, in words. */
+function simulationWords({ stage, fraction, remaining_s: left }) {
+  if (stage === "waiting") return STAGES.waiting;
+  const time = left == null ? "" : left < 90 ? `, ${Math.ceil(left)} s left` : `, ${Math.ceil(left / 60)} min left`;
+  return `${STAGES[stage] ?? stage}: ${Math.floor(100 * fraction)} % simulated${time}`;
+}
+
+function libraryFact({ library_id: id, library_state: state, library_error: error, simulation }, wear) {
   const best = wear?.best_state;
   const words = best ? `state ${best.index}, ${depth(best.wear_um)} µm` : (LIBRARY_STATES[state] ?? state);
-  return fact(best ? "Best library state" : "Library", words, id ? small(`library ${id.slice(0, 8)}`, id) : null);
+  const detail = simulation ? simulationWords(simulation) : error ? `failed: ${error}` : null;
+  return fact(best ? "Best library state" : "Library", words, detail ? small(detail) : null, id ? small(`library ${id.slice(0, 8)}`, id) : null);
 }
 
 function limitFact(wear) {

@@ -105,13 +105,10 @@ export function indicatorName(name) {
   return INDICATORS[name] ?? (band ? `Band ${band[1]}` : name.replaceAll("_", " "));
 }
 
-const BANDS = 4; // of equal ratio, between these parts of half the sampling rate
-const [LOWEST, HIGHEST] = [0.02, 0.9];
-
-function bandWords(band, rate) {
-  if (!rate) return `band ${band} of ${BANDS}`;
-  const edge = (n) => hertz(Number((((LOWEST * rate) / 2) * (HIGHEST / LOWEST) ** (n / BANDS)).toPrecision(2)));
-  return `${edge(band - 1)} to ${edge(band)}`;
+/** An octave by its centre in hertz. */
+function octaveWords(centre) {
+  const edge = (hz) => hertz(Number(hz.toPrecision(2)));
+  return `${edge(centre / Math.SQRT2)} to ${edge(centre * Math.SQRT2)}`;
 }
 
 const FEATURES = {
@@ -122,18 +119,20 @@ const FEATURES = {
   ln_tooth_kurtosis: "peakedness over the turn",
 };
 
-/** A feature's name as the field writes it; the sampling rate in hertz says where its band is. */
-export function featureName(name, rate) {
-  const [, kind, order] = /^ln_(mesh|sideband|env|shaft|floor|rest|band)_(\d+)$/.exec(name) ?? [];
+/** A feature's name as the field writes it. */
+export function featureName(name) {
+  const [, kind, order] = /^ln_(mesh|sideband|env|shaft|floor|rest|band)_(\d+)(?:hz)?$/.exec(name) ?? [];
   const words = {
     mesh: () => `mesh ${order}×`,
     sideband: () => `sidebands of ${order}×`,
     env: () => `envelope of ${order}×`,
     shaft: () => `shaft ${order}×`,
-    floor: () => `noise floor, ${bandWords(order, rate)}`,
-    rest: () => `vibration beside the mesh lines, ${bandWords(order, rate)}`,
-    band: () => `vibration, ${bandWords(order, rate)}`,
+    floor: () => `noise floor, ${octaveWords(Number(order))}`,
+    rest: () => `vibration beside the mesh lines, ${octaveWords(Number(order))}`,
+    band: () => `vibration, ${octaveWords(Number(order))}`,
   }[kind];
+  const [, tooth, turns] = /^(ln_tooth_[a-z]+)_(\d+)$/.exec(name) ?? [];
+  if (tooth) return `${FEATURES[tooth]}, over ${turns} turns`;
   return words ? words() : (FEATURES[name] ?? name);
 }
 

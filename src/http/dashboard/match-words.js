@@ -35,7 +35,8 @@ const SENSOR_FAULTS = {
 const MACHINE_SIGNS = {
   one_tooth: "one tooth differs from the others: a crack or chip",
   shaft_lines: "the shaft's own lines have grown: misalignment or unbalance",
-  beside_mesh: "energy beside the mesh has grown: a bearing or looseness",
+  impulsive_energy: "impulses beside the mesh lines have grown: a bearing or looseness",
+  band_energy: "energy beside the mesh lines has grown: a bearing, looseness or another machine",
 };
 
 /** What a record shows that wear does not explain, in words; null where nothing is named. */
@@ -45,15 +46,15 @@ export function unexplained({ sensor_fault: fault, machine_sign: sign }) {
 }
 
 /** Which check has deviated for several records, in words; empty where none has. */
-export function lastingWords({ lasting }, rate) {
-  return lasting ? `${featureName(lasting, rate)} has deviated for several records` : "";
+export function lastingWords({ lasting }) {
+  return lasting ? `${featureName(lasting)} has deviated for several records` : "";
 }
 
-function noveltyFact({ novelty }, rate) {
+function noveltyFact({ novelty }) {
   if (!novelty) return null;
   const { p_value: probability, outside, most = [] } = novelty;
-  const odd = most.slice(0, 3).map(({ feature, deviations }) => `${featureName(feature, rate)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`);
-  const details = [`a record of the best state is as odd with probability ${number(probability, 2)}`, lastingWords(novelty, rate), outside && odd.length ? `most: ${odd.join(", ")}` : ""];
+  const odd = most.slice(0, 3).map(({ feature, deviations }) => `${featureName(feature)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`);
+  const details = [`a record of the best state is as odd with probability ${number(probability, 2)}`, lastingWords(novelty), outside && odd.length ? `most: ${odd.join(", ")}` : ""];
   return fact("Novelty", unexplained(novelty) ?? (outside ? "wear does not explain this record" : "explained by wear"), small(details.filter(Boolean).join("; ")));
 }
 
@@ -77,7 +78,7 @@ export function matchWords(segment, match, asset, query) {
       ...wearFacts(wear).filter(Boolean),
       agreementFact(match),
       identifiableFact(match, wear),
-      noveltyFact(wear, segment.sample_rate_hz),
+      noveltyFact(wear),
       fact("Library", h("a", { href: format({ page: "library", id: match.library_id, query: { state: String(match.state_index) } }) }, match.library_id.slice(0, 8)), small("the grid and its figures")),
     ),
   ];

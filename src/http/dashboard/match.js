@@ -88,7 +88,7 @@ export class MatchPage {
     const { novelty } = segment.wear;
     this.#novelty.element.hidden = !novelty?.most?.length;
     this.#data = { unmatched: segment, asset };
-    if (novelty?.most?.length) await this.#novelty.show(noveltyDrawing(novelty, segment.sample_rate_hz, this.#id), `${this.#id}-novelty-${segment.start_time}`);
+    if (novelty?.most?.length) await this.#novelty.show(noveltyDrawing(novelty, this.#id), `${this.#id}-novelty-${segment.start_time}`);
   }
 
   /** Draws what is known anew. */

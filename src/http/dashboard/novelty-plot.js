@@ -6,12 +6,12 @@ import { palette } from "./plots.js";
 
 const DB = 20 / Math.LN10;
 
-/** The drawing of the features that deviate most, in dB; `rate` is the sampling rate in hertz. */
-export function noveltyDrawing(novelty, rate, revision) {
+/** The drawing of the features that deviate most, in dB. */
+export function noveltyDrawing(novelty, revision) {
   const { most, p_value: probability, score } = novelty;
-  const named = [unexplained(novelty), lastingWords(novelty, rate)].filter(Boolean).map((words) => `${words[0].toUpperCase()}${words.slice(1)}.`).join(" ");
+  const named = [unexplained(novelty), lastingWords(novelty)].filter(Boolean).map((words) => `${words[0].toUpperCase()}${words.slice(1)}.`).join(" ");
   const colour = palette();
-  const names = most.map(({ feature }) => featureName(feature, rate));
+  const names = most.map(({ feature }) => featureName(feature));
   const decibels = most.map(({ ln_ratio: ratio }) => ratio * DB);
   const words = most.map(({ deviations }, n) => `${decibels[n] > 0 ? "+" : "−"}${number(Math.abs(decibels[n]), 3)} dB, ${number(Math.abs(deviations), 2)} σ`);
   const reach = 1.5 * Math.max(1, ...decibels.map(Math.abs));

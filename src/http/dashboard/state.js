@@ -14,6 +14,7 @@ export const STATES = {
   library_failed: { word: "Library failed", short: "Library failed", severity: "unsure", namur: "specification" },
   sensor: { word: "Sensor fault", short: "Sensor fault", severity: "danger", namur: "failure" },
   outside: { word: "Not explained by wear", short: "Not explained", severity: "unsure", namur: "specification" },
+  not_comparable: { word: "Not comparable", short: "Not comparable", severity: "unsure", namur: "specification", title: "the record is too short or too sparsely sampled for its baseline" },
   unclear: { word: "Not identifiable", short: "Not identifiable", severity: "unsure", namur: "specification" },
   collecting: { word: "Collecting baseline", short: "Baseline", severity: "learning", namur: "check" },
   recomputing: { word: "Computing again", short: "Computing again", severity: "learning", namur: "check" },
@@ -36,6 +37,9 @@ export function wearState(wear, limits) {
   if (wear.status === "collecting_baseline") return "collecting";
   if (wear.status === "no_library") return "no_library";
   if (wear.status === "recomputing") return "recomputing";
+  if (wear.status === "not_comparable") return "not_comparable";
+  if (wear.status === "awaiting_library") return "building";
+  if (wear.status === "library_failed") return "library_failed";
   if (wear.status === "sensor_fault") return "sensor";
   if (wear.status === "outside_library") return "outside";
   if (wear.status !== "estimated") return "unclear";
@@ -99,6 +103,10 @@ export function sentence(wear, limits, hasPair = true) {
     return `Learning what healthy looks like: ${have} of ${need} baseline records. Wear is estimated after that.`;
   }
   if (wear.status === "no_library") return "No gear pair is described for this asset, so wear in µm is not estimated. Indicators are computed, and records unlike the baseline are told by their novelty.";
+  if (wear.status === "awaiting_library") return "The library of the gear pair is being simulated. Records are stored with their indicators, and their wear follows by itself.";
+  if (wear.status === "library_failed") return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the description to try again.`;
+  if (wear.status === "excluded") return "This record is excluded: it takes no part in the baseline, the estimate and the alarms.";
+  if (wear.status === "not_comparable") return `This record is ${wear.reason}.`;
   if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
   if (wear.status === "outside_library") return unexplained(wear);

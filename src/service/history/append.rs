@@ -219,10 +219,9 @@ impl Appended<'_> {
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
             Fold::From { after, folded, estimator } => {
-                // Of a channel that has just begun nobody else saw that its library's neighbours came
-                // meanwhile.
-                let now = || simulations.estimator_now(&asset.spec);
-                let is_outdated = after == 0 && now().is_ok_and(|now| now.fold_key != estimator.fold_key);
+                // Of a channel that has just begun nobody else saw that its library came meanwhile.
+                let now = || simulations.estimator(&asset.spec).fold_key;
+                let is_outdated = after == 0 && now() != estimator.fold_key;
                 slot.points.get_or_insert_default().replace(after, folded.points);
                 (folded.results, is_outdated)
             }
@@ -249,6 +248,7 @@ fn inputs_of(new: &BTreeMap<SegmentKey, NewSegment>) -> Vec<FoldInput> {
     new.iter()
         .map(|(key, segment)| FoldInput {
             key: key.clone(),
+            excluded: segment.excluded,
             features: segment.analysed.features.clone(),
             indicators: segment.analysed.indicators.clone(),
         })

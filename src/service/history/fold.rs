@@ -23,6 +23,8 @@ const RECENT: usize = 16;
 #[derive(Debug, Clone)]
 pub(crate) struct FoldInput {
     pub(crate) key: SegmentKey,
+    /// It only has its place.
+    pub(crate) excluded: bool,
     /// Features for the wear estimate; empty where they were made in another way than those of the other
     /// records.
     pub(crate) features: Features,
@@ -111,12 +113,14 @@ impl FoldInput {
         if stored.feature_key != feature_key {
             return Self {
                 key: stored.key,
+                excluded: stored.excluded,
                 features: Features::default(),
                 indicators: Indicators::default(),
             };
         }
         Self {
             key: stored.key,
+            excluded: stored.excluded,
             features: stored.features,
             indicators: stored.indicators,
         }
@@ -213,7 +217,10 @@ fn fold(keyed: &KeyedEstimator, from: Option<FoldPoint>, inputs: Vec<FoldInput>,
         after: 2 * position,
         ..AlarmRun::start(keyed)
     };
-    for FoldInput { key, features, indicators } in inputs {
+    for input in inputs {
+        let FoldInput {
+            key, features, indicators, ..
+        } = input;
         let start_time = key.start_time;
         for event in timeline.between(last_time, start_time) {
             let changes = match event {
@@ -222,7 +229,10 @@ fn fold(keyed: &KeyedEstimator, from: Option<FoldPoint>, inputs: Vec<FoldInput>,
             };
             alarms.add(2 * position + 1, changes);
         }
-        let result = estimator.record(&mut state, start_time, &features, &indicators);
+        let result = match input.excluded {
+            true => estimator.excluded(&state),
+            false => estimator.record(&mut state, start_time, &features, &indicators),
+        };
         position += 1;
         last_time = Some(start_time);
         alarms.add(2 * position, result.changes);

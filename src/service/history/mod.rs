@@ -37,7 +37,6 @@ const RETRY_AFTER: Duration = Duration::from_secs(2);
 
 /// The histories of all channels.
 pub struct History {
-    store: Store,
     simulations: Arc<Simulations>,
     role: Role,
     channels: Arc<channels::Channels>,
@@ -63,7 +62,7 @@ impl History {
             workers: Arc::clone(&workers),
         };
         let recomputer = Recomputer {
-            store: store.clone(),
+            store,
             workers,
             simulations: Arc::clone(&simulations),
             clock,
@@ -73,7 +72,6 @@ impl History {
             progress: Arc::clone(&progress),
         };
         Self {
-            store,
             simulations,
             role,
             channels,
@@ -136,7 +134,7 @@ impl History {
         tokio::spawn(async move {
             while let Some(asset) = history.next() {
                 match history.recomputer.recompute_asset(&asset).await {
-                    Ok(Made::Here) => {}
+                    Ok(Made::Here | Made::WithItsLibrary) => {}
                     // Whoever is at it may end before it is done.
                     Ok(Made::Elsewhere) => history.retry_later(asset).await,
                     Err(ServiceError::Store(error)) if error.is_unavailable() || error.is_conflict() => {
@@ -162,34 +160,16 @@ impl History {
         tokio::time::sleep(RETRY_AFTER).await;
     }
 
-    /// Computes the histories again, in the background, of assets whose library's neighbours have come, each
-    /// time some have.
-    pub(crate) fn recompute_when_complete(self: &Arc<Self>, mut completed: mpsc::UnboundedReceiver<String>) {
+    /// Computes the histories again, in the background, of assets whose library has come, has got more
+    /// members, or will not come.
+    pub(crate) fn recompute_when_simulated(self: &Arc<Self>, mut simulated: mpsc::UnboundedReceiver<Vec<AssetId>>) {
         // Not held: what waits here must not keep the service alive.
         let history = Arc::downgrade(self);
         tokio::spawn(async move {
-            while let Some(library) = completed.recv().await {
+            while let Some(assets) = simulated.recv().await {
                 let Some(history) = history.upgrade() else { return };
-                match history.assets_with(&library).await {
-                    Ok(assets) => history.recompute_in_background(assets),
-                    Err(error) => tracing::warn!(library, %error, "failed to find the histories of a library whose neighbours came"),
-                }
+                history.recompute_in_background(assets);
             }
         });
-    }
-
-    /// The assets of a library.
-    async fn assets_with(&self, library: &str) -> Result<Vec<AssetId>, ServiceError> {
-        let mut after: Option<String> = None;
-        let mut found = Vec::new();
-        loop {
-            let assets = self.store.assets(after.as_deref(), 500).await?;
-            let Some(last) = assets.last() else { return Ok(found) };
-            after = Some(last.spec.id.to_string());
-            let with = assets
-                .into_iter()
-                .filter(|asset| self.simulations.id_for(&asset.spec).as_deref() == Some(library));
-            found.extend(with.map(|asset| asset.spec.id));
-        }
     }
 }

@@ -42,6 +42,8 @@ pub(crate) enum Made {
     Here,
     /// Another one, which is at it.
     Elsewhere,
+    /// Nobody before the asset's library is there: this process is told then.
+    WithItsLibrary,
 }
 
 /// The generations that are being made.
@@ -93,7 +95,7 @@ impl Recomputer {
         for channel in self.store.channels(asset).await? {
             match self.bring_up_to_date(asset, &channel.channel).await {
                 Ok(Made::Here) => {}
-                Ok(Made::Elsewhere) => made = Made::Elsewhere,
+                Ok(not_yet) => made = not_yet,
                 Err(ServiceError::Store(StoreError::AssetUnknown(_))) => return Ok(Made::Here),
                 Err(error) => {
                     self.progress.update(asset, &channel.channel, |shown| {
@@ -113,7 +115,8 @@ impl Recomputer {
     /// Computes a channel again as long as it is not what is asked for.
     async fn bring_up_to_date(&self, asset: &AssetId, name: &str) -> Result<Made, ServiceError> {
         loop {
-            let (description, estimator) = self.simulations.ready_for(&self.store, asset).await?;
+            let description = described(&self.store, asset).await?;
+            let estimator = self.simulations.estimator(&description.spec);
             let Some(channel) = self.store.channel(asset, name).await? else {
                 return Ok(Made::Here);
             };
@@ -124,6 +127,11 @@ impl Recomputer {
             if channel.segments == 0 || (channel.keys == wanted && !channel.must_fold) {
                 self.remove_leftovers(&channel).await?;
                 return Ok(Made::Here);
+            }
+            let served = self.simulations.estimator_of(&channel.keys.fold);
+            if estimator.awaits_library() && !served.is_some_and(|served| served.is_without_library()) {
+                // What was folded with a library is served until there is another one.
+                return Ok(Made::WithItsLibrary);
             }
             let is_other_fold = channel.keys.analysed == wanted.analysed && channel.keys.fold != wanted.fold;
             if is_other_fold && self.store.is_shared() && self.simulations.awaits_neighbours(&description.spec) {

@@ -100,6 +100,7 @@ mod tests {
             by: String::new(),
             comment: String::new(),
             inspection: None,
+            until: None,
         }
     }
 

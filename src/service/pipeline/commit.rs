@@ -198,7 +198,7 @@ impl Committer {
                 continue;
             }
             if !estimators.contains_key(asset) {
-                estimators.insert(asset, self.simulations.estimator_now(&assets[asset].spec)?);
+                estimators.insert(asset, self.simulations.estimator(&assets[asset].spec));
             }
             fresh.push((asset, channel, new, slot));
         }

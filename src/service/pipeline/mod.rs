@@ -176,9 +176,8 @@ impl Pipeline {
     /// Takes a record of the queue, from the analysis on; none where its asset was removed. A repeat changes
     /// nothing.
     ///
-    /// Errors: those of the store, which may pass; [`ServiceError::Busy`] while the asset's library is
-    /// simulated; a record whose raw bytes are damaged, or are not the record that was enqueued, will never
-    /// do.
+    /// Errors: those of the store, which may pass; a record whose raw bytes are damaged, or are not the record
+    /// that was enqueued, will never do.
     pub async fn process(self: &Arc<Self>, record: &QueuedRecord, ticket: Ticket) -> Result<Option<Accepted>, ServiceError> {
         let (pipeline, record) = (Arc::clone(self), record.clone());
         let work = async move {
@@ -198,7 +197,6 @@ impl Pipeline {
         }
         let known = known_to_all(&self.store, std::slice::from_ref(queued), &group.members).await?;
         let rest = if known.is_empty() {
-            self.simulations.wait_for_all(group.specs()).await?;
             let record = self.identify_queued(queued).await?;
             self.analyse(group.asset.spec, vec![record], RawBytes::Stored, queued.received_at)
                 .await?
@@ -236,8 +234,6 @@ impl Pipeline {
             self.raw.put(raws, queued.iter().map(RecordNote::from).collect()).await?;
             Rest::Enqueue(Arc::clone(queue), queued)
         } else {
-            // Before anything is stored: a record that has to come again leaves nothing behind.
-            self.simulations.wait_for_all(group.specs()).await?;
             let notes = records
                 .iter()
                 .map(|record| RecordNote::from(&record.queued(&group.asset, received_at, 0)));
@@ -322,7 +318,8 @@ impl Pipeline {
         Ok(committed.into_iter().map(accepted))
     }
 
-    /// Commits segments; where the asset's description changed meanwhile, they are analysed again.
+    /// Commits segments, also where there is no library to compare with yet; where the asset's description
+    /// changed meanwhile, they are analysed again.
     async fn commit_segments(
         &self,
         mut spec: AssetSpec,
@@ -332,12 +329,12 @@ impl Pipeline {
     ) -> Result<Vec<CommittedSegment>, ServiceError> {
         let mut analyses = 1;
         loop {
+            self.simulations.known(&spec).await;
             match self.committer.commit(&spec.id, segments).await {
                 Err(ServiceError::DescriptionChanged(_)) if analyses < MAX_ANALYSES => analyses += 1,
                 done => return done,
             }
             spec = described(&self.store, &spec.id).await?.spec;
-            self.simulations.estimator(&spec).await?;
             segments = analyse_all(&self.workers, &spec, records, received_at).await?;
         }
     }
@@ -366,7 +363,6 @@ impl Pipeline {
         if records.is_empty() {
             return Ok(0);
         }
-        self.simulations.estimator(&member).await?;
         let records = Arc::new(records);
         let segments = analyse_all(&self.workers, &member, &records, received_at).await?;
         Ok(self.commit_segments(member, &records, segments, received_at).await?.len())

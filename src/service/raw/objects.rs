@@ -94,6 +94,7 @@ impl RawObjects {
                 spec: asset.spec,
                 created_at: asset.created_at,
                 maintenance: self.store.maintenance(id).await?,
+                excluded: self.store.excluded(id).await?,
             }),
             Err(StoreError::AssetUnknown(_)) => None,
             Err(error) => return Err(error.into()),

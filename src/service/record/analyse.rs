@@ -68,6 +68,7 @@ fn segment(identified: &IdentifiedRecord, spec: &AssetSpec, received_at: Timesta
         operating_point: record.operating_point(),
         reference_wear_um: identified.reference_wear_um,
         raw: identified.raw.clone(),
+        excluded: identified.excluded,
         analysed: analyse(record, spec),
     }
 }

@@ -27,6 +27,8 @@ pub(crate) struct IdentifiedRecord {
     pub(crate) record: Arc<Record>,
     pub(crate) raw: RawReference,
     pub(crate) reference_wear_um: Option<f64>,
+    /// It is to take no part in its history.
+    pub(crate) excluded: bool,
 }
 
 /// What has the identity of a record.
@@ -42,17 +44,18 @@ impl IdentifiedRecord {
         check(&record, reference_wear_um)?;
         Ok(Self {
             reference_wear_um,
-            ..Self::of_stored(asset, record, raw)
+            ..Self::of_stored(asset, record, raw, false)
         })
     }
 
     /// One that is stored already, for this asset or for another one of its sensor.
-    pub(crate) fn of_stored(asset: &AssetId, record: Record, raw: RawReference) -> Self {
+    pub(crate) fn of_stored(asset: &AssetId, record: Record, raw: RawReference, excluded: bool) -> Self {
         Self {
             id: SegmentId::derive(asset, record.channel(), record.start_time(), &raw),
             record: Arc::new(record),
             raw,
             reference_wear_um: None,
+            excluded,
         }
     }
 
@@ -63,6 +66,7 @@ impl IdentifiedRecord {
             record: Arc::clone(&self.record),
             raw: self.raw.clone(),
             reference_wear_um: None,
+            excluded: self.excluded,
         }
     }
 

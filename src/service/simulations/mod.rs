@@ -1,57 +1,28 @@
-//! The library of each asset: simulated once in the background, waited for by the first record that needs it.
+//! The library of each asset, simulated once in the background. Records wait for none: until theirs is there
+//! they are folded without it, and then again.
 
+mod job;
 mod source;
+mod status;
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, Weak};
 use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 
-use super::error::ServiceError;
 use super::keys::{analysis_keys, fold_key};
-use super::sensor_group::described;
 use crate::asset::{AssetId, AssetSpec};
-use crate::estimate::{ChannelEstimator, EstimatorSettings};
-use crate::library::{Ensemble, EnsembleSettings, GridSettings, Library, LibraryShelf, ensemble_id, library_id};
-use crate::store::{Asset, Store};
+use crate::estimate::{ChannelEstimator, EstimatorSettings, LibraryLack};
+use crate::library::{Ensemble, EnsembleSettings, GridSettings, LibraryShelf, library_id};
+use job::{Ensembles, Job, Turns, lock};
 pub(crate) use source::LibrarySource;
+pub use status::{Readiness, Simulation, SimulationProgress, SimulationStage};
 
-/// The error of an asset whose library is not there yet.
-const SIMULATING: ServiceError = ServiceError::Busy {
-    what: "the asset's library is being simulated",
-    retry_after_s: 5,
-};
-
-/// How far an asset's library is.
-#[derive(Debug, Clone)]
-pub enum Readiness {
-    /// The asset describes no gear pair.
-    None,
-    /// Being simulated or loaded.
-    Building {
-        /// States that are done.
-        done: usize,
-        /// States in all; 0 before the first one is done.
-        total: usize,
-    },
-    /// There.
-    Ready(Arc<Library>),
-    /// Not to be had.
-    Failed(String),
-}
-
-impl Readiness {
-    /// `none`, `building`, `ready` or `failed`.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Building { .. } => "building",
-            Self::Ready(_) => "ready",
-            Self::Failed(_) => "failed",
-        }
-    }
-}
+/// How long a record waits until it is known whether its library is kept from before: where it is, a history
+/// that was folded with it goes on.
+const KNOWN_WITHIN: Duration = Duration::from_secs(10);
 
 /// An estimator and what identifies everything that it depends on.
 #[derive(Debug, Clone)]
@@ -61,47 +32,76 @@ pub(crate) struct KeyedEstimator {
     pub(crate) fold_key: String,
     /// Features under another key cannot go in.
     pub(crate) feature_key: Arc<str>,
+    /// Why it compares with no library; none where it does.
+    lack: Option<LibraryLack>,
 }
+
+impl KeyedEstimator {
+    /// Whether there will be another one when the asset's library is there.
+    pub(crate) fn awaits_library(&self) -> bool {
+        self.lack == Some(LibraryLack::Simulated)
+    }
+
+    /// Whether it compares with no library.
+    pub(crate) fn is_without_library(&self) -> bool {
+        self.lack.is_some()
+    }
+}
+
+/// A library that assets ask for.
+struct Asked {
+    simulation: watch::Receiver<Simulation>,
+    cancel: Arc<AtomicBool>,
+    /// The assets, as they were described then.
+    by: HashMap<AssetId, AssetSpec>,
+}
+
+impl Asked {
+    fn is_over(&self) -> bool {
+        let simulation = self.simulation.borrow();
+        !simulation.is_loading && simulation.progress.is_none()
+    }
+
+    fn has_failed(&self) -> bool {
+        self.simulation.borrow().error.is_some()
+    }
+}
+
+/// By library id.
+type AllAsked = Mutex<HashMap<String, Asked>>;
 
 /// The libraries in use.
 pub struct Simulations {
     source: LibrarySource,
     /// For module 6 mm; each pair's own is [`GridSettings::for_pair`].
     grid: GridSettings,
-    wait: Duration,
-    /// By library id.
-    asked: Mutex<HashMap<String, watch::Receiver<Readiness>>>,
+    asked: Arc<AllAsked>,
     /// By fold key, also those of histories that are being computed again.
     estimators: Mutex<HashMap<String, KeyedEstimator>>,
     neighbours: EnsembleSettings,
-    /// By the id of the library that they are around.
-    ensembles: Arc<Mutex<HashMap<String, Arc<Ensemble>>>>,
-    /// Told the id of each library whose neighbours have come.
-    complete: mpsc::UnboundedSender<String>,
-    /// One build at a time: each one uses every core by itself.
-    building: Arc<Mutex<()>>,
+    ensembles: Arc<Ensembles>,
+    /// Told the assets whose library has come, has got more members, or will not come.
+    changed: mpsc::UnboundedSender<Vec<AssetId>>,
+    turns: Arc<Turns>,
 }
 
 impl Simulations {
-    /// Each id that `complete` is told is of a library whose neighbours have come: what was folded without
-    /// them is to be folded again.
+    /// What was folded of the assets that `changed` is told is to be folded again.
     pub(crate) fn new(
         source: LibrarySource,
         grid: GridSettings,
         neighbours: EnsembleSettings,
-        wait: Duration,
-        complete: mpsc::UnboundedSender<String>,
+        changed: mpsc::UnboundedSender<Vec<AssetId>>,
     ) -> Self {
         Self {
-            complete,
+            changed,
             source,
             grid,
-            wait,
-            asked: Mutex::default(),
+            asked: Arc::default(),
             estimators: Mutex::default(),
             neighbours,
             ensembles: Arc::default(),
-            building: Arc::default(),
+            turns: Arc::default(),
         }
     }
 
@@ -111,186 +111,167 @@ impl Simulations {
     }
 
     /// The identifier of an asset's library, and how far it is; starts it where nobody has asked for it yet.
-    pub fn readiness(&self, spec: &AssetSpec) -> (Option<String>, Readiness) {
-        match self.ask(spec, false) {
-            Some((id, progress)) => (Some(id), progress.borrow().clone()),
-            None => (None, Readiness::None),
+    pub fn of(&self, spec: &AssetSpec) -> (Option<String>, Simulation) {
+        match self.ask(spec) {
+            Some((id, simulation)) => (Some(id), simulation.borrow().clone()),
+            None => (None, Simulation::none()),
         }
     }
 
-    /// Starts an asset's library in the background; one that failed is tried again.
-    pub fn prepare(&self, spec: &AssetSpec) {
-        self.ask(spec, true);
+    /// Starts an asset's library in the background where nobody has asked for it yet.
+    pub fn start(&self, spec: &AssetSpec) {
+        self.ask(spec);
     }
 
-    fn ask(&self, spec: &AssetSpec, again: bool) -> Option<(String, watch::Receiver<Readiness>)> {
+    /// Takes a description: its library is started in the background, one that failed also again where the
+    /// description is another than before; what it asked for before is stopped where no other asset asks
+    /// for it.
+    pub fn describe(&self, spec: &AssetSpec) {
+        let id = self.id_of(spec);
+        self.release_except(&spec.id, id.as_deref());
+        let Some(id) = id else { return };
+        let failed = {
+            let mut all = lock(&self.asked);
+            let is_again = all
+                .get(&id)
+                .is_some_and(|asked| asked.has_failed() && asked.by.get(&spec.id) != Some(spec));
+            if is_again { all.remove(&id) } else { None }
+        };
+        self.ask(spec);
+        if let Some(asked) = lock(&self.asked).get_mut(&id) {
+            asked.by.extend(failed.into_iter().flat_map(|failed| failed.by));
+            asked.by.insert(spec.id.clone(), spec.clone());
+        }
+    }
+
+    /// Forgets an asset that is gone: what is simulated for it alone is stopped.
+    pub(crate) fn release(&self, asset: &AssetId) {
+        self.release_except(asset, None);
+    }
+
+    fn release_except(&self, asset: &AssetId, kept: Option<&str>) {
+        lock(&self.asked).retain(|id, asked| {
+            if Some(id.as_str()) == kept || asked.by.remove(asset).is_none() || !asked.by.is_empty() {
+                return true;
+            }
+            let is_there = asked.is_over() && !asked.has_failed();
+            if !is_there {
+                asked.cancel.store(true, Ordering::Relaxed);
+            }
+            is_there
+        });
+    }
+
+    fn ask(&self, spec: &AssetSpec) -> Option<(String, watch::Receiver<Simulation>)> {
         let pair = spec.gear.pair.clone()?;
         let grid = self.grid.for_pair(&pair);
         let id = library_id(&pair, &grid);
-        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(progress) = asked.get(&id)
-            && !(again && matches!(*progress.borrow(), Readiness::Failed(_)))
-        {
-            return Some((id, progress.clone()));
+        let mut all = lock(&self.asked);
+        if let Some(asked) = all.get_mut(&id) {
+            asked.by.entry(spec.id.clone()).or_insert_with(|| spec.clone());
+            return Some((id, asked.simulation.clone()));
         }
-        let (sender, receiver) = watch::channel(Readiness::Building { done: 0, total: 0 });
-        asked.insert(id.clone(), receiver.clone());
-        let (source, building) = (self.source.clone(), Arc::clone(&self.building));
-        let (neighbours, ensembles, complete) = (self.neighbours, Arc::clone(&self.ensembles), self.complete.clone());
-        let built_id = id.clone();
+        let (sender, receiver) = watch::channel(Simulation::begin());
+        let cancel = Arc::<AtomicBool>::default();
+        let asked = Asked {
+            simulation: receiver.clone(),
+            cancel: Arc::clone(&cancel),
+            by: HashMap::from([(spec.id.clone(), spec.clone())]),
+        };
+        all.insert(id.clone(), asked);
+        let (asked, changed, told) = (Arc::downgrade(&self.asked), self.changed.clone(), id.clone());
+        let job = Job {
+            id: id.clone(),
+            pair,
+            grid,
+            neighbours: self.neighbours,
+            source: self.source.clone(),
+            turns: Arc::clone(&self.turns),
+            ensembles: Arc::clone(&self.ensembles),
+            simulation: sender,
+            cancel,
+            tell: Box::new(move || tell(&asked, &told, &changed)),
+        };
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the
         // end of the process.
-        let build = move || {
-            let _turn = building.lock().unwrap_or_else(PoisonError::into_inner);
-            tracing::info!(library = %built_id, "building or loading the library");
-            let progress = |done, total| {
-                sender.send_replace(Readiness::Building { done, total });
-            };
-            let built = source.get_or_build(&pair, &grid, &progress);
-            let library = match built {
-                Ok(library) => library,
-                Err(error) => {
-                    tracing::error!(library = %built_id, %error, "failed to build the library");
-                    sender.send_replace(Readiness::Failed(error.to_string()));
-                    return;
-                }
-            };
-            tracing::info!(library = %built_id, "library ready");
-            let keep = |ensemble: Ensemble| {
-                let mut ensembles = ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-                ensembles.insert(built_id.clone(), Arc::new(ensemble));
-            };
-            let alone = || Ensemble::of(Arc::clone(&library));
-            if neighbours.members == 0 {
-                sender.send_replace(Readiness::Ready(library));
-                return;
-            }
-            // Records wait for the first members alone: when the rest are there, histories are folded again with them.
-            let first = source.ensemble(&alone(), &neighbours.first()).unwrap_or_else(|error| {
-                tracing::error!(library = %built_id, %error, "failed to simulate the first members of the ensemble");
-                alone()
-            });
-            keep(first.clone());
-            sender.send_replace(Readiness::Ready(Arc::clone(&library)));
-            match source.ensemble(&first, &neighbours) {
-                Ok(ensemble) => {
-                    tracing::info!(library = %built_id, members = ensemble.members().len(), "ensemble ready");
-                    keep(ensemble);
-                }
-                Err(error) => tracing::error!(library = %built_id, %error, "failed to simulate the ensemble"),
-            }
-            // Nobody is told where the service has ended meanwhile.
-            let _ = complete.send(built_id);
-        };
-        if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(build) {
+        if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(move || job.run()) {
             tracing::error!(%error, "failed to start a thread for a library");
+            // Who asks next tries again.
+            all.remove(&id);
         }
         Some((id, receiver))
     }
 
-    /// The estimator of an asset, once its library is there.
-    pub(crate) async fn estimator(&self, spec: &AssetSpec) -> Result<KeyedEstimator, ServiceError> {
-        let ensemble = match self.ask(spec, false) {
-            Some((id, progress)) => {
-                let library = self.wait_for(spec, id, progress).await?;
-                Some(self.ensemble(library))
+    /// Waits until it is known whether the library of an asset is kept from before.
+    pub(crate) async fn known(&self, spec: &AssetSpec) {
+        let Some((_, mut simulation)) = self.ask(spec) else { return };
+        let known = simulation.wait_for(|simulation| !simulation.is_loading);
+        // Where it takes longer the record is folded without.
+        let _ = tokio::time::timeout(KNOWN_WITHIN, known).await;
+    }
+
+    /// The estimator of an asset as it is now: without a library where that is still simulated, or will not
+    /// come.
+    pub(crate) fn estimator(&self, spec: &AssetSpec) -> KeyedEstimator {
+        let (id, simulation) = self.of(spec);
+        let lack = match simulation.readiness {
+            Readiness::None => LibraryLack::NotDescribed,
+            Readiness::Building => LibraryLack::Simulated,
+            Readiness::Failed(reason) => LibraryLack::Failed(reason),
+            Readiness::Ready(library) => {
+                let kept = id.and_then(|id| lock(&self.ensembles).get(&id).cloned());
+                return self.keyed(spec, Ok(kept.unwrap_or_else(|| Arc::new(Ensemble::of(library)))));
             }
-            None => None,
         };
-        Ok(self.keyed(spec, ensemble))
+        self.keyed(spec, Err(lack))
     }
 
-    /// Waits for the libraries of assets.
-    pub(crate) async fn wait_for_all(&self, specs: impl IntoIterator<Item = &AssetSpec>) -> Result<(), ServiceError> {
-        for spec in specs {
-            self.estimator(spec).await?;
-        }
-        Ok(())
-    }
-
-    /// The description of an asset and its estimator, once its library is there, however long that takes.
-    pub(crate) async fn ready_for(&self, store: &Store, asset: &AssetId) -> Result<(Asset, KeyedEstimator), ServiceError> {
-        loop {
-            let described = described(store, asset).await?;
-            match self.estimator(&described.spec).await {
-                Err(ServiceError::Busy { retry_after_s, .. }) => tokio::time::sleep(Duration::from_secs(retry_after_s.into())).await,
-                Err(error) => return Err(error),
-                Ok(estimator) => return Ok((described, estimator)),
-            }
-        }
-    }
-
-    /// The estimator of an asset without waiting: [`ServiceError::Busy`] where the library is not there yet.
-    pub(crate) fn estimator_now(&self, spec: &AssetSpec) -> Result<KeyedEstimator, ServiceError> {
-        let ensemble = match self.ask(spec, false) {
-            None => None,
-            Some((_, progress)) => match &*progress.borrow() {
-                Readiness::Ready(library) => Some(self.ensemble(Arc::clone(library))),
-                _ => return Err(SIMULATING),
-            },
-        };
-        Ok(self.keyed(spec, ensemble))
-    }
-
-    /// The identifier of an asset's library; none where it describes no gear pair.
-    pub(crate) fn id_for(&self, spec: &AssetSpec) -> Option<String> {
+    fn id_of(&self, spec: &AssetSpec) -> Option<String> {
         spec.gear.pair.as_ref().map(|pair| library_id(pair, &self.grid.for_pair(pair)))
     }
 
     /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded
     /// again with them.
     pub(crate) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
-        let Some(id) = self.id_for(spec) else { return false };
-        let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-        let whole = ensemble_id(&id, &self.neighbours);
-        self.neighbours.members > 0 && ensembles.get(&id).is_none_or(|ensemble| ensemble.id() != whole)
+        let Some((_, simulation)) = self.ask(spec) else { return false };
+        let simulation = simulation.borrow();
+        self.neighbours.members > 0 && (simulation.is_loading || simulation.progress.is_some())
     }
 
     /// The estimator of a fold key, where it was in use since the start.
     pub(crate) fn estimator_of(&self, fold_key: &str) -> Option<KeyedEstimator> {
-        let estimators = self.estimators.lock().unwrap_or_else(PoisonError::into_inner);
-        estimators.get(fold_key).cloned()
+        lock(&self.estimators).get(fold_key).cloned()
     }
 
-    fn keyed(&self, spec: &AssetSpec, ensemble: Option<Arc<Ensemble>>) -> KeyedEstimator {
+    fn keyed(&self, spec: &AssetSpec, library: Result<Arc<Ensemble>, LibraryLack>) -> KeyedEstimator {
         let settings = EstimatorSettings {
             baseline_records: spec.baseline.records,
             limit_um: spec.limits.danger_um.or(spec.limits.warning_um),
         };
         let feature_key = analysis_keys(spec).feature;
         let rules = spec.alarm_rules();
-        let fold_key = fold_key(&settings, &feature_key, ensemble.as_deref(), &rules);
-        let mut estimators = self.estimators.lock().unwrap_or_else(PoisonError::into_inner);
-        let keyed = estimators.entry(fold_key.clone()).or_insert_with(|| KeyedEstimator {
-            estimator: ChannelEstimator::new(settings, ensemble, rules),
-            fold_key,
-            feature_key,
+        let fold_key = fold_key(&settings, &feature_key, library.as_deref(), &rules);
+        let mut estimators = lock(&self.estimators);
+        let keyed = estimators.entry(fold_key.clone()).or_insert_with(|| {
+            let (estimator, lack) = match library {
+                Ok(ensemble) => (ChannelEstimator::new(settings, Some(ensemble), rules), None),
+                Err(lack) => (ChannelEstimator::without_library(settings, lack.clone(), rules), Some(lack)),
+            };
+            KeyedEstimator {
+                estimator,
+                fold_key,
+                feature_key,
+                lack,
+            }
         });
         keyed.clone()
     }
+}
 
-    /// The library with its neighbours; alone while they are being simulated.
-    fn ensemble(&self, library: Arc<Library>) -> Arc<Ensemble> {
-        let ensembles = self.ensembles.lock().unwrap_or_else(PoisonError::into_inner);
-        let ensemble = ensembles.get(library.id()).cloned();
-        ensemble.unwrap_or_else(|| Arc::new(Ensemble::of(library)))
-    }
-
-    async fn wait_for(&self, spec: &AssetSpec, id: String, mut progress: watch::Receiver<Readiness>) -> Result<Arc<Library>, ServiceError> {
-        let failed = |reason: String| ServiceError::Library {
-            id: id.clone(),
-            asset: spec.id.to_string(),
-            reason,
-        };
-        let over = progress.wait_for(|readiness| !matches!(readiness, Readiness::Building { .. }));
-        match tokio::time::timeout(self.wait, over).await {
-            Err(_) => Err(SIMULATING),
-            Ok(Err(_)) => Err(failed("its building stopped".into())),
-            Ok(Ok(readiness)) => match &*readiness {
-                Readiness::Ready(library) => Ok(Arc::clone(library)),
-                Readiness::Failed(reason) => Err(failed(reason.clone())),
-                Readiness::None | Readiness::Building { .. } => Err(failed("it is not there".into())),
-            },
-        }
-    }
+/// Tells the assets that ask for a library.
+fn tell(all: &Weak<AllAsked>, library: &str, changed: &mpsc::UnboundedSender<Vec<AssetId>>) {
+    let Some(all) = all.upgrade() else { return };
+    let assets = lock(&all).get(library).map(|asked| asked.by.keys().cloned().collect());
+    // Nobody is told where the service has ended meanwhile.
+    let _ = changed.send(assets.unwrap_or_default());
 }

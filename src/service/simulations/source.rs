@@ -1,6 +1,7 @@
 //! Where libraries come from: the folder of this process, else, where processes share a store, the one of
 //! them that built it, else a build.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -56,25 +57,45 @@ impl LibrarySource {
         &self.shelf
     }
 
-    /// The library of these inputs.
-    pub(crate) fn get_or_build(
+    /// The library of these inputs, where it was simulated before.
+    pub(super) fn kept(&self, pair: &PairSpec, grid: &GridSettings) -> Option<Arc<Library>> {
+        let id = library_id(pair, grid);
+        if let Ok(Some(library)) = self.shelf.get(&id)
+            && is_it(&library, pair, grid)
+        {
+            return Some(library);
+        }
+        let library = self.shared.as_ref()?.fetch(&id).ok()??;
+        if !is_it(&library, pair, grid) {
+            return None;
+        }
+        self.shelf.put(&library).ok()?;
+        Some(Arc::new(library))
+    }
+
+    /// The library of these inputs; [`LibraryError::Cancelled`] soon after `cancel` becomes true.
+    pub(super) fn get_or_build(
         &self,
         pair: &PairSpec,
         grid: &GridSettings,
         progress: &(dyn Fn(usize, usize) + Sync),
+        cancel: &AtomicBool,
     ) -> Result<Arc<Library>, LibraryError> {
+        // Nobody may want it any more when its turn has come.
+        check(cancel)?;
         match &self.shared {
-            Some(shared) => shared.get_or_build(&self.shelf, pair, grid, progress),
-            None => self.shelf.get_or_build(pair, grid, &BuildControl::with_progress(progress)),
+            Some(shared) => shared.get_or_build(&self.shelf, pair, grid, progress, cancel),
+            None => {
+                let control = BuildControl::with_progress(progress).cancelled_by(cancel);
+                self.shelf.get_or_build(pair, grid, &control)
+            }
         }
     }
 
-    /// The ensemble with these settings around the library of a smaller one: of this process's folder, else of the store where processes
-    /// share it, else simulated with what the smaller one has.
-    pub(super) fn ensemble(&self, smaller: &Ensemble, settings: &EnsembleSettings) -> Result<Ensemble, LibraryError> {
-        let library = smaller.described();
+    /// The ensemble with these settings around a library, where it was simulated before.
+    pub(super) fn kept_ensemble(&self, library: &Arc<Library>, settings: &EnsembleSettings) -> Result<Option<Ensemble>, LibraryError> {
         if let Some(kept) = self.shelf.kept_ensemble(library, settings)? {
-            return Ok(kept);
+            return Ok(Some(kept));
         }
         let id = ensemble_id(library.id(), settings);
         if let Some(shared) = &self.shared
@@ -83,18 +104,44 @@ impl LibrarySource {
             && ensemble.id() == id
         {
             self.shelf.put_ensemble(&ensemble)?;
-            return Ok(ensemble);
+            return Ok(Some(ensemble));
         }
-        let ensemble = smaller.extended(settings, &BuildControl::silent())?;
+        Ok(None)
+    }
+
+    /// The ensemble with these settings around the library of a smaller one: as it was simulated before, else simulated with what the
+    /// smaller one has.
+    pub(super) fn ensemble(
+        &self,
+        smaller: &Ensemble,
+        settings: &EnsembleSettings,
+        control: &BuildControl<'_>,
+    ) -> Result<Ensemble, LibraryError> {
+        if let Some(kept) = self.kept_ensemble(smaller.described(), settings)? {
+            return Ok(kept);
+        }
+        let ensemble = smaller.extended(settings, control)?;
         self.shelf.put_ensemble(&ensemble)?;
         if let Some(shared) = &self.shared
-            && let Err(error) = shared.store.objects().put_library(&id, encode_ensemble(&ensemble).into())
+            && let Err(error) = shared.store.objects().put_library(ensemble.id(), encode_ensemble(&ensemble).into())
         {
             // Another process simulates the same bits.
-            tracing::warn!(ensemble = %id, %error, "failed to share the ensemble");
+            tracing::warn!(ensemble = ensemble.id(), %error, "failed to share the ensemble");
         }
         Ok(ensemble)
     }
+}
+
+fn is_it(library: &Library, pair: &PairSpec, grid: &GridSettings) -> bool {
+    library.pair() == pair && library.manifest().grid == *grid
+}
+
+/// Ends what nobody wants any more.
+fn check(cancel: &AtomicBool) -> Result<(), LibraryError> {
+    if cancel.load(Ordering::Relaxed) {
+        return Err(LibraryError::Cancelled);
+    }
+    Ok(())
 }
 
 impl Shared {
@@ -104,17 +151,18 @@ impl Shared {
         pair: &PairSpec,
         grid: &GridSettings,
         progress: &(dyn Fn(usize, usize) + Sync),
+        cancel: &AtomicBool,
     ) -> Result<Arc<Library>, LibraryError> {
         let id = library_id(pair, grid);
-        let is_it = |library: &Library| library.pair() == pair && library.manifest().grid == *grid;
         if let Ok(Some(library)) = shelf.get(&id)
-            && is_it(&library)
+            && is_it(&library, pair, grid)
         {
             return Ok(library);
         }
         loop {
+            check(cancel)?;
             match self.fetch(&id) {
-                Ok(Some(library)) if is_it(&library) => {
+                Ok(Some(library)) if is_it(&library, pair, grid) => {
                     shelf.put(&library)?;
                     return Ok(Arc::new(library));
                 }
@@ -139,9 +187,10 @@ impl Shared {
                 }
             }
         };
-        let library = shelf.get_or_build(pair, grid, &BuildControl::with_progress(&progress))?;
+        let library = shelf.get_or_build(pair, grid, &BuildControl::with_progress(&progress).cancelled_by(cancel))?;
         let bytes = encode(&library);
         while let Err(error) = self.store.objects().put_library(&id, bytes.clone().into()) {
+            check(cancel)?;
             self.wait_for_store(&error);
         }
         Ok(library)

@@ -98,9 +98,13 @@ CREATE TABLE segments (
     raw_sha256 TEXT NOT NULL,
     raw_bytes BIGINT NOT NULL,
     raw_media_type TEXT NOT NULL,
-    raw_channel_index BIGINT NOT NULL
+    raw_channel_index BIGINT NOT NULL,
+    -- Whether people took the record out of its history; it stays stored.
+    excluded BIGINT NOT NULL DEFAULT 0
 );
 CREATE INDEX segments_in_time ON segments (channel_no, start_time_ns, id);
+-- The few that are excluded, to be noted with their asset.
+CREATE INDEX segments_excluded ON segments (channel_no) WHERE excluded <> 0;
 
 -- What one record says by itself, and under which keys it was made to say so.
 CREATE TABLE analyses (

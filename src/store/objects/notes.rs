@@ -52,6 +52,9 @@ pub struct AssetNote {
     /// What was done to the machine.
     #[serde(default)]
     pub maintenance: Vec<MaintenanceEvent>,
+    /// Records that take no part in its histories.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub excluded: Vec<SegmentId>,
 }
 
 /// Records that people removed: not to be made again.

@@ -168,6 +168,7 @@ fn inspected(time: Timestamp, depth_um: f64, error_um: f64) -> MaintenanceEvent 
             gear: None,
             place: FlankPlace::Greatest,
         }),
+        until: None,
     }
 }
 

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::alarm::{AlarmPanel, AlarmRule, PanelAction, PanelChange};
 use super::event::MaintenanceEvent;
 use super::tracker::{EstimatorSettings, Tracker, TrackerState};
-use super::wear::WearEstimate;
+use super::wear::{LibraryLack, WearEstimate};
 use crate::library::Ensemble;
 
 /// Estimates wear and alarms along a channel's records.
@@ -49,6 +49,14 @@ impl ChannelEstimator {
         }
     }
 
+    /// One while there is no library: as without a pair, and records are told why.
+    pub fn without_library(settings: EstimatorSettings, lack: LibraryLack, rules: Vec<AlarmRule>) -> Self {
+        Self {
+            tracker: Arc::new(Tracker::without_library(settings, lack)),
+            rules: rules.into(),
+        }
+    }
+
     /// The rules of its alarms.
     pub fn rules(&self) -> &[AlarmRule] {
         &self.rules
@@ -73,6 +81,15 @@ impl ChannelEstimator {
             indicators: of_run,
             wear,
             changes,
+        }
+    }
+
+    /// What is said of a record that people excluded; the state stays as it is.
+    pub fn excluded(&self, state: &ChannelState) -> RecordResult {
+        RecordResult {
+            indicators: Indicators::default(),
+            wear: self.tracker.excluded(&state.tracker),
+            changes: Vec::new(),
         }
     }
 

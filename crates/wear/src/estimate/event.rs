@@ -18,6 +18,9 @@ pub enum MaintenanceKind {
     RegimeChanged,
     /// The teeth were looked at, and their wear was measured: the estimate goes on from the depth of [`MaintenanceEvent::inspection`].
     Inspected,
+    /// The records from here to [`MaintenanceEvent::until`] are the healthy baseline: what was learnt before is forgotten, and wear counts
+    /// from zero there.
+    BaselineChosen,
 }
 
 /// A wear depth that was measured on the teeth, by replica, microscope or span measurement.
@@ -84,4 +87,7 @@ pub struct MaintenanceEvent {
     /// What was measured, where the kind is `inspected`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inspection: Option<Inspection>,
+    /// The end of the baseline, the first time that is no part of it, where the kind is `baseline_chosen`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until: Option<Timestamp>,
 }

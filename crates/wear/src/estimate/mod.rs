@@ -32,4 +32,4 @@ pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
 pub use tracker::{EstimatorSettings, Tracker, TrackerState};
-pub use wear::{BaselineProgress, BestState, Interval, METHOD, Posterior, WearEstimate, WearStatus};
+pub use wear::{BaselineProgress, BestState, Interval, LibraryLack, METHOD, Posterior, WearEstimate, WearStatus};

@@ -20,7 +20,7 @@ use super::levels::{Levels, is_impulsive};
 use super::likelihood::{Anchor, Discrepancy, Likelihood, Reference};
 use super::novelty::{Circumstances, Deviation, Novelty, SensorFault, judge};
 use super::prognosis::prognosis;
-use super::wear::{WearEstimate, WearStatus};
+use super::wear::{LibraryLack, WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, MESH_LINES};
 use flankwatch_signal::Features;
 
@@ -35,6 +35,12 @@ const NEWEST_PART: f32 = 0.3;
 
 /// Records in a row whose own best depth lies outside the interval before the search begins anew.
 const MAX_DISAGREEING: u8 = 10;
+
+/// Fewest records of a chosen baseline; with fewer it is learnt as any other.
+const LEAST_CHOSEN: usize = 8;
+
+/// Most records of a chosen baseline.
+const MOST_CHOSEN: usize = 10_000;
 
 /// What a user decides about the estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,6 +64,9 @@ enum Stage {
         carried: Option<Carried>,
         #[serde(default)]
         meshless: Meshless,
+        /// Where people say which records the baseline is.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        chosen: Option<Box<Chosen>>,
     },
     Tracking(Box<Tracking>),
 }
@@ -95,6 +104,14 @@ struct Meshless {
     prepared: Prepared,
 }
 
+/// A baseline of all records before a time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Chosen {
+    until: Timestamp,
+    /// The latest of them so far.
+    latest: Option<Timestamp>,
+}
+
 /// What goes on over a new baseline.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Carried {
@@ -124,6 +141,7 @@ impl PartialEq for Prepared {
 pub struct Tracker {
     settings: EstimatorSettings,
     ensemble: Option<Arc<Ensemble>>,
+    lack: LibraryLack,
     grid: DepthGrid,
     growth: Growth,
     discrepancy: Option<Discrepancy>,
@@ -142,6 +160,15 @@ impl Tracker {
             discrepancy: ensemble.as_deref().map(Discrepancy::of),
             grid,
             ensemble,
+            lack: LibraryLack::default(),
+        }
+    }
+
+    /// A tracker while there is no library: as without one, and records are told why.
+    pub fn without_library(settings: EstimatorSettings, lack: LibraryLack) -> Self {
+        Self {
+            lack,
+            ..Self::new(settings, None)
         }
     }
 
@@ -152,18 +179,43 @@ impl Tracker {
             start: None,
             carried: None,
             meshless: Meshless::default(),
+            chosen: None,
         })
     }
 
     /// Takes one more record that began at `at`; records and events come in time order.
     pub fn update(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
+        let mut answer = self.take_record(state, at, features);
+        self.lack.tell(&mut answer);
+        answer
+    }
+
+    /// The answer to a record that takes no part; the state stays as it is.
+    pub fn excluded(&self, state: &TrackerState) -> WearEstimate {
+        let have = match &state.0 {
+            Stage::Collecting { records, .. } => (records.len() as u32).min(self.settings.baseline_records),
+            Stage::Tracking(_) => self.settings.baseline_records,
+        };
+        let reason = "the record is excluded: it takes no part in the baseline, the estimate and the alarms";
+        self.no_number(WearStatus::Excluded, have, reason)
+    }
+
+    fn take_record(&self, state: &mut TrackerState, at: Timestamp, features: &Features) -> WearEstimate {
         match &mut state.0 {
             Stage::Collecting {
                 records,
                 start,
                 carried,
                 meshless,
+                chosen,
             } => {
+                if let Some(over) = chosen.take_if(|chosen| at >= chosen.until) {
+                    if records.len() >= LEAST_CHOSEN {
+                        let (began, ended) = (start.unwrap_or(at), over.latest.unwrap_or(at));
+                        state.0 = Stage::Tracking(Box::new(self.begin(records, began, ended, carried.take())));
+                    }
+                    return self.take_record(state, at, features);
+                }
                 let have = records.len() as u32;
                 if self.ensemble.is_some() && !features.has_mesh() {
                     return self.without_mesh(meshless, have, features);
@@ -172,6 +224,19 @@ impl Tracker {
                     return self.no_number(WearStatus::NoFeatures, have, reason);
                 }
                 start.get_or_insert(at);
+                if let Some(chosen) = chosen {
+                    if records.len() < MOST_CHOSEN {
+                        records.push(features.clone());
+                        chosen.latest = Some(at);
+                    }
+                    let reason = format!(
+                        "collecting the chosen baseline, {} records of those before {}",
+                        records.len(),
+                        chosen.until
+                    );
+                    let have = (records.len() as u32).min(self.settings.baseline_records);
+                    return self.no_number(WearStatus::CollectingBaseline, have, &reason);
+                }
                 records.push(features.clone());
                 // Records whose lines and sidebands run together make a baseline of their own.
                 let apart = lines_are_apart(features);
@@ -231,7 +296,7 @@ impl Tracker {
             }
             // Nothing has been compared yet that a depth could tell from.
             (Stage::Collecting { .. }, MaintenanceKind::Inspected) => return,
-            (_, MaintenanceKind::GearReplaced) => None,
+            (_, MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen) => None,
             (Stage::Collecting { carried, .. }, _) => carried.take(),
             (Stage::Tracking(tracking), _) => tracking.filter.take().map(|filter| Carried { filter }),
         };
@@ -240,6 +305,7 @@ impl Tracker {
             start: None,
             carried,
             meshless: Meshless::default(),
+            chosen: event.until.map(|until| Box::new(Chosen { until, latest: None })),
         };
     }
 

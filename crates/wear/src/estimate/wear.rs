@@ -18,6 +18,10 @@ pub enum WearStatus {
     CollectingBaseline,
     /// The asset has no gear pair described, so there is no library to compare with.
     NoLibrary,
+    /// The library to compare with is still being simulated; the estimate follows.
+    AwaitingLibrary,
+    /// The library to compare with could not be simulated.
+    LibraryFailed,
     /// The record gives no feature to compare (no shaft speed found, for example).
     NoFeatures,
     /// The record is too short or too sparsely sampled to be compared with the baseline.
@@ -32,6 +36,45 @@ pub enum WearStatus {
     Estimated,
     /// The records before are being computed again; the estimate follows.
     Recomputing,
+    /// The record was excluded: it takes no part in the estimate.
+    Excluded,
+}
+
+/// Why there is no library to compare with.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub enum LibraryLack {
+    /// No gear pair is described.
+    #[default]
+    NotDescribed,
+    /// It is still being simulated.
+    Simulated,
+    /// It could not be simulated, with the reason.
+    Failed(String),
+}
+
+impl LibraryLack {
+    /// What is answered to a record meanwhile; none where that does not depend on the library.
+    fn answer(&self) -> Option<(WearStatus, String)> {
+        match self {
+            Self::NotDescribed => None,
+            Self::Simulated => Some((
+                WearStatus::AwaitingLibrary,
+                "the library of the gear pair is being simulated, the wear follows".to_owned(),
+            )),
+            Self::Failed(reason) => Some((
+                WearStatus::LibraryFailed,
+                format!("the library of the gear pair could not be simulated: {reason}"),
+            )),
+        }
+    }
+
+    /// Puts it into the answer to a record of which nothing else is to be told.
+    pub(super) fn tell(&self, wear: &mut WearEstimate) {
+        let is_open = matches!(wear.status, WearStatus::CollectingBaseline | WearStatus::NoLibrary);
+        if let Some((status, reason)) = self.answer().filter(|_| is_open) {
+            (wear.status, wear.reason) = (status, reason);
+        }
+    }
 }
 
 /// How far the healthy baseline has come.

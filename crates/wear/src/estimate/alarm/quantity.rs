@@ -75,7 +75,7 @@ impl AlarmQuantity {
         match event {
             // Nothing that is done to the machine brings a record.
             _ if *self == Self::StaleS => false,
-            MaintenanceKind::GearReplaced => true,
+            MaintenanceKind::GearReplaced | MaintenanceKind::BaselineChosen => true,
             MaintenanceKind::Inspected => false,
             MaintenanceKind::SensorReplaced | MaintenanceKind::RegimeChanged => !self.is_wear(),
         }

@@ -129,6 +129,7 @@ fn a_new_gear_ends_what_the_old_one_raised() {
         by: String::new(),
         comment: String::new(),
         inspection: None,
+        until: None,
     };
     for alarm in &mut panel.alarms {
         feed(alarm, &rules[0], &[150.0, 150.0]);
@@ -346,6 +347,7 @@ fn a_rate_is_watched_and_an_inspection_is_no_growth() {
         by: "Ada".to_owned(),
         comment: String::new(),
         inspection: None,
+        until: None,
     };
     panel.maintenance(&rules, &inspected);
     let reading = AlarmReading {
@@ -396,6 +398,8 @@ fn a_fault_of_the_sensor_is_watched_where_it_is_judged() {
             outside: false,
             sensor_fault,
             machine_sign: None,
+            also: Vec::new(),
+            band_hz: None,
             lasting: None,
             most: Vec::new(),
         };

@@ -147,6 +147,102 @@ fn without_a_library_the_answer_says_so() {
 }
 
 #[test]
+fn while_there_is_no_library_every_answer_says_why() {
+    let library = made_up_library();
+    for (lack, status, word) in [
+        (LibraryLack::Simulated, WearStatus::AwaitingLibrary, "being simulated"),
+        (LibraryLack::Failed("no teeth".into()), WearStatus::LibraryFailed, "no teeth"),
+    ] {
+        let tracker = Tracker::without_library(settings(), lack);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut state = tracker.start();
+        for n in 1..=NEED + 3 {
+            let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+            assert_eq!((wear.status, wear.baseline.have), (status, n.min(NEED)), "{}", wear.reason);
+            assert!(wear.reason.contains(word), "{}", wear.reason);
+        }
+        let wear = tracker.update(&mut state, Timestamp::UNIX_EPOCH, &Features::default());
+        assert_ne!(wear.status, WearStatus::NoLibrary);
+    }
+}
+
+#[test]
+fn an_excluded_record_leaves_the_state_as_it_is() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let mut state = tracker.start();
+    for n in 1..=NEED + 2 {
+        tracker.update(&mut state, Timestamp::UNIX_EPOCH, &seen(&library, 0.0, 0.05, &mut rng));
+        let wear = tracker.excluded(&state);
+        assert_eq!(
+            (wear.status, wear.median_um, wear.baseline.have),
+            (WearStatus::Excluded, None, n.min(NEED))
+        );
+    }
+}
+
+#[test]
+fn the_baseline_is_the_records_that_people_choose() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(23);
+    let mut state = tracker.start();
+    let at = |hour: u32| Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(hour));
+    for hour in 0..NEED + 10 {
+        tracker.update(&mut state, at(hour), &seen(&library, 0.0, 0.03, &mut rng));
+    }
+    let (from, until) = (NEED + 10, NEED + 22);
+    let event = MaintenanceEvent {
+        time: at(from),
+        kind: MaintenanceKind::BaselineChosen,
+        by: "Ada".to_owned(),
+        comment: String::new(),
+        inspection: None,
+        until: Some(at(until)),
+    };
+    tracker.event(&mut state, &event);
+    for hour in from..until {
+        let wear = tracker.update(&mut state, at(hour), &seen(&library, 60.0, 0.03, &mut rng));
+        assert_eq!(wear.status, WearStatus::CollectingBaseline, "{}", wear.reason);
+        // A copy goes on the same.
+        state = serde_json::from_str(&serde_json::to_string(&state).unwrap()).unwrap();
+    }
+    let mut last = None;
+    for hour in until..until + 10 {
+        let wear = tracker.update(&mut state, at(hour), &seen(&library, 60.0, 0.03, &mut rng));
+        assert_ne!(wear.status, WearStatus::CollectingBaseline, "{}", wear.reason);
+        last = Some(wear);
+    }
+    let wear = last.unwrap();
+    assert!(wear.median_um.unwrap() < 30.0, "wear counts from zero there: {}", wear.reason);
+}
+
+#[test]
+fn too_few_chosen_records_are_no_baseline() {
+    let library = Arc::new(made_up_library());
+    let tracker = tracker(&library);
+    let mut rng = ChaCha8Rng::seed_from_u64(29);
+    let mut state = tracker.start();
+    let at = |hour: u32| Timestamp::UNIX_EPOCH + jiff::SignedDuration::from_hours(i64::from(hour));
+    let event = MaintenanceEvent {
+        time: at(0),
+        kind: MaintenanceKind::BaselineChosen,
+        by: "Ada".to_owned(),
+        comment: String::new(),
+        inspection: None,
+        until: Some(at(3)),
+    };
+    tracker.event(&mut state, &event);
+    for hour in 0..NEED {
+        let wear = tracker.update(&mut state, at(hour), &seen(&library, 0.0, 0.03, &mut rng));
+        assert_eq!((wear.status, wear.baseline.have), (WearStatus::CollectingBaseline, hour + 1));
+    }
+    let wear = tracker.update(&mut state, at(NEED), &seen(&library, 0.0, 0.03, &mut rng));
+    assert_ne!(wear.status, WearStatus::CollectingBaseline);
+}
+
+#[test]
 fn lines_in_the_noise_give_no_number() {
     let library = Arc::new(made_up_library());
     let tracker = tracker(&library);
@@ -188,6 +284,7 @@ fn a_replaced_gear_begins_again_and_a_replaced_sensor_goes_on() {
         by: "Ada".to_owned(),
         comment: String::new(),
         inspection: None,
+        until: None,
     };
     for (kind, truth) in [(MaintenanceKind::SensorReplaced, 119.0), (MaintenanceKind::GearReplaced, 0.0)] {
         let mut state = state.clone();
@@ -278,6 +375,7 @@ fn an_inspection_narrows_the_interval_and_is_believed() {
         by: "Ada".to_owned(),
         comment: String::new(),
         inspection: Some(inspection),
+        until: None,
     };
     tracker.event(&mut state, &event);
     let after = take(&mut state, NEED + 60, 60.0);

@@ -1,4 +1,4 @@
-//! `flankwatch delete`: records of an asset that a server is to forget.
+//! `flankwatch delete`, `exclude`, `include`: records of an asset that a server is to forget, to leave out, or to count again.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -11,10 +11,10 @@ use super::replay::trusted;
 use super::{CliError, output};
 use crate::asset::AssetId;
 
-/// Delete records of an asset, in a range of time or one by its identifier; raw recordings go into quarantine.
+/// Records of an asset, in a range of time or one by its identifier.
 #[derive(Args)]
 #[command(group(clap::ArgGroup::new("which").required(true).multiple(true).args(["segment", "from", "to"])))]
-pub(super) struct DeleteArgs {
+pub(super) struct RecordsArgs {
     /// The asset
     #[arg(long, required_unless_present = "segment")]
     asset: Option<String>,
@@ -36,12 +36,23 @@ pub(super) struct DeleteArgs {
     /// Certificates (PEM) that the server's certificate rests on, in place of the public ones
     #[arg(long, value_name = "FILE")]
     ca: Option<PathBuf>,
-    /// Token to show to the server, with the scope admin [default: the variable FLANKWATCH_TOKEN]
+    /// Token to show to the server, to delete with the scope admin [default: the variable FLANKWATCH_TOKEN]
     #[arg(long)]
     token: Option<String>,
 }
 
-pub(super) fn run(args: &DeleteArgs) -> Result<(), CliError> {
+/// What becomes of the records.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Change {
+    /// They go.
+    Delete,
+    /// They stay, and take no part in the histories.
+    Exclude,
+    /// They take part in them again.
+    Include,
+}
+
+pub(super) fn run(args: &RecordsArgs, change: Change) -> Result<(), CliError> {
     let agent: ureq::Agent = ureq::Agent::config_builder()
         .http_status_as_error(false)
         .timeout_global(Some(Duration::from_secs(600)))
@@ -63,26 +74,42 @@ pub(super) fn run(args: &DeleteArgs) -> Result<(), CliError> {
             format!("{server}/v1/assets/{asset}/segments")
         }
     };
-    let mut request = agent.delete(&url);
-    for (name, value) in [
-        ("channel", args.channel.clone()),
-        ("from", args.from.map(|time| time.to_string())),
-        ("to", args.to.map(|time| time.to_string())),
-    ] {
-        if let Some(value) = value {
-            request = request.query(name, value);
-        }
-    }
-    if let Some(token) = args.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()) {
-        request = request.header("authorization", format!("Bearer {token}"));
-    }
+    let asked = match change {
+        Change::Delete => args.complete(agent.delete(&url)).call(),
+        Change::Exclude => args.complete(agent.post(format!("{url}/exclude"))).send_empty(),
+        Change::Include => args.complete(agent.post(format!("{url}/include"))).send_empty(),
+    };
     let failed = |reason: String| CliError::Server { url: url.clone(), reason };
-    let mut response = request.call().map_err(|error| failed(error.to_string()))?;
+    let mut response = asked.map_err(|error| failed(error.to_string()))?;
     let (status, body) = (response.status(), response.body_mut().read_to_string().unwrap_or_default());
     if !status.is_success() {
         return Err(failed(format!("the server answered {}: {body}", status.as_u16())));
     }
     let answer: Option<serde_json::Value> = serde_json::from_str(&body).ok();
-    let deleted = answer.and_then(|answer| answer["deleted"].as_u64()).unwrap_or(1);
-    output::print(&format!("{deleted} records deleted\n"))
+    let (name, done) = match change {
+        Change::Delete => ("deleted", "deleted"),
+        Change::Exclude => ("changed", "excluded"),
+        Change::Include => ("changed", "included"),
+    };
+    let count = answer.and_then(|answer| answer[name].as_u64()).unwrap_or(1);
+    output::print(&format!("{count} records {done}\n"))
+}
+
+impl RecordsArgs {
+    /// A request with the range and the token.
+    fn complete<B>(&self, mut request: ureq::RequestBuilder<B>) -> ureq::RequestBuilder<B> {
+        for (name, value) in [
+            ("channel", self.channel.clone()),
+            ("from", self.from.map(|time| time.to_string())),
+            ("to", self.to.map(|time| time.to_string())),
+        ] {
+            if let Some(value) = value {
+                request = request.query(name, value);
+            }
+        }
+        match self.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()) {
+            Some(token) => request.header("authorization", format!("Bearer {token}")),
+            None => request,
+        }
+    }
 }

@@ -1,0 +1,183 @@
+//! The simulation of one library and of the pairs around it, on a thread of its own.
+
+use std::any::Any;
+use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use tokio::sync::watch;
+
+use super::source::LibrarySource;
+use super::status::{Readiness, Simulation, SimulationProgress, SimulationStage};
+use crate::gear::PairSpec;
+use crate::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError};
+
+/// Who does what one after the other: each simulation uses every core by itself.
+#[derive(Debug, Default)]
+pub(super) struct Turns {
+    loading: Mutex<()>,
+    simulating: Mutex<()>,
+}
+
+/// By the id of the library that they are around.
+pub(super) type Ensembles = Mutex<HashMap<String, Arc<Ensemble>>>;
+
+/// One library that is asked for.
+pub(super) struct Job {
+    pub(super) id: String,
+    pub(super) pair: PairSpec,
+    pub(super) grid: GridSettings,
+    pub(super) neighbours: EnsembleSettings,
+    pub(super) source: LibrarySource,
+    pub(super) turns: Arc<Turns>,
+    pub(super) ensembles: Arc<Ensembles>,
+    pub(super) simulation: watch::Sender<Simulation>,
+    /// Nobody wants it any more.
+    pub(super) cancel: Arc<AtomicBool>,
+    /// Tells the assets that there is more to compare with, or that there will be nothing.
+    pub(super) tell: Box<dyn Fn() + Send + Sync>,
+}
+
+impl Job {
+    /// Loads or simulates it. Whatever becomes of that, it is said.
+    pub(super) fn run(self) {
+        match guarded(|| self.simulate()) {
+            Ok(()) => tracing::info!(library = %self.id, "simulated or loaded"),
+            Err(None) => {
+                tracing::info!(library = %self.id, "stopped a simulation that no asset needs any more");
+                return;
+            }
+            Err(Some(reason)) => {
+                tracing::error!(library = %self.id, reason, "failed to simulate");
+                self.simulation.send_modify(|simulation| simulation.fail(reason));
+            }
+        }
+        (self.tell)();
+    }
+
+    fn simulate(&self) -> Result<(), LibraryError> {
+        if self.load() {
+            return Ok(());
+        }
+        if matches!(self.simulation.borrow().readiness, Readiness::Ready(_)) {
+            (self.tell)();
+        } else {
+            self.begin(SimulationStage::Waiting);
+        }
+        let _turn = lock(&self.turns.simulating);
+        self.begin(SimulationStage::Library);
+        let library = self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?;
+        let alone = Ensemble::of(Arc::clone(&library));
+        if self.neighbours.members == 0 {
+            self.ready(library, alone, None);
+            return Ok(());
+        }
+        // Estimates wait for the first members alone: when the rest are there, histories are folded again with them.
+        self.begin(SimulationStage::FirstMembers);
+        let first = match self.members(&alone, &self.neighbours.first()) {
+            Ok(first) => first,
+            Err(LibraryError::Cancelled) => return Err(LibraryError::Cancelled),
+            Err(error) => {
+                self.ready(library, alone, None);
+                return Err(error);
+            }
+        };
+        self.ready(Arc::clone(&library), first.clone(), Some(SimulationStage::Members));
+        (self.tell)();
+        let whole = self.members(&first, &self.neighbours)?;
+        self.ready(library, whole, None);
+        Ok(())
+    }
+
+    /// Takes what was kept from before, the first members where not all are; returns whether that is all.
+    fn load(&self) -> bool {
+        let _turn = lock(&self.turns.loading);
+        let Some(library) = self.source.kept(&self.pair, &self.grid) else {
+            return false;
+        };
+        let kept = |settings: &EnsembleSettings| match settings.members {
+            0 => Some(Ensemble::of(Arc::clone(&library))),
+            _ => self.source.kept_ensemble(&library, settings).ok().flatten(),
+        };
+        if let Some(whole) = kept(&self.neighbours) {
+            self.ready(Arc::clone(&library), whole, None);
+            return true;
+        }
+        if let Some(first) = kept(&self.neighbours.first()) {
+            self.ready(Arc::clone(&library), first, Some(SimulationStage::Waiting));
+        }
+        false
+    }
+
+    fn members(&self, smaller: &Ensemble, settings: &EnsembleSettings) -> Result<Ensemble, LibraryError> {
+        let progress = self.progress();
+        let control = BuildControl::with_progress(&progress).cancelled_by(&self.cancel);
+        self.source.ensemble(smaller, settings, &control)
+    }
+
+    fn begin(&self, stage: SimulationStage) {
+        self.simulation.send_modify(|simulation| {
+            simulation.is_loading = false;
+            simulation.progress = Some(SimulationProgress::begin(stage));
+        });
+    }
+
+    fn progress(&self) -> impl Fn(usize, usize) + Sync + use<'_> {
+        |done, total| {
+            self.simulation.send_modify(|simulation| {
+                if let Some(progress) = &mut simulation.progress {
+                    progress.note(done, total, Instant::now());
+                }
+            });
+        }
+    }
+
+    /// There is this to compare with, while what is `next` is simulated.
+    fn ready(&self, library: Arc<Library>, ensemble: Ensemble, next: Option<SimulationStage>) {
+        lock(&self.ensembles).insert(self.id.clone(), Arc::new(ensemble));
+        self.simulation.send_modify(|simulation| {
+            simulation.readiness = Readiness::Ready(library);
+            simulation.progress = next.map(SimulationProgress::begin);
+            simulation.is_loading = false;
+        });
+    }
+}
+
+/// What a simulation ends with: no reason where it was cancelled, else that of its error or panic.
+fn guarded(simulate: impl FnOnce() -> Result<(), LibraryError>) -> Result<(), Option<String>> {
+    // What a panic leaves behind is only read where it is whole.
+    match catch_unwind(AssertUnwindSafe(simulate)) {
+        Ok(Ok(())) => Ok(()),
+        Ok(Err(LibraryError::Cancelled)) => Err(None),
+        Ok(Err(error)) => Err(Some(error.to_string())),
+        Err(panic) => Err(Some(format!("the simulation panicked: {}", words_of(panic.as_ref())))),
+    }
+}
+
+fn words_of(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("without a message")
+}
+
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_and_panics_become_reasons() {
+        assert_eq!(guarded(|| Ok(())), Ok(()));
+        assert_eq!(guarded(|| Err(LibraryError::Cancelled)), Err(None));
+        let reason = guarded(|| Err(LibraryError::Damaged("torn".into()))).unwrap_err().unwrap();
+        assert!(reason.contains("torn"), "{reason}");
+        let teeth = 0;
+        let reason = guarded(|| panic!("{teeth} teeth")).unwrap_err().unwrap();
+        assert_eq!(reason, "the simulation panicked: 0 teeth");
+    }
+}

@@ -1,0 +1,193 @@
+//! Libraries are simulated in the background: records wait for none, and their wear comes by itself.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use flankwatch::gear::PairSpec;
+use flankwatch::library::{GridSettings, library_id};
+use serde_json::{Value, json};
+
+use crate::running::{Service, plain_asset, record};
+
+/// An asset of a small pair, whose tooth width makes it one that no other test has.
+fn asset_with_pair(id: &str, face_width_mm: f64) -> Value {
+    let mut asset = plain_asset(id);
+    asset["gear"]["pair"] = json!({
+        "name": "test pair",
+        "geometry": { "teeth": [31, 62], "module_mm": 3.0, "face_width_mm": face_width_mm, "bore_radius_mm": [15.0, 30.0] },
+        "operation": { "torque_nm": 60.0, "shaft_speed_hz": 10.0 },
+    });
+    asset
+}
+
+/// Where a service keeps the library of an asset.
+fn library_path(service: &Service, asset: &Value) -> PathBuf {
+    let pair: PairSpec = serde_json::from_value(asset["gear"]["pair"].clone()).unwrap();
+    let id = library_id(&pair, &GridSettings::default().for_pair(&pair));
+    service.folder().join("libraries").join(id).with_extension("fwlib")
+}
+
+/// Holds up a simulation where it looks for parts that an earlier one has left: in their place is a pipe.
+struct HeldSimulation {
+    pipe: PathBuf,
+}
+
+impl HeldSimulation {
+    fn of(library: &Path) -> Self {
+        let pipe = library.with_extension("fwlib.parts");
+        fs::create_dir_all(pipe.parent().unwrap()).unwrap();
+        assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        Self { pipe }
+    }
+
+    /// Lets it go on, once it has come there.
+    fn let_go(self) {
+        let writer = File::options().write(true).open(&self.pipe).unwrap();
+        fs::remove_file(&self.pipe).unwrap();
+        drop(writer);
+    }
+}
+
+fn history(service: &Service, asset: &str) -> Vec<Value> {
+    let mut history = service
+        .get(&format!("/v1/assets/{asset}/wear/history?channel=1"))
+        .expect(200)
+        .json();
+    let items = history["items"].as_array_mut().unwrap();
+    items
+        .iter_mut()
+        .for_each(|item| drop(item.as_object_mut().unwrap().remove("segment_id")));
+    std::mem::take(items)
+}
+
+#[track_caller]
+fn wait_for_library(service: &Service, asset: &str, state: &str) -> Value {
+    let path = format!("/v1/assets/{asset}");
+    service.wait_for(&path, |asset| asset["summary"]["library_state"] == state)["summary"].clone()
+}
+
+/// Waits until every record of an asset has a status or, with `is` false, none has.
+#[track_caller]
+fn wait_for_status(service: &Service, asset: &str, status: &str, is: bool) {
+    service.wait_for(&format!("/v1/assets/{asset}/wear/history"), |history| {
+        let mut items = history["items"].as_array().unwrap().iter();
+        items.all(|item| (item["status"] == status) == is)
+    });
+}
+
+#[test]
+fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
+    let service = Service::start_with(|config| config.work.requests_at_once = 2);
+    service.plain_asset("other");
+    let asset = asset_with_pair("new", 21.0);
+    let held = HeldSimulation::of(&library_path(&service, &asset));
+    service.post_json("/v1/assets", &asset).expect(201);
+    for n in 0..14 {
+        let segment = service.upload("new", &record("1", n));
+        assert_eq!(segment["wear"]["status"], "awaiting_library", "{segment}");
+        let reason = segment["wear"]["reason"].as_str().unwrap();
+        assert!(reason.contains("being simulated"), "{reason}");
+        assert!(
+            segment["indicators"]["rms"].is_number() && segment["features"].is_object(),
+            "{segment}"
+        );
+        service.upload("other", &record("1", n));
+    }
+    let late = service.upload("new", &record("2", 0));
+    assert_eq!(late["wear"]["baseline"], json!({ "have": 1, "need": 8 }));
+    let summary = &service.get("/v1/assets/new").expect(200).json()["summary"];
+    assert_eq!(
+        (&summary["library_state"], &summary["simulation"]["stage"], &summary["category"]),
+        (&json!("building"), &json!("library"), &json!("check_function")),
+        "{summary}"
+    );
+    held.let_go();
+    let summary = wait_for_library(&service, "new", "ready");
+    assert_eq!(summary["simulation"], Value::Null);
+    wait_for_status(&service, "new", "awaiting_library", false);
+    // As if the library had been there from the start.
+    let mut after = asset.clone();
+    after["id"] = json!("after");
+    service.post_json("/v1/assets", &after).expect(201);
+    for n in 0..14 {
+        service.upload("after", &record("1", n));
+    }
+    let history = history(&service, "new");
+    assert_eq!(history, self::history(&service, "after"));
+    assert!(history.iter().any(|item| item["median_um"].is_number()), "{history:?}");
+}
+
+#[test]
+fn an_asset_whose_library_fails_stores_records_and_says_why() {
+    let service = Service::start();
+    let mut asset = asset_with_pair("pump", 22.0);
+    let path = library_path(&service, &asset);
+    // Where the file should be there is a folder.
+    fs::create_dir_all(&path).unwrap();
+    service.post_json("/v1/assets", &asset).expect(201);
+    service.upload("pump", &record("1", 0));
+    let summary = wait_for_library(&service, "pump", "failed");
+    let reason = summary["library_error"].as_str().unwrap();
+    assert!(reason.contains("fwlib"), "{reason}");
+    for n in 1..12 {
+        let segment = service.upload("pump", &record("1", n));
+        assert_eq!(segment["wear"]["status"], "library_failed", "{segment}");
+        assert!(segment["wear"]["reason"].as_str().unwrap().contains(reason), "{segment}");
+    }
+    wait_for_status(&service, "pump", "library_failed", true);
+    assert_eq!(
+        service.get("/v1/assets/pump").expect(200).json()["summary"]["category"],
+        "out_of_specification"
+    );
+    // The same description again does not try again, another one does.
+    fs::remove_dir(&path).unwrap();
+    service.put_json("/v1/assets/pump", &asset).expect(200);
+    let summary = &service.get("/v1/assets/pump").expect(200).json()["summary"];
+    assert_eq!(summary["library_state"], "failed");
+    asset["name"] = json!("feed pump");
+    service.put_json("/v1/assets/pump", &asset).expect(200);
+    wait_for_library(&service, "pump", "ready");
+    service.wait_for("/v1/assets/pump/wear/history", |history| {
+        let mut items = history["items"].as_array().unwrap().iter();
+        items.any(|item| item["median_um"].is_number())
+    });
+}
+
+#[test]
+fn a_simulation_ends_with_the_last_asset_that_wants_it() {
+    let service = Service::start();
+    for (face_width_mm, is_deleted) in [(23.0, true), (24.0, false)] {
+        let asset = asset_with_pair("gone", face_width_mm);
+        let path = library_path(&service, &asset);
+        let held = HeldSimulation::of(&path);
+        service.post_json("/v1/assets", &asset).expect(201);
+        service
+            .post_json("/v1/assets", &asset_with_pair("next", face_width_mm + 10.0))
+            .expect(201);
+        service.wait_for("/v1/assets/next", |asset| asset["summary"]["simulation"]["stage"] == "waiting");
+        if is_deleted {
+            service.delete("/v1/assets/gone").expect(204);
+        } else {
+            service.put_json("/v1/assets/gone", &plain_asset("gone")).expect(200);
+        }
+        held.let_go();
+        wait_for_library(&service, "next", "ready");
+        assert!(!path.exists());
+        service.delete("/v1/assets/next").expect(204);
+    }
+}
+
+#[test]
+fn a_history_goes_on_with_the_library_that_is_kept() {
+    let mut service = Service::start();
+    service.post_json("/v1/assets", &asset_with_pair("pump", 25.0)).expect(201);
+    wait_for_library(&service, "pump", "ready");
+    for n in 0..10 {
+        service.upload("pump", &record("1", n));
+    }
+    service.restart();
+    let segment = service.upload("pump", &record("1", 10));
+    assert!(segment["wear"]["library_id"].is_string(), "{segment}");
+    assert_eq!(service.get("/v1/recomputations").expect(200).json()["items"], json!([]));
+}
