@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 use tokio::task::JoinSet;
 
 use super::app::App;
+use super::assets;
 use super::line_cache::{Axis, Grid, Line};
 use super::problem::Problem;
 use super::query::{AssetInPath, Parameters};
-use super::{assets, waveforms};
 use crate::asset::{Segment, SegmentId};
 use crate::service::ServiceError;
 use crate::signal::Spectrum;
@@ -109,9 +109,13 @@ pub(super) async fn show(
 ) -> Result<Json<WaterfallView>, Problem> {
     let records = within("max_records", asked.max_records, RECORDS)?;
     let cells = within("cells", asked.cells, CELLS)?;
-    let end = asked
-        .max
-        .map(|max| waveforms::max_hz(Some(max)).map_err(|_| Problem::query("max", max, "a number above 0")));
+    let end = asked.max.map(|max| {
+        if max > 0.0 {
+            Ok(max)
+        } else {
+            Err(Problem::query("max", max, "a number above 0"))
+        }
+    });
     let (asset, channel) = assets::asset_and_channel(&app, &id, asked.channel.as_deref()).await?;
     let mut view = WaterfallView {
         channel: None,
