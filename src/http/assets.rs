@@ -18,7 +18,7 @@ use super::etag;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, PageParameters, Parameters};
 use crate::asset::{AssetId, AssetSpec, WearLimits};
-use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate};
+use crate::estimate::{AlarmQuantity, AlarmRule, WearEstimate, WearStatus};
 use crate::service::{SimulationProgress, SimulationStage};
 use crate::store::{Asset, StoredAlarm};
 
@@ -58,7 +58,8 @@ struct Summary {
     /// How far the simulation of the library, or of the pairs around it, is; not given where nothing is simulated.
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<SimulationView>,
-    /// The latest estimate of the channel that speaks for the asset, of a record that is not excluded.
+    /// The latest estimate of the channel that speaks for the asset, of a record that is not excluded: the channel that the description
+    /// names; else one that something else than wear has changed, before one with an estimate, before the others; else the one seen first.
     wear: Option<WearEstimate>,
     /// That channel.
     wear_channel: Option<String>,
@@ -272,12 +273,21 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     let library_state = simulation.readiness.name();
     let mut wear = None;
     let mut recent_wear_um = Vec::new();
-    let speaking = asset.speaking_channel(&channels, None);
+    let mut speaking = asset.speaking_channel(&channels, None);
     if let Some(channel) = speaking {
-        wear = store.latest_counted(channel).await?.map(|segment| WearEstimate {
-            posterior: None,
-            ..segment.wear
-        });
+        wear = store.latest_counted(channel).await?.map(|segment| segment.wear);
+        // Where the description names no channel, one that sees what the others do not speaks for the asset.
+        for other in channels.iter().skip(1).filter(|_| asset.spec.sensor.channel.is_none()) {
+            let latest = store.latest_counted(other).await?.map(|segment| segment.wear);
+            if urgency(latest.as_ref()) > urgency(wear.as_ref()) {
+                (speaking, wear) = (Some(other), latest);
+            }
+        }
+    }
+    if let Some(wear) = &mut wear {
+        wear.posterior = None;
+    }
+    if let Some(channel) = speaking {
         recent_wear_um = store.wear_curve(channel).await?.to_vec();
     }
     let alarm_rules = asset.spec.alarm_rules();
@@ -299,6 +309,17 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
         recent_wear_um,
         channels: channels.into_iter().map(|channel| channel.channel).collect(),
     })
+}
+
+/// How much a channel's latest estimate has to say about the machine.
+fn urgency(wear: Option<&WearEstimate>) -> u8 {
+    match wear.map(|wear| wear.status) {
+        Some(WearStatus::OutsideLibrary) => 4,
+        Some(WearStatus::Estimated) => 3,
+        Some(WearStatus::NotIdentifiable) => 2,
+        Some(WearStatus::SensorFault) => 1,
+        _ => 0,
+    }
 }
 
 /// The asset of a request and the channel that it is about: the one asked for, else the one that speaks for
