@@ -297,6 +297,8 @@ fn the_command_line_shows_them_in_every_format() {
             format,
             "--report",
             &at("report.html"),
+            "--columns",
+            "omx_tracked,na4,angle",
         ];
         flankwatch(&words).expect_success().out()
     };

@@ -7,6 +7,9 @@ use flankwatch_signal::{Extent, Features};
 /// Logarithm of two sampling rates' ratio below which they are the same.
 const SAME_RATE: f64 = 0.1;
 
+/// Logarithm of two lengths' ratio below which they are the same: what one record can be compared with, the other can.
+const SAME_LENGTH: f64 = 0.2;
+
 /// How the records of a baseline were taken.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Comparability {
@@ -22,9 +25,16 @@ pub(super) struct Comparability {
 }
 
 /// Whether a record's mesh lines are read apart from their sidebands, where its speed and length are known.
-pub(super) fn lines_are_apart(record: &Features) -> Option<bool> {
+fn lines_are_apart(record: &Features) -> Option<bool> {
     let speed_hz = record.operating_point.shaft_speed_hz.filter(|_| record.has_mesh())?;
     Some(record.extent?.seconds >= Extent::seconds_apart(speed_hz))
+}
+
+/// Whether two records can be part of one baseline.
+pub(super) fn go_together(one: &Features, other: &Features) -> bool {
+    let same_length = |one: Extent, other: Extent| (one.seconds / other.seconds).ln().abs() < SAME_LENGTH;
+    let same = one.extent.zip(other.extent).is_none_or(|(one, other)| same_length(one, other));
+    same || lines_are_apart(one) == lines_are_apart(other)
 }
 
 impl Comparability {
@@ -42,6 +52,9 @@ impl Comparability {
     /// Why a record's length makes it incomparable.
     pub(super) fn refuses(&self, record: &Features) -> Option<String> {
         let seconds = record.extent?.seconds;
+        if (seconds / self.seconds?).ln().abs() < SAME_LENGTH {
+            return None;
+        }
         let speed_hz = record.operating_point.shaft_speed_hz.or(self.shaft_speed_hz)?;
         let needed_s = Extent::seconds_apart(speed_hz);
         match (self.apart?, seconds >= needed_s) {
@@ -118,7 +131,19 @@ mod tests {
         assert!(why.contains("0.20 s") && why.contains("0.25 s"), "{why}");
         let short = Comparability::of([record(0.2)].iter());
         assert_eq!(short.refuses(&record(0.1)), None);
+        assert_eq!(
+            Comparability::of([record(0.26)].iter()).refuses(&record(0.24)),
+            None,
+            "nearly as long"
+        );
         assert!(short.refuses(&record(1.0)).is_some());
+    }
+
+    #[test]
+    fn a_baseline_is_of_records_that_are_alike_in_length_or_in_what_they_tell_apart() {
+        assert!(go_together(&record(0.24), &record(0.26)));
+        assert!(go_together(&record(0.3), &record(3.0)));
+        assert!(!go_together(&record(0.2), &record(0.3)));
     }
 
     #[test]

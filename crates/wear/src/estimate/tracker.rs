@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::baseline::Baseline;
 use super::chart::Charts;
-use super::comparability::{lines_are_apart, sampled_too_slowly};
+use super::comparability::{go_together, sampled_too_slowly};
 use super::depth_grid::DepthGrid;
 use super::event::{Inspection, MaintenanceEvent, MaintenanceKind};
 use super::filter::{Believed, Filter};
@@ -239,8 +239,7 @@ impl Tracker {
                 }
                 records.push(features.clone());
                 // Records whose lines and sidebands run together make a baseline of their own.
-                let apart = lines_are_apart(features);
-                let alike = |record: &Features| lines_are_apart(record) == apart;
+                let alike = |record: &Features| go_together(record, features);
                 let (have, need) = (
                     records.iter().filter(|record| alike(record)).count() as u32,
                     self.settings.baseline_records,
