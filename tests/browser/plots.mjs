@@ -8,8 +8,8 @@ const twoLives = (page) => page.route("**/wear/history*", async (route) => {
   const answer = await route.fetch();
   const history = await answer.json();
   const quarter = Math.floor(history.items.length / 4);
-  const none = { median_um: null, p05_um: null, p25_um: null, p75_um: null, p95_um: null };
-  const known = { median_um: 40, p05_um: 30, p25_um: 35, p75_um: 45, p95_um: 50 };
+  const none = { reference_wear_um: null, median_um: null, p05_um: null, p25_um: null, p75_um: null, p95_um: null };
+  const known = { reference_wear_um: null, median_um: 40, p05_um: 30, p25_um: 35, p75_um: 45, p95_um: 50 };
   history.items.forEach((item, n) => Object.assign(item, Math.floor(n / quarter) % 2 ? { ...known, status: "estimated" } : { ...none, status: "collecting_baseline" }));
   await route.fulfill({ response: answer, json: history, headers: {} });
 });

@@ -54,6 +54,7 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}?axis=orders&zoom=2`);
     const { page } = opened;
     await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "every one drawn" }).waitFor();
+    await drawn(page, "spectrum");
     const { order } = await whole(await latest(), "orders");
     const shown = await page.evaluate(() => Array.from(document.querySelector('[data-plot="spectrum"] .plot').data[0].x));
     const near = (list) => list.filter((value) => value > 44 && value < 52).length;
