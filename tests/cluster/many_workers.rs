@@ -89,7 +89,7 @@ async fn simulated(worker: &Service, spec: &AssetSpec) {
         if matches!(simulation.readiness, Readiness::Ready(_)) && simulation.progress.is_none() {
             return;
         }
-        assert!(tries < 3000, "still {simulation:?}");
+        assert!(tries < 9000, "still {simulation:?}");
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
 }

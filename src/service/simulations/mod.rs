@@ -268,6 +268,15 @@ impl Simulations {
     }
 }
 
+impl Drop for Simulations {
+    /// What nobody can ask for any more is not simulated to its end: it would keep every core from others in this process.
+    fn drop(&mut self) {
+        for asked in lock(&self.asked).values() {
+            asked.cancel.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
 /// Tells the assets that ask for a library.
 fn tell(all: &Weak<AllAsked>, library: &str, changed: &mpsc::UnboundedSender<Vec<AssetId>>) {
     let Some(all) = all.upgrade() else { return };

@@ -189,16 +189,16 @@ impl HealthyChecks {
     pub(super) fn gained(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
         let gained = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
         gained
-            .filter_map(|check| self.from_healthy(check, *record.checks.get(&check.name)?, log_speed))
+            .filter_map(|check| self.against_healthy(check, *record.checks.get(&check.name)?, log_speed))
             .collect()
     }
 
     /// How a record's kurtosis stands to the healthy ones.
     pub(super) fn kurtosis(&self, record: &Features, log_speed: f64) -> Option<Deviation> {
-        self.from_healthy(self.kurtosis.as_ref()?, *record.values.get(KURTOSIS)?, log_speed)
+        self.against_healthy(self.kurtosis.as_ref()?, *record.values.get(KURTOSIS)?, log_speed)
     }
 
-    fn from_healthy(&self, check: &Check, value: f64, log_speed: f64) -> Option<Deviation> {
+    fn against_healthy(&self, check: &Check, value: f64, log_speed: f64) -> Option<Deviation> {
         let at = self.kernels.weights(log_speed);
         Some(Deviation {
             name: check.name.clone(),
