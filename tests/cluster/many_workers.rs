@@ -215,6 +215,10 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
             }
             for spec in &before {
                 workers[0].assets.create(spec).await.unwrap();
+                // Alarms that a record without its library raises are part of what is told.
+                for worker in &workers {
+                    simulated(worker, spec).await;
+                }
             }
             let mut tasks = tokio::task::JoinSet::new();
             for (n, worker) in workers.iter().cloned().enumerate() {
