@@ -149,7 +149,10 @@ async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, Strin
             .filter(|entry| entry.withdrawn_at.is_none())
             .map(|entry| &entry.change)
             .collect();
-        all.insert(format!("alarm {}", alarm.id), format!("{:?} {stands:?} {told:?}", alarm.rule));
+        // What records in another order raised for a time and was withdrawn is no part of what stands.
+        if !told.is_empty() {
+            all.insert(format!("alarm {}", alarm.id), format!("{:?} {stands:?} {told:?}", alarm.rule));
+        }
     }
     all
 }
