@@ -32,6 +32,15 @@ impl Store {
             .await?;
         Ok(())
     }
+
+    /// Gives up the right to build a library, so that whoever asks next has it at once.
+    pub async fn end_building(&self, library: &str) -> Result<(), StoreError> {
+        sqlx::query("DELETE FROM library_builds WHERE library_id = $1")
+            .bind(library)
+            .execute(self.write())
+            .await?;
+        Ok(())
+    }
 }
 
 fn alive_until(now: Timestamp) -> Result<i64, StoreError> {

@@ -187,7 +187,13 @@ impl Shared {
                 }
             }
         };
-        let library = shelf.get_or_build(pair, grid, &BuildControl::with_progress(&progress).cancelled_by(cancel))?;
+        let built = shelf.get_or_build(pair, grid, &BuildControl::with_progress(&progress).cancelled_by(cancel));
+        if built.is_err()
+            && let Err(error) = self.runtime.block_on(self.store.end_building(&id))
+        {
+            tracing::warn!(%error, "failed to say that a library is no longer being built: it is tried again after a minute");
+        }
+        let library = built?;
         let bytes = encode(&library);
         while let Err(error) = self.store.objects().put_library(&id, bytes.clone().into()) {
             check(cancel)?;
