@@ -363,6 +363,7 @@ impl AssetSpec {
     pub fn mesh_context(&self) -> MeshContext {
         MeshContext {
             teeth: self.gear.teeth[0],
+            mate_teeth: self.gear.teeth[1],
             nominal_shaft_speed_hz: self.gear.shaft_speed_hz,
             tolerance: self.gear.speed_tolerance,
             nominal_is_exact: self.gear.speed_is_exact,

@@ -189,6 +189,7 @@ fn analyse(analyzer: &mut Analyzer, path: &Path, wear_um: f64, pair: &PairSpec) 
         .map_err(|error| failed(error.to_string()))?;
     let mesh = MeshContext {
         teeth: pair.geometry.teeth[0],
+        mate_teeth: pair.geometry.teeth[1],
         nominal_shaft_speed_hz: pair.operation.shaft_speed_hz,
         tolerance: SPEED_TOLERANCE,
         nominal_is_exact: false,

@@ -82,6 +82,7 @@ impl Category {
                 | WearStatus::NotIdentifiable
                 | WearStatus::NotComparable
                 | WearStatus::NoFeatures
+                | WearStatus::SpeedInDoubt
                 | WearStatus::LibraryFailed,
             ) => Self::OutOfSpecification,
             Some(WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary | WearStatus::Recomputing) => Self::CheckFunction,

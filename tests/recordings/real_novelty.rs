@@ -45,6 +45,7 @@ fn ensemble(pair: &PairSpec, max_wear_um: f64, sample_rate_hz: f64) -> Arc<Ensem
 fn mesh(pair: &PairSpec) -> MeshContext {
     MeshContext {
         teeth: pair.geometry.teeth[0],
+        mate_teeth: pair.geometry.teeth[1],
         nominal_shaft_speed_hz: pair.operation.shaft_speed_hz,
         tolerance: 0.05,
         nominal_is_exact: false,

@@ -65,6 +65,7 @@ fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f
     let record = record.with_operating_point(point).unwrap();
     let mesh = MeshContext {
         teeth,
+        mate_teeth: 0,
         nominal_shaft_speed_hz: run.shaft_speed_hz,
         tolerance: 0.0,
         nominal_is_exact: true,

@@ -82,6 +82,7 @@ fn reading() -> Duration {
     let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "m/s2", samples.collect()).expect("the samples are finite");
     let mesh = MeshContext {
         teeth: 24,
+        mate_teeth: 0,
         nominal_shaft_speed_hz: 16.64,
         tolerance: 0.05,
         nominal_is_exact: false,

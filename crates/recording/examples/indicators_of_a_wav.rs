@@ -26,6 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let settings = ConditionSettings {
         mesh: MeshContext {
             teeth,
+            mate_teeth: 0,
             nominal_shaft_speed_hz: shaft_speed_hz,
             tolerance: 0.05,
             nominal_is_exact: false,

@@ -42,6 +42,7 @@ fn main() {
     let prime = crate::record(SAMPLES - 1);
     let mesh = MeshContext {
         teeth: 24,
+        mate_teeth: 0,
         nominal_shaft_speed_hz: SHAFT_HZ,
         tolerance: 0.05,
         nominal_is_exact: false,

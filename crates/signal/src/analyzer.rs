@@ -143,11 +143,14 @@ impl Analyzer {
             });
         }
         let mut speed = located.speed;
+        let found = speed.filter(|speed| speed.source == SpeedSource::MeshComb);
+        features.speed_doubt = found.and_then(|speed| speed.doubt_in_words());
+        let certain = located.mesh.ok().filter(|_| features.speed_doubt.is_none());
         if let Ok(deviation) = deviation {
-            let comb = located.mesh.ok().map(|mesh_bins| (mesh_bins, mesh));
+            let comb = certain.map(|mesh_bins| (mesh_bins, mesh));
             insert_checks(work, resolution_hz, comb, deviation, &mut features);
         }
-        if let (Ok(mesh_bins), Ok(deviation)) = (located.mesh, deviation) {
+        if let (Some(mesh_bins), Ok(deviation)) = (certain, deviation) {
             let place = Mesh {
                 bins: mesh_bins,
                 teeth: mesh.teeth,
@@ -279,6 +282,7 @@ mod tests {
 
     const MESH: MeshContext = MeshContext {
         teeth: 24,
+        mate_teeth: 0,
         nominal_shaft_speed_hz: 16.64,
         tolerance: 0.05,
         nominal_is_exact: false,

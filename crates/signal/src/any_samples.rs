@@ -11,6 +11,7 @@ const RATE_HZ: f64 = 1000.0;
 
 const MESH: MeshContext = MeshContext {
     teeth: 12,
+    mate_teeth: 0,
     nominal_shaft_speed_hz: 10.0,
     tolerance: 0.05,
     nominal_is_exact: false,
@@ -138,6 +139,7 @@ fn ten_million_samples_read_as_few_do() {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mesh = MeshContext {
         teeth: 12,
+        mate_teeth: 0,
         nominal_shaft_speed_hz: 123.4 / 12.0,
         tolerance: 0.01,
         nominal_is_exact: false,

@@ -8,7 +8,7 @@ use super::indicators::Absence;
 use super::record::OperatingPoint;
 
 /// Identifier of what the features are made by. Values are comparable only where it is the same.
-pub const PREPROCESSING: &str = "steadied-lines-5";
+pub const PREPROCESSING: &str = "steadied-lines-6";
 
 /// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of amplitudes)
 /// and changes relative to a healthy baseline are differences.
@@ -63,6 +63,9 @@ pub struct Features {
     /// How long the record is, and how densely sampled.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub extent: Option<Extent>,
+    /// Why the shaft speed that was found in the record is in doubt: then there are no lines of the mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_doubt: Option<String>,
     /// What is wrong with the samples themselves: they do not vary, are clipped, or have gaps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fault: Option<Absence>,

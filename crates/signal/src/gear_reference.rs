@@ -47,6 +47,7 @@ impl Case {
     fn mesh(&self) -> MeshContext {
         MeshContext {
             teeth: self.teeth,
+            mate_teeth: 0,
             nominal_shaft_speed_hz: 10.0,
             tolerance: 0.05,
             nominal_is_exact: false,
@@ -152,6 +153,7 @@ fn na4_and_nb4_are_their_definition_after_a_restart() {
 fn gaussian_noise_has_its_normal_moments() {
     let mesh = MeshContext {
         teeth: 20,
+        mate_teeth: 0,
         nominal_shaft_speed_hz: 5.0,
         tolerance: 0.0,
         nominal_is_exact: true,

@@ -18,6 +18,7 @@
 //!
 //! let mesh = MeshContext {
 //!     teeth: 24,
+//!     mate_teeth: 0,
 //!     nominal_shaft_speed_hz: 24.5,
 //!     tolerance: 0.05,
 //!     nominal_is_exact: false,
@@ -47,6 +48,7 @@ mod any_samples;
 mod band;
 mod cepstrum;
 mod checks;
+mod comb_support;
 mod condition;
 mod envelope;
 mod faults;
@@ -100,4 +102,4 @@ pub use other_meshes::{OtherMesh, OtherMeshes};
 pub use record::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record, RecordError, Tachometer};
 pub use shaft_angle::{AngleSource, PulseError, ShaftAngle};
 pub use spectrum::Spectrum;
-pub use speed::{MeshContext, ShaftSpeed, SpeedSource};
+pub use speed::{MeshContext, ShaftSpeed, SpeedDoubt, SpeedSource};

@@ -240,6 +240,7 @@ mod tests {
 
     const MESH: MeshContext = MeshContext {
         teeth: TEETH,
+        mate_teeth: 0,
         nominal_shaft_speed_hz: SHAFT_HZ,
         tolerance: 0.05,
         nominal_is_exact: false,

@@ -63,6 +63,11 @@ impl OtherMeshes {
         })
     }
 
+    /// The shafts' rates in orders of the described mesh's driving shaft.
+    pub(super) fn shaft_orders(&self) -> impl Iterator<Item = f64> {
+        self.iter().flat_map(|mesh| mesh.shaft_orders)
+    }
+
     /// The orders up to `highest` of harmonics and of their first two sidebands at the rates of both shafts.
     pub(super) fn lines_up_to(&self, highest: f64) -> Vec<f64> {
         let mut lines = Vec::new();

@@ -63,6 +63,7 @@ fn indicators_and_lines_equal_scipy() {
     for case in cases() {
         let mesh = MeshContext {
             teeth: 12,
+            mate_teeth: 0,
             nominal_shaft_speed_hz: 1.0,
             tolerance: 0.05,
             nominal_is_exact: false,

@@ -2,9 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::comb_support::{CombDoubt, Support, support};
 use super::indicators::Absence;
 use super::line::{MAIN_LOBE_BINS, fits};
-use super::mesh_comb::{self, MESH_RESOLVED_BINS};
+use super::mesh_comb::{self, MESH_RESOLVED_BINS, MeshComb};
 use super::other_meshes::OtherMeshes;
 use super::record::Record;
 
@@ -13,6 +14,8 @@ use super::record::Record;
 pub struct MeshContext {
     /// Teeth on the shaft whose speed is meant (the driving gear, the pinion).
     pub teeth: u32,
+    /// Teeth of the gear that it meshes with; 0 where they are not known.
+    pub mate_teeth: u32,
     /// That shaft's nominal rotational frequency in hertz.
     pub nominal_shaft_speed_hz: f64,
     /// How far from nominal the speed may be, as a fraction (0.05 for ± 5 %).
@@ -28,6 +31,7 @@ impl MeshContext {
     pub fn unknown() -> Self {
         Self {
             teeth: 0,
+            mate_teeth: 0,
             nominal_shaft_speed_hz: 0.0,
             tolerance: 0.0,
             nominal_is_exact: false,
@@ -64,10 +68,77 @@ pub struct ShaftSpeed {
     /// How far the comb stands above the background, as a ratio of amplitudes (root mean square over its lines); `None` where none stood out
     /// beside a given speed.
     pub comb_to_background: Option<f64>,
+    /// How many of the mesh's harmonics stand out of the background.
+    #[serde(default)]
+    pub harmonics_found: u32,
+    /// How many harmonics were looked for: up to ten, as far as the record reaches.
+    #[serde(default)]
+    pub harmonics_sought: u32,
+    /// Why the speed or the number of teeth may be wrong.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub doubt: Option<SpeedDoubt>,
+}
+
+/// Why a record's shaft speed or the asset's number of teeth may be wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "reason", rename_all = "snake_case")]
+pub enum SpeedDoubt {
+    /// Fewer than two harmonics of the mesh stand out.
+    FewHarmonics,
+    /// The lines fit another mesh frequency better.
+    OtherMesh {
+        /// That mesh frequency in hertz.
+        mesh_frequency_hz: f64,
+    },
+    /// The sidebands of the mesh stand at another shaft rate.
+    OtherShaft {
+        /// That shaft's rotational frequency in hertz.
+        shaft_speed_hz: f64,
+    },
+}
+
+impl ShaftSpeed {
+    /// The doubt in words, where there is one.
+    pub fn doubt_in_words(&self) -> Option<String> {
+        let (shaft_hz, mesh_hz) = (self.shaft_speed_hz, self.mesh_frequency_hz);
+        let teeth = mesh_hz / shaft_hz;
+        Some(match self.doubt? {
+            SpeedDoubt::FewHarmonics => format!(
+                "the shaft speed is in doubt: {} of {} harmonics of the mesh at {mesh_hz:.1} Hz stand out, at least 2 are needed",
+                self.harmonics_found, self.harmonics_sought
+            ),
+            SpeedDoubt::OtherMesh { mesh_frequency_hz } => format!(
+                "the shaft speed is in doubt: the lines fit a mesh at {mesh_frequency_hz:.1} Hz better than {teeth:.0} teeth at {shaft_hz:.2} Hz \
+                 ({mesh_hz:.1} Hz); check teeth, speed and other meshes"
+            ),
+            SpeedDoubt::OtherShaft { shaft_speed_hz } => format!(
+                "the shaft speed is in doubt: the lines of the shaft stand {shaft_speed_hz:.2} Hz apart, and {teeth:.0} teeth give \
+                 {shaft_hz:.2} Hz; check the number of teeth"
+            ),
+        })
+    }
+}
+
+impl SpeedDoubt {
+    fn of(doubt: CombDoubt, resolution_hz: f64) -> Self {
+        match doubt {
+            CombDoubt::FewHarmonics => Self::FewHarmonics,
+            CombDoubt::OtherMesh(bins) => Self::OtherMesh {
+                mesh_frequency_hz: bins * resolution_hz,
+            },
+            CombDoubt::OtherShaft(bins) => Self::OtherShaft {
+                shaft_speed_hz: bins * resolution_hz,
+            },
+        }
+    }
 }
 
 /// A speed given with a record or an asset may be off by this part: the lines are looked for there.
 const GIVEN_SPEED_TOLERANCE: f64 = 1e-3;
+
+/// The lines of a comb that fits better are looked for within this part of its frequency.
+const NEAR_OTHER: f64 = 0.005;
 
 /// The mesh in one record's spectrum.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,6 +156,23 @@ pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
         let angle = record.tachometer_angle()?.ok()?;
         Some((angle.mean_speed_hz(), SpeedSource::Tachometer))
     })
+}
+
+/// The comb in a range of mesh frequencies, and what the lines say of it. Where they say more for another one in the range, it is that one.
+fn find_comb(amplitude: &[f64], [low, high]: [f64; 2], context: &MeshContext, scratch: &mut Vec<f64>) -> Option<(MeshComb, Support)> {
+    let first = mesh_comb::find(amplitude, [low, high], context.teeth, scratch)?;
+    let lines = support(amplitude, first.mesh, context, scratch);
+    if let Some(CombDoubt::OtherMesh(other)) = lines.doubt
+        && (low..=high).contains(&other)
+    {
+        let near = [other * (1.0 - NEAR_OTHER), other * (1.0 + NEAR_OTHER)];
+        let second = mesh_comb::find(amplitude, near, context.teeth, scratch);
+        let second = second.map(|comb| (comb, support(amplitude, comb.mesh, context, scratch)));
+        if let Some(better) = second.filter(|(_, lines)| lines.doubt.is_none()) {
+            return Some(better);
+        }
+    }
+    Some((first, lines))
 }
 
 /// Finds the mesh: the speed that comes with the record before the asset's exact one before the comb within the tolerance around nominal.
@@ -124,10 +212,16 @@ pub(super) fn locate(
         None => {
             let highest = amplitude.len() as f64 - 1.0 - MAIN_LOBE_BINS;
             let range = [centre * (1.0 - tolerance), (centre * (1.0 + tolerance)).min(highest)];
-            mesh_comb::find(amplitude, range, context.teeth, scratch)
+            find_comb(amplitude, range, context, scratch)
         }
     };
+    let (comb, lines) = comb.unzip();
+    let lines = lines.or_else(|| (given.is_some() && absence.is_none()).then(|| support(amplitude, centre, context, scratch)));
     let comb_to_background = comb.map(|comb| comb.to_background);
+    let (harmonics_found, harmonics_sought) = lines.map_or((0, 0), |Support { found, sought, .. }| (found, sought));
+    let doubt = lines
+        .and_then(|lines| lines.doubt)
+        .map(|doubt| SpeedDoubt::of(doubt, resolution_hz));
     match given {
         Some((shaft_speed_hz, source)) => LocatedMesh {
             speed: Some(ShaftSpeed {
@@ -135,6 +229,9 @@ pub(super) fn locate(
                 source,
                 mesh_frequency_hz: teeth * shaft_speed_hz,
                 comb_to_background,
+                harmonics_found,
+                harmonics_sought,
+                doubt,
             }),
             mesh: absence.map_or(Ok(comb.map_or(centre, |comb| comb.mesh)), Err),
         },
@@ -144,6 +241,9 @@ pub(super) fn locate(
                 source: SpeedSource::MeshComb,
                 mesh_frequency_hz: comb.mesh * resolution_hz,
                 comb_to_background,
+                harmonics_found,
+                harmonics_sought,
+                doubt,
             }),
             mesh: absence.map_or(comb.map(|comb| comb.mesh).ok_or(Absence::NoSpeed), Err),
         },

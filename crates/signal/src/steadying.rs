@@ -270,6 +270,7 @@ mod tests {
         let record = Record::new("1", Timestamp::UNIX_EPOCH, rate_hz, "g", samples.collect()).unwrap();
         let mesh = MeshContext {
             teeth: 24,
+            mate_teeth: 0,
             nominal_shaft_speed_hz: 16.64,
             tolerance: 0.05,
             nominal_is_exact: false,

@@ -61,6 +61,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let tracker = Tracker::new(settings, Some(Arc::new(Ensemble::of(library))));
     let mesh = MeshContext {
         teeth: pair.geometry.teeth[0],
+        mate_teeth: 0,
         nominal_shaft_speed_hz: pair.operation.shaft_speed_hz,
         tolerance: 0.05,
         nominal_is_exact: false,

@@ -113,6 +113,7 @@ impl<'a> Analysis<'a> {
             unit: record.unit().to_owned(),
             shaft_speed_hz: analysis.shaft_speed.map(|speed| speed.shaft_speed_hz),
             shaft_speed_source: analysis.shaft_speed.map(|speed| speed.source),
+            shaft_speed_doubt: analysis.shaft_speed.and_then(|speed| speed.doubt),
             mesh_frequency_hz: analysis.shaft_speed.map(|speed| speed.mesh_frequency_hz).filter(|&hz| hz > 0.0),
             basis,
             indicators: analysis.indicators,

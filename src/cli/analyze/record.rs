@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::envelope::AnalyzedEnvelope;
 use crate::estimate::WearEstimate;
 use crate::report::ReportedRecord;
-use crate::signal::{Basis, Features, Indicators, SpeedSource};
+use crate::signal::{Basis, Features, Indicators, SpeedDoubt, SpeedSource};
 
 /// One analysed record, as it is printed.
 #[derive(Debug, Serialize)]
@@ -19,6 +19,8 @@ pub(super) struct AnalyzedRecord {
     pub(super) unit: String,
     pub(super) shaft_speed_hz: Option<f64>,
     pub(super) shaft_speed_source: Option<SpeedSource>,
+    /// Why the speed or the number of teeth may be wrong.
+    pub(super) shaft_speed_doubt: Option<SpeedDoubt>,
     pub(super) mesh_frequency_hz: Option<f64>,
     #[serde(flatten)]
     pub(super) basis: Basis,

@@ -107,7 +107,8 @@ fn block(channel: &str, records: &[&AnalyzedRecord], columns: &[Column]) -> Stri
     }
     text += if has_wear { "  wear in µm, or why none\n" } else { "\n" };
     for (n, record) in records.iter().enumerate() {
-        let speed = record.shaft_speed_hz.map_or_else(none, |hz| format!("{hz:.2}"));
+        let doubt = if record.shaft_speed_doubt.is_some() { "?" } else { "" };
+        let speed = record.shaft_speed_hz.map_or_else(none, |hz| format!("{hz:.2}{doubt}"));
         text += &format!("{:>digits$} {} {speed:>6}", n + 1, record.start_time.strftime("%m-%d %H:%M:%S"));
         for (name, heading) in INDICATORS {
             text += &format!(" {:>width$}", number(record.indicators.get(name)), width = heading.len().max(7));

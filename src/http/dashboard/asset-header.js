@@ -1,7 +1,7 @@
 // The top of an asset's page: its state, the wear now with its interval in words, and the facts behind them.
 
 import { h, setChildren, setText } from "./dom.js";
-import { age, count, depth, hertz, number, speedSource, utc } from "./format.js";
+import { age, count, depth, hertz, number, speedDoubt, speedSource, utc } from "./format.js";
 import { baselineBar, wearBar } from "./gauge.js";
 import { assetTabs, crumbs } from "./asset-frame.js";
 import { assetName } from "./fleet-row.js";
@@ -26,7 +26,7 @@ function small(text, title) {
 
 function speedFact(speed, gear, known) {
   if (!speed) return fact("Shaft speed", known ? "not found" : hertz(gear.shaft_speed_hz), small(known ? `nominal ${hertz(gear.shaft_speed_hz)}` : "nominal"));
-  return fact("Shaft speed", `${hertz(speed.shaft_speed_hz)}, ${number(speed.shaft_speed_hz * 60, 4)} rpm`, small(speedSource(speed)));
+  return fact("Shaft speed", `${hertz(speed.shaft_speed_hz)}, ${number(speed.shaft_speed_hz * 60, 4)} rpm`, small(speedDoubt(speed) ?? speedSource(speed)));
 }
 
 const STAGES = {

@@ -15,6 +15,7 @@ export const STATES = {
   sensor: { word: "Sensor fault", short: "Sensor fault", severity: "danger", namur: "failure" },
   outside: { word: "Not explained by wear", short: "Not explained", severity: "unsure", namur: "specification" },
   not_comparable: { word: "Not comparable", short: "Not comparable", severity: "unsure", namur: "specification", title: "the record is too short or too sparsely sampled for its baseline" },
+  speed_in_doubt: { word: "Speed in doubt", short: "Speed in doubt", severity: "unsure", namur: "specification", title: "the lines do not fit the described teeth and speed" },
   unclear: { word: "Not identifiable", short: "Not identifiable", severity: "unsure", namur: "specification" },
   collecting: { word: "Collecting baseline", short: "Baseline", severity: "learning", namur: "check" },
   recomputing: { word: "Computing again", short: "Computing again", severity: "learning", namur: "check" },
@@ -38,6 +39,7 @@ export function wearState(wear, limits) {
   if (wear.status === "no_library") return "no_library";
   if (wear.status === "recomputing") return "recomputing";
   if (wear.status === "not_comparable") return "not_comparable";
+  if (wear.status === "speed_in_doubt") return "speed_in_doubt";
   if (wear.status === "awaiting_library") return "building";
   if (wear.status === "library_failed") return "library_failed";
   if (wear.status === "sensor_fault") return "sensor";
@@ -107,6 +109,7 @@ export function sentence(wear, limits, hasPair = true) {
   if (wear.status === "library_failed") return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the description to try again.`;
   if (wear.status === "excluded") return "This record is excluded: it takes no part in the baseline, the estimate and the alarms.";
   if (wear.status === "not_comparable") return `This record is ${wear.reason}.`;
+  if (wear.status === "speed_in_doubt") return `This record does not count: ${wear.reason}.`;
   if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
   if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
   if (wear.status === "outside_library") return unexplained(wear);

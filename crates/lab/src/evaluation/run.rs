@@ -68,6 +68,7 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let mesh = MeshContext {
         teeth: plan.pair.geometry.teeth[0],
+        mate_teeth: plan.pair.geometry.teeth[1],
         nominal_shaft_speed_hz: plan.pair.operation.shaft_speed_hz,
         tolerance: 0.05,
         nominal_is_exact: false,

@@ -115,6 +115,7 @@ pub(super) fn state(
     let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?.with_operating_point(speed)?;
     let mesh = MeshContext {
         teeth,
+        mate_teeth: 0,
         nominal_shaft_speed_hz: run.shaft_speed_hz,
         tolerance: 0.0,
         nominal_is_exact: true,

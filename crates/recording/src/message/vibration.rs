@@ -105,7 +105,7 @@ pub struct Indicators {
 pub struct WearEstimate {
     #[prost(int64, tag = "1")]
     pub start_time_ns: i64,
-    /// "estimated", "collecting_baseline", "no_library", "no_features", "not_identifiable", "outside_library", "sensor_fault", "recomputing".
+    /// "estimated", "collecting_baseline", "no_library", "no_features", "speed_in_doubt", "not_identifiable", "outside_library", "sensor_fault", "recomputing".
     #[prost(string, tag = "2")]
     pub status: ::prost::alloc::string::String,
     #[prost(double, optional, tag = "3")]

@@ -358,11 +358,7 @@ impl Tracker {
     fn without_mesh(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
         let usable = features.fault.is_none() && !features.checks.is_empty();
         let known = meshless.records.len() >= self.settings.baseline_records as usize;
-        let mut answer = self.no_number(
-            WearStatus::NoFeatures,
-            have,
-            "the mesh line was not found in this record, so it does not count",
-        );
+        let mut answer = self.no_mesh(features, have, "the mesh line was not found in this record, so it does not count");
         if known {
             let Meshless { records, charts, prepared } = meshless;
             let healthy = prepared.0.get_or_insert_with(|| self.healthy(&Baseline::of(records)));
@@ -410,6 +406,9 @@ impl Tracker {
         let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
             let [healthy_checks, shared] = healthy.checks.shared(features);
             if features.fault.is_none() && 2 * shared < healthy_checks {
+                if features.speed_doubt.is_some() {
+                    return self.no_mesh(features, need, "");
+                }
                 let reason = format!(
                     "not comparable with the baseline: it has {shared} of the baseline's {healthy_checks} bands and lines, as another sampling rate or length gives"
                 );
@@ -455,7 +454,7 @@ impl Tracker {
             }
         }
         if measured.lines.is_empty() {
-            let mut answer = self.no_number(WearStatus::NoFeatures, need, "this record has none of the baseline's lines");
+            let mut answer = self.no_mesh(features, need, "this record has none of the baseline's lines");
             // Less than usual without a mesh line is a machine that stands still.
             let mut checks = healthy.checks_at(features, 0, unmoved.at(0.0, 1.0));
             checks.retain(|deviation| deviation.residual > 0.0);

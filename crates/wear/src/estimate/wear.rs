@@ -24,6 +24,8 @@ pub enum WearStatus {
     LibraryFailed,
     /// The record gives no feature to compare (no shaft speed found, for example).
     NoFeatures,
+    /// The shaft speed that was found in the record is in doubt, or the number of teeth is.
+    SpeedInDoubt,
     /// The record is too short or too sparsely sampled to be compared with the baseline.
     NotComparable,
     /// Compared, but the interval spans most of the library: the record does not say.

@@ -6,6 +6,7 @@ use crate::estimate::likelihood::Likelihood;
 use crate::estimate::novelty::Novelty;
 use crate::estimate::wear::{BaselineProgress, BestState, Interval, WearEstimate, WearStatus};
 use crate::library::{DEPTHS, Ensemble, Library};
+use flankwatch_signal::Features;
 
 /// An interval of the tracked depth wider than this part of the library says that the records do not tell.
 const WIDEST_INTERVAL: f64 = 0.6;
@@ -84,6 +85,14 @@ impl Tracker {
         answer.resolved_um = Some(likelihood.resolved().map(|depth| self.grid.depths_um()[depth]));
         answer.posterior = Some(self.grid.posterior(&probability));
         answer
+    }
+
+    /// The answer to a record without lines of the mesh: its speed is in doubt, or else why.
+    pub(super) fn no_mesh(&self, features: &Features, have: u32, else_reason: &str) -> WearEstimate {
+        match &features.speed_doubt {
+            Some(doubt) => self.no_number(WearStatus::SpeedInDoubt, have, doubt),
+            None => self.no_number(WearStatus::NoFeatures, have, else_reason),
+        }
     }
 
     /// An answer without a depth.
