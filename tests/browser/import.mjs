@@ -17,7 +17,9 @@ async function desk(more = {}) {
 }
 
 async function end(opened, name) {
-  await close(opened, name);
+  if (name) await close(opened, name);
+  else await opened.page.context().close();
+  assert.deepEqual(opened.faults, []);
   await removeAsset(opened.id);
 }
 
@@ -43,16 +45,21 @@ export const CHECKS = {
   "a preview says what each file holds before anything is sent": async (name) => {
     const opened = await desk();
     const { id, page } = opened;
-    const recording = await readFile(new URL("../../fixtures/recordings/mcap-json.mcap", import.meta.url));
-    await page.setInputFiles("#upload-file", [audio("pump_20260301_101112.wav", wav(4000)), audio("two.wav", stereo(8000)), table("samples.csv", csv(1000)), { name: "run.mcap", mimeType: "application/mcap", buffer: recording }, audio("broken.wav", Buffer.from("no recording"))]);
-    await page.getByRole("button", { name: "Send 5 files" }).waitFor();
+    const recording = await readFile(new URL("../../fixtures/recordings/mcap-json.mcap", import.meta.url)); // of a recorder that wrote no summary
+    const other = await createAsset("exported", {});
+    await sendNoise(other, 7);
+    const exported = Buffer.from(await (await fetch(`${base}/v1/assets/${other}/export`)).arrayBuffer());
+    await removeAsset(other);
+    await page.setInputFiles("#upload-file", [audio("pump_20260301_101112.wav", wav(4000)), audio("two.wav", stereo(8000)), table("samples.csv", csv(1000)), { name: "run.mcap", mimeType: "application/mcap", buffer: recording }, { name: "export.mcap", mimeType: "application/mcap", buffer: exported }, audio("broken.wav", Buffer.from("no recording"))]);
+    await page.getByRole("button", { name: "Send 6 files" }).waitFor();
     await card(page, "pump_20260301").getByText("16 bit integers · 1 channel · 4000 Hz · 1 s").waitFor();
     await card(page, "pump_20260301").getByText("from its name, read as UTC").waitFor();
     await card(page, "two.wav").getByText("16 bit integers · 2 channels · 8000 Hz · 1 s").waitFor();
     assert.equal(await card(page, "two.wav").locator("svg.sketch").count(), 2, "a waveform of each channel");
     await card(page, "samples.csv").getByText("CSV · 1 channel · 4000 Hz (column “time”) · 0.25 s").waitFor();
-    await card(page, "run.mcap").getByText(/MCAP · \d+ messages on \d+ topics?/).waitFor();
-    await card(page, "run.mcap").getByText("says itself when its records began: ").waitFor();
+    await card(page, "run.mcap").getByText("it says nothing of its contents at its end").waitFor();
+    await card(page, "export.mcap").getByText(/MCAP · \d+ messages on \d+ topics?/).waitFor();
+    await card(page, "export.mcap").getByText(/says itself when its records began, logged 20/).waitFor();
     await card(page, "broken.wav").getByText("it does not begin like a WAV file (RIFF, WAVE).").waitFor();
     await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
     await page.getByLabel("Start of two.wav, UTC").blur();
@@ -79,6 +86,7 @@ export const CHECKS = {
     await page.getByText("4 records deleted: the import is undone.").waitFor();
     const { items } = await json(`assets/${id}/segments`);
     assert.deepEqual(items.map(({ start_time: start }) => start), ["2026-03-01T08:00:00Z"], "what was there before stays");
+    assert.match(opened.faults.splice(0).join(), /^console: [^,]* 422 [^,]*$/, "but for the refused file nothing goes wrong");
     await end(opened, name);
   },
 
@@ -121,8 +129,8 @@ export const CHECKS = {
     await send(page);
     await page.getByRole("button", { name: "Undo this import: delete 2 records…" }).waitFor();
     const { items } = await json(`assets/${id}/segments`);
-    const told = items.map(({ channel, unit, sample_rate_hz: rate, samples }) => [channel, unit, rate, samples]).sort();
-    assert.deepEqual(told, [["gear-side", "m/s2", 2560.5, 600], ["in", "g", 2560.5, 600]]);
+    const told = items.map(({ channel, unit, sample_rate_hz: rate, samples, indicators }) => [channel, unit, rate, samples, indicators.rms.toFixed(1)]).sort();
+    assert.deepEqual(told, [["gear-side", "m/s2", 2560.5, 600, "0.7"], ["in", "m/s2", 2560.5, 600, "6.9"]], "a channel in g is brought to the asset's unit");
     await end(opened, name);
   },
 

@@ -69,7 +69,7 @@ export class ImportFile {
       this.#time.append(h("label", { class: "field" }, h("span", {}, "Start, UTC"), this.#start), this.#startWords);
     }
     if (start) return;
-    const span = summary?.start ? `: ${utc(summary.start)} to ${utc(summary.end)}` : ownStart ? `: ${utc(ownStart)}` : "";
+    const span = summary?.start ? `, logged ${utc(summary.start)} to ${utc(summary.end)}` : ownStart ? `: ${utc(ownStart)}` : "";
     setText(this.#startWords, `says itself when its records began${span}${words ? `; ${words}` : ""}`);
     this.#time.append(this.#startWords);
   }
