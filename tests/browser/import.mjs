@@ -60,7 +60,7 @@ export const CHECKS = {
     await card(page, "run.mcap").getByText("it says nothing of its contents at its end").waitFor();
     await card(page, "export.mcap").getByText(/MCAP · \d+ messages on \d+ topics?/).waitFor();
     await card(page, "export.mcap").getByText(/says itself when its records began, logged 20/).waitFor();
-    await card(page, "broken.wav").getByText("it does not begin like a WAV file (RIFF, WAVE).").waitFor();
+    await card(page, "broken.wav").getByText("It does not begin like a WAV file (RIFF, WAVE).").waitFor();
     await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
     await page.getByLabel("Start of two.wav, UTC").blur();
     await card(page, "two.wav").getByText("typed in").waitFor();
@@ -113,7 +113,7 @@ export const CHECKS = {
     const text = ["n;in [g];out (m/s2);speed", ...Array.from({ length: 600 }, (_, n) => `${n};${Math.sin(n)};${Math.cos(n * 0.3)};25`)].join("\n");
     await page.setInputFiles("#upload-file", [table("c_20260401_080000.csv", text)]);
     const file = card(page, "c_20260401");
-    await file.getByText("column “n” rises by the same step from row to row").waitFor();
+    await file.getByText("Column “n” rises by the same step from row to row").waitFor();
     const column = (heading) => file.getByLabel(`Column ${heading} of c_20260401_080000.csv`);
     for (const heading of ["in [g]", "out (m/s2)"]) await column(heading).selectOption("a channel");
     await column("n").selectOption("left out");

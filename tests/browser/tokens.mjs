@@ -28,7 +28,7 @@ export const CHECKS = guarded && {
     await page.getByLabel("What it is for").fill("display");
     await page.getByLabel("read").check();
     await page.getByRole("button", { name: "Make the token" }).click();
-    const made = await page.getByLabel("The token display").inputValue();
+    const made = await page.getByLabel("The token display", { exact: true }).inputValue();
     assert.match(made, /^fwt_[0-9a-f]{8}_[0-9a-f]{64}$/);
     assert.equal((await asked("assets", made)).status, 200);
     assert.equal((await asked("tokens", made)).status, 403);
@@ -36,7 +36,7 @@ export const CHECKS = guarded && {
     if (shots) await page.screenshot({ path: join(shots, `${name.replaceAll(/\W+/g, "-")}.png`), fullPage: true });
     await page.reload();
     await page.getByRole("row", { name: /display/ }).waitFor();
-    assert.equal(await page.getByLabel("The token display").count(), 0, "it is shown once");
+    assert.equal(await page.getByLabel("The token display", { exact: true }).count(), 0, "it is shown once");
 
     const other = await logIn("#/tokens", made);
     await other.getByText("has the scope read, expected admin").waitFor();

@@ -76,6 +76,7 @@ export class AlarmRulePanel {
 
   /** The levels that are set, for handles on the plot. */
   levels() {
+    if (this.#name === null) return [];
     return LEVELS.filter(([key]) => this.#rule?.[key] != null).map(([key, label, severity]) => ({ key, value: this.#rule[key], severity, label: `${label}, ${indicatorName(this.#name)}`, words: `${number(this.#rule[key])} ${this.#unit}`.trim() }));
   }
 

@@ -95,7 +95,7 @@ export class AlarmsPage {
     const row = h(
       "tr",
       { "data-alarm": id, "data-state": state, "aria-current": this.#query.alarm === id ? "true" : null },
-      h("td", { "data-label": "Severity" }, todo ? this.#bulk.box(id, `${quantityWords(quantity)} of ${asset}, channel ${channel}`) : null, severityBadge(severity)),
+      h("td", { "data-label": "Severity" }, h("span", { class: "alarm-severity" }, todo ? this.#bulk.box(id, `${quantityWords(quantity)} of ${asset}, channel ${channel}`) : null, severityBadge(severity))),
       h("th", { scope: "row" }, h("a", { href: format({ page: "asset", id: asset, query: { channel } }) }, asset), h("span", { class: "muted id" }, channel)),
       h("td", { "data-label": "What" }, open, h("span", { class: "muted id" }, levelWords(alarm))),
       h("td", { "data-label": "Reading" }, reading(value, alarm)),

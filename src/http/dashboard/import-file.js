@@ -52,7 +52,7 @@ export class ImportFile {
     this.seen = seen;
     setText(this.#facts, seen.type ? factWords(seen) : "cannot be taken");
     this.#fault.hidden = !seen.fault;
-    setText(this.#fault, seen.fault ? `${seen.fault.replace(/\.$/, "")}.` : "");
+    setText(this.#fault, seen.fault ? `${seen.fault[0].toUpperCase()}${seen.fault.slice(1).replace(/\.$/, "")}.` : "");
     this.#showStart();
     this.#showColumns();
     this.#showChannels();
