@@ -42,10 +42,13 @@ const missed = (page) => page.evaluate(() => [...document.querySelectorAll("a[hr
 
 async function walk(page) {
   const seen = new Set();
+  let last;
   for (let presses = 0; presses < MOST; presses++) {
     await page.keyboard.press("Tab");
     const at = await focused(page);
+    if (at !== null && at.number === last) continue; // a field of date and time is walked through part by part
     if (at === null || seen.has(at.number)) break; // past the last, or around
+    last = at.number;
     seen.add(at.number);
     assert.ok(at.name, `without a name: ${at.html}`);
     assert.ok(at.marked, `the focus is not to be seen: ${at.html}`);
