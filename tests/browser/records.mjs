@@ -98,6 +98,7 @@ export const CHECKS = {
     await page.getByText("3 records deleted.").waitFor();
     await settled(page, "1 to 9 of 9 records");
     assert.match(asked[0], /^Delete 3 records\?/);
+    await page.getByText("Select records to change them.").waitFor();
     assert.equal((await json(`assets/${id}`)).summary.segments, 9);
     await close(opened, name);
     await removeAsset(id);

@@ -214,7 +214,7 @@ export const CHECKS = {
     body = { segments: [queued, { ...queued, channel: "a2" }] };
     await one("two.wav");
     await good("two.wav: channel a2 taken as the record of 2026-03-01 08:00:00 UTC; it waits");
-    body = { records: 4, stored: 0, queued: 3, repeated: 1, refused_count: 0, refused: [], wear: null };
+    body = { records: 4, stored: 0, queued: 3, repeated: 1, refused_count: 0, refused: [], segments: ["1", "2", "3"].map((digit) => digit.repeat(24)), wear: null };
     await one("run.wav");
     await good("run.wav: 4 records read, 0 stored, 3 taken and waiting to be analysed, 1 already known, 0 refused.");
     assert.deepEqual(opened.faults, []);

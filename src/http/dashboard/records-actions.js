@@ -14,7 +14,10 @@ const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
 /** The next millisecond after a time: an end that still holds the record of that time. */
 const after = (time) => new Date(Date.parse(time) + 1).toISOString();
 
-/** The bar of buttons below the filters. `selection()` answers `{ ids, records }`, or `{ all, count }` where all that match are selected. */
+/**
+ * The bar of buttons below the filters. `selection()` answers `{ ids, records }`, or `{ all, count }` where all that match are selected; `onDone(gone)` is
+ * called after each action, with true where the selected records may be gone.
+ */
 export class RecordActions {
   #id;
   #selection;
@@ -73,7 +76,7 @@ export class RecordActions {
     return found;
   }
 
-  async #each(act) {
+  async #each(act, gone = false) {
     this.#said("", "Working…");
     let done = 0;
     try {
@@ -83,7 +86,7 @@ export class RecordActions {
       this.#said("bad", `Not done${done ? ` after ${records(done)}` : ""}: ${error.message}.`);
       return null;
     } finally {
-      this.#onDone();
+      this.#onDone(gone);
     }
   }
 
@@ -98,7 +101,7 @@ export class RecordActions {
     const { ids, all, count: matching } = this.#selection();
     const words = all ? `all ${records(matching)} that match` : records(ids.length);
     if (!confirm(`Delete ${words}? The history is then estimated as if they had never come. Their raw recordings go into quarantine.`)) return;
-    const done = await this.#each(async (target) => (await api.deleteRecords(this.#id, target)).deleted);
+    const done = await this.#each(async (target) => (await api.deleteRecords(this.#id, target)).deleted, true);
     if (done !== null) this.#said("good", `${records(done)} deleted.`);
   }
 
@@ -143,7 +146,7 @@ export class RecordActions {
       await api.tellMaintenance(this.#id, { time, until, kind: "baseline_chosen", by, comment: "" });
       this.#baseline.hidden = true;
       this.#said("good", "The baseline is chosen. The history is estimated again; the choice can be taken back under “Alarms and maintenance”.");
-      this.#onDone();
+      this.#onDone(false);
     } catch (error) {
       this.#said("bad", `Not done: ${error.message}.`);
     }

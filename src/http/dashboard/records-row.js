@@ -33,7 +33,7 @@ export function recordRow(record, selected, onToggle) {
     cell(HEADINGS[1], channel),
     cell(HEADINGS[2], length(samples / rate)),
     cell(HEADINGS[3], hertz(rate)),
-    cell(HEADINGS[4], speed ? [hertz(speed.shaft_speed_hz), h("span", { class: "muted id" }, speedSource(speed))] : h("span", { class: "muted" }, "not found")),
+    cell(HEADINGS[4], speed ? [hertz(speed.shaft_speed_hz), h("span", { class: "muted id", title: speedSource(speed) }, speedSource(speed))] : h("span", { class: "muted" }, "not found")),
     cell(HEADINGS[5], indicators?.rms == null ? "–" : `${number(indicators.rms)} ${unit(record.unit)}`.trim()),
     cell(HEADINGS[6], h("span", { title: `${wear.reason || statusMeaning(wear.status)}` }, statusWords(wear))),
     cell(HEADINGS[7], h("span", { class: "part" }, part(record))),

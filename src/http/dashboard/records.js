@@ -49,7 +49,7 @@ export class RecordsPage {
     [this.#root, this.#id, this.#query] = [root, route.id, route.query];
     this.#frame = new AssetFrame(route.id, "records");
     this.#frame.update(route.id, route.query);
-    this.#actions = new RecordActions(route.id, () => this.#selection(), () => document.dispatchEvent(new CustomEvent("recordschange")));
+    this.#actions = new RecordActions(route.id, () => this.#selection(), (gone) => this.#changed(gone));
     const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
     const filters = h("div", { class: "record-filters" }, field(this.#channel, "Channel"), field(this.#status, "Status"), field(this.#from, "From, UTC"), field(this.#to, "Before, UTC"), field(this.#order, "Order"), this.#export);
     const pages = h("div", { class: "form-buttons record-pages" }, this.#words, this.#pickAll, this.#back, this.#next);
@@ -63,6 +63,15 @@ export class RecordsPage {
     this.#clear();
     this.#before = [];
     change({ ...parameters, cursor: null });
+  }
+
+  /** Asks again after an action; what is gone is not selected any more. */
+  #changed(gone) {
+    if (gone) {
+      this.#clear();
+      this.#mark();
+    }
+    document.dispatchEvent(new CustomEvent("recordschange"));
   }
 
   #turn() {
