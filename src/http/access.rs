@@ -11,6 +11,7 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use jiff::Timestamp;
 
 use super::problem::Problem;
 use super::rate::RateLimiter;
@@ -21,7 +22,7 @@ use super::tokens::{Scope, Token, TokenError, Tokens, find};
 /// Where the tokens are.
 pub(super) enum TokenPlace {
     /// In a file of the data folder.
-    File(Tokens),
+    File(Arc<Tokens>),
     /// In the store that processes share.
     Shared(SharedTokens),
 }
@@ -34,6 +35,33 @@ impl TokenPlace {
             Self::Shared(tokens) => tokens.list().await,
         }
     }
+
+    /// Makes a token; returns it and what is kept of it.
+    pub(super) async fn issue(&self, name: String, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
+        match self {
+            Self::File(tokens) => {
+                let tokens = Arc::clone(tokens);
+                off_thread(move || tokens.issue(&name, scope, now)).await
+            }
+            Self::Shared(tokens) => tokens.issue(&name, scope, now).await,
+        }
+    }
+
+    /// Takes a token back.
+    pub(super) async fn revoke(&self, id: String, now: Timestamp) -> Result<(), TokenError> {
+        match self {
+            Self::File(tokens) => {
+                let tokens = Arc::clone(tokens);
+                off_thread(move || tokens.revoke(&id)).await
+            }
+            Self::Shared(tokens) => tokens.revoke(&id, now).await,
+        }
+    }
+}
+
+/// Does what waits for the disk.
+async fn off_thread<T: Send + 'static>(work: impl FnOnce() -> Result<T, TokenError> + Send + 'static) -> Result<T, TokenError> {
+    tokio::task::spawn_blocking(work).await.unwrap_or(Err(TokenError::Silent))
 }
 
 /// Whether requests need a token.
@@ -70,19 +98,23 @@ impl Access {
         }
     }
 
+    /// The tokens, where people may make and revoke them over HTTP.
+    pub(super) fn managed_tokens(&self) -> Result<&TokenPlace, Problem> {
+        if self.policy == AuthPolicy::Disabled {
+            // Whoever reaches the service could otherwise keep a way in for the time after.
+            let detail = "the service runs with --insecure-no-tokens: only `flankwatch token` makes and revokes tokens";
+            return Err(Problem::new(StatusCode::FORBIDDEN, detail));
+        }
+        Ok(&self.tokens)
+    }
+
     async fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<Option<Caller>, Problem> {
         refuse_other_pages(method, uri, headers)?;
         let path = uri.path();
         if self.policy == AuthPolicy::Disabled || is_public(path) {
             return Ok(None);
         }
-        let tokens = self.tokens.list().await.map_err(|error| {
-            tracing::error!(%error, "failed to read tokens");
-            if error.is_unavailable() {
-                return Problem::busy("the tokens cannot be read: the database is away", 5);
-            }
-            Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the tokens cannot be read, the log says why")
-        })?;
+        let tokens = self.tokens.list().await.map_err(|error| unreadable(&error))?;
         if tokens.is_some() {
             self.had_tokens.store(true, Ordering::Relaxed);
         } else if let AuthPolicy::WhenConfigured { host_names } = &self.policy
@@ -130,6 +162,18 @@ impl Access {
     }
 }
 
+/// The problem where tokens cannot be read or kept.
+pub(super) fn unreadable(error: &TokenError) -> Problem {
+    tracing::error!(%error, "failed to read or keep tokens");
+    if error.is_unavailable() {
+        return Problem::busy("the tokens cannot be read: the database is away", 5);
+    }
+    Problem::new(
+        StatusCode::INTERNAL_SERVER_ERROR,
+        "the tokens cannot be read or kept, the log says why",
+    )
+}
+
 /// The token of the `authorization` header.
 fn bearer(headers: &HeaderMap) -> Option<&str> {
     let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
@@ -149,11 +193,10 @@ fn is_public(path: &str) -> bool {
 }
 
 fn needed(method: &Method, path: &str) -> Scope {
-    if is_safe(method) {
-        return Scope::Read;
-    }
     let parts: Vec<&str> = path.trim_matches('/').split('/').collect();
     match parts[..] {
+        ["v1", "tokens", ..] => Scope::Admin,
+        _ if is_safe(method) => Scope::Read,
         ["v1", "session"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
         ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
@@ -241,6 +284,9 @@ mod tests {
             (Method::DELETE, "/v1/assets/a/segments", Scope::Admin),
             (Method::DELETE, "/v1/segments/b", Scope::Admin),
             (Method::POST, "/v1/replays", Scope::Write),
+            (Method::GET, "/v1/tokens", Scope::Admin),
+            (Method::POST, "/v1/tokens", Scope::Admin),
+            (Method::DELETE, "/v1/tokens/1f0c77aa", Scope::Admin),
             (Method::POST, "/v1/session", Scope::Read),
             (Method::DELETE, "/v1/session", Scope::Read),
         ] {

@@ -25,6 +25,16 @@ impl Chosen {
         Self { range, some }
     }
 
+    /// Of these those whose position in the trend `holds`.
+    pub(super) fn only(self, holds: impl Fn(usize) -> bool) -> Self {
+        let all = 0..self.len();
+        let some = all.map(|n| self.position(n)).filter(|n| holds(*n)).collect();
+        Self {
+            range: self.range,
+            some: Some(some),
+        }
+    }
+
     pub(super) fn len(&self) -> usize {
         self.some.as_ref().map_or(self.range.len(), Vec::len)
     }

@@ -46,7 +46,7 @@ pub(super) async fn include(State(app): State<App>, SegmentInPath(id): SegmentIn
     set_one(&app, &id, false).await
 }
 
-/// Exclude the segments of a range of time
+/// Exclude the segments of a range of time, or those that are named
 ///
 /// As each of them by itself. Records that come later are not excluded.
 #[utoipa::path(
@@ -64,7 +64,7 @@ pub(super) async fn exclude_range(
     set_range(&app, &asset, asked, true).await
 }
 
-/// Include the segments of a range of time
+/// Include the segments of a range of time, or those that are named
 ///
 /// As each of them by itself.
 #[utoipa::path(
@@ -89,7 +89,7 @@ async fn set_one(app: &App, id: &SegmentId, is_excluded: bool) -> Result<Json<Ch
 }
 
 async fn set_range(app: &App, asset: &AssetId, asked: RangeParameters, is_excluded: bool) -> Result<Json<Changed>, Problem> {
-    let range = asked.range("a time here or in to")?;
-    let changed = app.service.exclusions.set(asset, &range, is_excluded).await?;
+    let ranges = asked.ranges(app, asset, "a time here or in to, or ids").await?;
+    let changed = app.service.exclusions.set_each(asset, &ranges, is_excluded).await?;
     Ok(Json(Changed { changed }))
 }

@@ -107,7 +107,7 @@ pub(super) async fn trend(
 }
 
 /// A name that is no indicator's, and that no record has a value of from before a change of the bands, is a slip.
-fn check_names(names: &[String], recorded: &BTreeMap<String, Vec<f64>>, spec: &AssetSpec) -> Result<(), Problem> {
+pub(super) fn check_names(names: &[String], recorded: &BTreeMap<String, Vec<f64>>, spec: &AssetSpec) -> Result<(), Problem> {
     let known = Indicators::names(&spec.bands);
     let is_known = |name: &&String| known.contains(name) || recorded.contains_key(*name);
     let Some(unknown) = names.iter().find(|name| !is_known(name)) else {

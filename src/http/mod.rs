@@ -4,11 +4,13 @@
 //! Everything that goes wrong is answered as a problem (RFC 9457).
 
 mod access;
+mod alarm_trials;
 mod alarms;
 mod angle;
 mod app;
 mod asset_metrics;
 mod assets;
+mod baseline_statistics;
 mod body;
 mod category;
 mod cepstra;
@@ -26,6 +28,7 @@ mod export;
 mod head;
 mod health;
 mod indicators;
+mod issued_tokens;
 mod libraries;
 mod library_states;
 mod limits;
@@ -43,8 +46,10 @@ mod problem;
 mod provenance;
 mod query;
 mod rate;
+mod raw_recordings;
 mod reading_waits;
 mod recomputations;
+mod record_choice;
 mod reduction;
 mod replays;
 mod reports;

@@ -50,7 +50,7 @@ const WITH_BODY: &[(&str, &str)] = &[
 
 /// Of operations that read a record's raw bytes.
 const FROM_RAW: &[(&str, &str)] = &[("410", "The raw recording was given up for the quota")];
-const READ_RAW: [&str; 6] = ["/waveform", "/spectrum", "/envelope", "/orders", "/turn", "/cepstrum"];
+const READ_RAW: [&str; 7] = ["/raw", "/waveform", "/spectrum", "/envelope", "/orders", "/turn", "/cepstrum"];
 
 /// Of operations without a body that write a file.
 const WITH_FILE: &[(&str, &str)] = &[("507", "There is no room")];

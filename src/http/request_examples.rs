@@ -43,6 +43,13 @@ pub(super) fn all() -> Vec<(&'static str, &'static str, &'static str, Value)> {
             JSON,
             json!({ "time": "2026-03-01T08:00:00Z", "kind": "gear_replaced", "by": "Ada", "comment": "new pair, same drawing" }),
         ),
+        (
+            "/v1/assets/{asset}/alarms/try",
+            "post",
+            JSON,
+            json!({ "rule": { "quantity": { "indicator": "rms" }, "warning": 2.0, "danger": 4.0 } }),
+        ),
+        ("/v1/tokens", "post", JSON, json!({ "name": "front desk", "scope": "admin" })),
         ("/v1/alarms/{alarm}/acknowledge", "post", JSON, remark.clone()),
         ("/v1/alarms/{alarm}/comment", "post", JSON, remark.clone()),
         (

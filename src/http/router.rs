@@ -15,9 +15,9 @@ use utoipa_axum::routes;
 use super::app::App;
 use super::problem::Problem;
 use super::{
-    access, alarms, angle, assets, cepstra, damage, dashboard, drain, etag, events, exclusions, export, head, health, indicators,
-    libraries, library_states, maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, session, traffic, tus,
-    uploads, waterfall, waveforms, wear,
+    access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, damage, dashboard, drain, etag, events, exclusions, export,
+    head, health, indicators, issued_tokens, libraries, library_states, maintenance, matching, metrics, openapi, raw_recordings,
+    recomputations, record_choice, replays, reports, segments, session, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -32,9 +32,12 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(maintenance::list, maintenance::add))
         .routes(routes!(maintenance::remove))
         .routes(routes!(segments::list, uploads::upload, segments::remove_range))
+        .routes(routes!(record_choice::count))
         .routes(routes!(exclusions::exclude_range))
         .routes(routes!(exclusions::include_range))
         .routes(routes!(indicators::trend))
+        .routes(routes!(baseline_statistics::show))
+        .routes(routes!(alarm_trials::try_rule))
         .routes(routes!(wear::latest))
         .routes(routes!(wear::history))
         .routes(routes!(export::export))
@@ -43,6 +46,7 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(segments::show, segments::remove))
         .routes(routes!(exclusions::exclude))
         .routes(routes!(exclusions::include))
+        .routes(routes!(raw_recordings::download))
         .routes(routes!(waveforms::waveform))
         .routes(routes!(waveforms::spectrum))
         .routes(routes!(waveforms::envelope))
@@ -68,6 +72,8 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(library_states::flank))
         .routes(routes!(events::stream))
         .routes(routes!(session::show, session::begin, session::end))
+        .routes(routes!(issued_tokens::list, issued_tokens::create))
+        .routes(routes!(issued_tokens::revoke))
         .routes(routes!(health::alive))
         .routes(routes!(health::ready))
         .routes(routes!(metrics::show))

@@ -1,7 +1,5 @@
 //! `/v1/assets/{asset}/segments` and `/v1/segments/{segment}`.
 
-use std::collections::HashMap;
-
 use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -10,13 +8,14 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use super::app::App;
-use super::chosen::{self, Chosen};
+use super::chosen;
 use super::problem::{Details, Problem};
 use super::query::{self, AssetInPath, Page, Parameters, SegmentInPath};
-use crate::asset::{AssetId, OperatingBin, RawReference, Segment, SegmentId};
+use super::record_choice::{self, RecordChoice};
+use crate::asset::{AssetId, RawReference, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Indicators, OperatingPoint, ShaftSpeed};
-use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreError};
+use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey};
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -30,6 +29,9 @@ pub(super) struct ListParameters {
     to: Option<Timestamp>,
     /// Only records in this one of the asset's operating bins.
     operating_bin: Option<String>,
+    /// Only records whose estimate has one of these statuses, with commas between them.
+    #[param(example = "estimated,excluded")]
+    status: Option<String>,
     /// Entries of the page: 1 to 1000, 100 where not given.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<u32>,
@@ -128,9 +130,13 @@ pub(super) async fn list(
     };
     let store = &app.service.store;
     let spec = store.asset(&asset).await?.spec;
-    let segments = match chosen::asked_bin(&spec, asked.operating_bin.as_deref())? {
-        None => store.segments(&asset, &filter, limit + 1).await?,
-        Some(bin) => of_bin(store, &asset, &filter, &bin, limit as usize + 1).await?,
+    let choice = RecordChoice {
+        bin: chosen::asked_bin(&spec, asked.operating_bin.as_deref())?,
+        statuses: record_choice::asked_statuses(asked.status.as_deref())?,
+    };
+    let segments = match choice.is_all() {
+        true => store.segments(&asset, &filter, limit + 1).await?,
+        false => choice.segments(store, &asset, &filter, limit as usize + 1).await?,
     };
     let page = Page::new(segments, limit, |segment: &Segment| {
         query::cursor_of(&SegmentKey {
@@ -139,47 +145,6 @@ pub(super) async fn list(
         })
     });
     Ok(Json(page.map(SegmentRow::from)))
-}
-
-/// Up to `limit` segments of an operating bin, found in the histories of the asset's channels.
-async fn of_bin(
-    store: &Store,
-    asset: &AssetId,
-    filter: &SegmentFilter,
-    bin: &OperatingBin,
-    limit: usize,
-) -> Result<Vec<Segment>, StoreError> {
-    let mut keys: Vec<SegmentKey> = Vec::new();
-    for channel in store.channels(asset).await? {
-        if filter.channel.as_ref().is_some_and(|name| *name != channel.channel) {
-            continue;
-        }
-        let trend = store.trend(&channel).await?;
-        let chosen = Chosen::of(&trend, filter.from, filter.to, Some(bin));
-        let key = |n: usize| SegmentKey {
-            start_time: trend.start_time[chosen.position(n)],
-            id: trend.segment_id[chosen.position(n)].clone(),
-        };
-        let all = 0..chosen.len();
-        let is_after = |key: &SegmentKey| match (&filter.after, filter.order) {
-            (None, _) => true,
-            (Some(after), Order::Asc) => key > after,
-            (Some(after), Order::Desc) => key < after,
-        };
-        match filter.order {
-            Order::Asc => keys.extend(all.map(key).filter(is_after).take(limit)),
-            Order::Desc => keys.extend(all.rev().map(key).filter(is_after).take(limit)),
-        }
-    }
-    keys.sort_unstable();
-    if filter.order == Order::Desc {
-        keys.reverse();
-    }
-    keys.truncate(limit);
-    let ids: Vec<SegmentId> = keys.into_iter().map(|key| key.id).collect();
-    let found = store.segments_by_id(&ids).await?;
-    let mut found: HashMap<SegmentId, Segment> = found.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
-    Ok(ids.iter().filter_map(|id| found.remove(id)).collect())
 }
 
 /// One segment, whole
@@ -211,7 +176,7 @@ pub(super) async fn remove(State(app): State<App>, SegmentInPath(id): SegmentInP
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Which records; at least one of `from` and `to` is needed.
+/// Which records; `ids`, or at least one of `from` and `to`, is needed.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
@@ -222,20 +187,28 @@ pub(super) struct RangeParameters {
     from: Option<Timestamp>,
     /// Only records that start before this time.
     to: Option<Timestamp>,
+    /// These records in place of a range: identifiers with commas between them, at most 200.
+    ids: Option<String>,
 }
 
 impl RangeParameters {
-    /// The range; `all` says what to do in place of a range without bounds.
-    pub(super) fn range(self, all: &'static str) -> Result<RecordRange, Problem> {
+    /// The range, or one for each of the records that are named; `all` says what to do in place of a range without bounds.
+    pub(super) async fn ranges(self, app: &App, asset: &AssetId, all: &'static str) -> Result<Vec<RecordRange>, Problem> {
+        if let Some(ids) = &self.ids {
+            if self.channel.is_some() || self.from.is_some() || self.to.is_some() {
+                return Err(Problem::query("ids", "given", "either ids, or channel, from and to"));
+            }
+            return record_choice::named(&app.service.store, asset, ids).await;
+        }
         if self.from.is_none() && self.to.is_none() {
             return Err(Problem::query("from", "missing", all));
         }
-        Ok(RecordRange {
+        Ok(vec![RecordRange {
             channel: self.channel,
             from: self.from,
             to: self.to,
             raw_sha256: None,
-        })
+        }])
     }
 }
 
@@ -246,7 +219,7 @@ pub(super) struct Deleted {
     deleted: u64,
 }
 
-/// Delete the segments of a range of time
+/// Delete the segments of a range of time, or those that are named
 ///
 /// As each of them by itself.
 #[utoipa::path(
@@ -261,8 +234,9 @@ pub(super) async fn remove_range(
     AssetInPath(asset): AssetInPath,
     Parameters(asked): Parameters<RangeParameters>,
 ) -> Result<Json<Deleted>, Problem> {
-    let range = asked.range("a time here or in to: delete the asset to delete all")?;
-    let deleted = app.service.removals.remove(&asset, &range).await?;
+    let all = "a time here or in to, or ids: delete the asset to delete all";
+    let ranges = asked.ranges(&app, &asset, all).await?;
+    let deleted = app.service.removals.remove_each(&asset, &ranges).await?;
     Ok(Json(Deleted { deleted }))
 }
 

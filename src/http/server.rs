@@ -115,7 +115,7 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
         });
     }
     let tokens = match &node {
-        None => TokenPlace::File(Tokens::of(&config.data_dir)),
+        None => TokenPlace::File(Arc::new(Tokens::of(&config.data_dir))),
         Some(node) => {
             let tokens = SharedTokens::of(node.store.clone());
             tokens.import(&config.data_dir).await?;

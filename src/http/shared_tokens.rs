@@ -90,6 +90,11 @@ impl SharedTokens {
         counts.then(|| known.tokens.clone())
     }
 
+    /// Has the next request ask the database: this node sees its own changes at once.
+    fn forget(&self) {
+        *self.known.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
     async fn read(&self) -> Result<Option<Arc<Vec<Token>>>, TokenError> {
         let Some(stored) = self.store.tokens().await? else {
             return Ok(None);
@@ -100,10 +105,16 @@ impl SharedTokens {
 
     /// Makes a token and returns it; it cannot be had again.
     pub async fn create(&self, name: &str, scope: Scope, now: Timestamp) -> Result<String, TokenError> {
+        Ok(self.issue(name, scope, now).await?.0)
+    }
+
+    /// Makes a token; returns it and what is kept of it.
+    pub(super) async fn issue(&self, name: &str, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
         loop {
             let (token, kept) = mint(name, scope, now)?;
-            if self.store.insert_token(&kept.into()).await? {
-                return Ok(token);
+            if self.store.insert_token(&kept.clone().into()).await? {
+                self.forget();
+                return Ok((token, kept));
             }
         }
     }
@@ -111,6 +122,7 @@ impl SharedTokens {
     /// Takes a token back: a moment later it opens nothing on any node.
     pub async fn revoke(&self, id: &str, now: Timestamp) -> Result<(), TokenError> {
         if self.store.revoke_token(id, now).await? {
+            self.forget();
             Ok(())
         } else {
             Err(TokenError::Unknown(id.to_owned()))

@@ -21,7 +21,7 @@ use crate::store::StoreError;
 const PREFIX: &str = "fwt";
 
 /// How far a token reaches; each scope holds those before it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {
     /// Look at everything.
@@ -129,6 +129,8 @@ impl TokenError {
 pub struct Tokens {
     path: PathBuf,
     read: Mutex<Option<Read>>,
+    /// Held while the file is written: each writing begins with what the one before left.
+    writing: Mutex<()>,
 }
 
 /// The file as it was last read.
@@ -144,6 +146,7 @@ impl Tokens {
         Self {
             path: data_dir.join("tokens.json"),
             read: Mutex::new(None),
+            writing: Mutex::new(()),
         }
     }
 
@@ -182,15 +185,22 @@ impl Tokens {
 
     /// Makes a token and returns it; it cannot be had again.
     pub fn create(&self, name: &str, scope: Scope, now: Timestamp) -> Result<String, TokenError> {
+        Ok(self.issue(name, scope, now)?.0)
+    }
+
+    /// Makes a token; returns it and what is kept of it.
+    pub(super) fn issue(&self, name: &str, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
         let (token, kept) = mint(name, scope, now)?;
+        let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let mut tokens = self.list()?.map(|tokens| tokens.to_vec()).unwrap_or_default();
-        tokens.push(kept);
+        tokens.push(kept.clone());
         self.keep(&tokens)?;
-        Ok(token)
+        Ok((token, kept))
     }
 
     /// Takes a token back: it opens nothing from now on.
     pub fn revoke(&self, id: &str) -> Result<(), TokenError> {
+        let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let mut tokens = self.list()?.map(|tokens| tokens.to_vec()).unwrap_or_default();
         let before = tokens.len();
         tokens.retain(|token| token.id != id);

@@ -16,7 +16,7 @@ use super::app::App;
 use super::body::{self, SpooledBody};
 use super::problem::{Details, Problem};
 use super::query::{AssetInPath, Parameters};
-use crate::asset::{AssetId, Segment};
+use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::{JsonBlock, RawLayout};
 use crate::service::{Accepted, BatchSummary, QueuedRecord, RecordFormat, ServiceError, UploadMetadata, detached};
@@ -133,6 +133,8 @@ pub(super) enum UploadAnswer {
 pub(super) struct RecordingAnswer {
     #[serde(flatten)]
     summary: BatchSummary,
+    /// The segments that its records are now, the first 10 000; without those that were stored before.
+    segments: Vec<SegmentId>,
     /// The asset's wear after the latest record.
     wear: Option<WearEstimate>,
 }
@@ -359,13 +361,14 @@ pub(super) async fn take_recording<R: Read + Send + 'static>(
     asset: &AssetId,
     open: impl FnOnce() -> io::Result<R> + Send + 'static,
 ) -> Result<UploadAnswer, Problem> {
-    let summary = app.service.pipeline.accept_recording(asset, open).await?;
+    let mut summary = app.service.pipeline.accept_recording(asset, open).await?;
+    let segments = std::mem::take(&mut summary.segments);
     let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
     let wear = match channel {
         Some(channel) => app.service.store.latest_counted(&channel).await?.map(|segment| segment.wear),
         None => None,
     };
-    Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, wear })))
+    Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, segments, wear })))
 }
 
 impl UploadParameters {

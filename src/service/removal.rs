@@ -31,14 +31,34 @@ impl Removals {
         self.remove(&segment.asset_id, &RecordRange::of(segment)).await
     }
 
-    /// Removes records of an asset as if they had never come, and of all others of its sensor; returns how
-    /// many they were of the asset. Raw recordings go into quarantine, and histories are folded again in the
+    /// Removes records of an asset as if they had never come.
+    pub async fn remove(&self, asset: &AssetId, range: &RecordRange) -> Result<u64, ServiceError> {
+        self.remove_each(asset, std::slice::from_ref(range)).await
+    }
+
+    /// Removes records of several ranges, and of all others of the asset's sensor; returns how many they were
+    /// of the asset. Raw recordings go into quarantine, and histories are folded again in the
     /// background.
     ///
     /// Error: [`ServiceError::SensorOfOther`] where they come for another asset.
-    pub async fn remove(&self, asset: &AssetId, range: &RecordRange) -> Result<u64, ServiceError> {
+    pub async fn remove_each(&self, asset: &AssetId, ranges: &[RecordRange]) -> Result<u64, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
         let assets: Vec<AssetId> = group.specs().map(|spec| spec.id.clone()).collect();
+        let mut count = 0;
+        for range in ranges {
+            count += self.remove_range(asset, &assets, range).await?;
+        }
+        if count > 0 {
+            tracing::info!(%asset, count, "removed records");
+            for asset in &assets {
+                self.events.announce(LiveEvent::AssetChanged(asset.clone()));
+            }
+            self.history.recompute_in_background(assets);
+        }
+        Ok(count)
+    }
+
+    async fn remove_range(&self, asset: &AssetId, assets: &[AssetId], range: &RecordRange) -> Result<u64, ServiceError> {
         let mut count = 0;
         loop {
             let _exclusive = self.raw.exclusive().await;
@@ -63,13 +83,6 @@ impl Removals {
                 })
                 .await?;
             self.raw.quarantine(orphans).await?;
-        }
-        if count > 0 {
-            tracing::info!(%asset, count, "removed records");
-            for asset in &assets {
-                self.events.announce(LiveEvent::AssetChanged(asset.clone()));
-            }
-            self.history.recompute_in_background(assets);
         }
         Ok(count)
     }

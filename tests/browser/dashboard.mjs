@@ -11,7 +11,7 @@
 import { mkdir } from "node:fs/promises";
 import { browser, shots } from "./page.mjs";
 
-const FILES = ["pages", "severity", "record", "spectrum", "plots", "match", "views", "links", "downloads", "live", "connection", "alarms", "upload", "session", "fleet", "keyboard", "accessibility", "speed"];
+const FILES = ["pages", "severity", "record", "spectrum", "plots", "match", "views", "links", "downloads", "live", "connection", "alarms", "alarm-levels", "upload", "import", "records", "session", "tokens", "fleet", "keyboard", "accessibility", "speed"];
 const only = process.env.FLANKWATCH_ONLY ?? "";
 
 if (shots) await mkdir(shots, { recursive: true });

@@ -9,6 +9,9 @@ const PAGES = {
   waterfall: [`#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall")],
   match: [`#/assets/${asset}/match`, (page) => drawn(page, "transmission")],
   settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],
+  records: [`#/assets/${asset}/records`, (page) => page.locator(".record-table tbody tr").first().waitFor()],
+  import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
+  tokens: ["#/tokens", (page) => page.getByText("Make the token").waitFor()],
   alarms: [async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`, (page) => page.locator(".alarm-history li").first().waitFor()],
   libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
   library: [async () => `#/libraries/${(await json("libraries")).items[0].id}`, (page) => drawn(page, "transmission")],
@@ -39,10 +42,13 @@ const missed = (page) => page.evaluate(() => [...document.querySelectorAll("a[hr
 
 async function walk(page) {
   const seen = new Set();
+  let last;
   for (let presses = 0; presses < MOST; presses++) {
     await page.keyboard.press("Tab");
     const at = await focused(page);
+    if (at !== null && at.number === last) continue; // a field of date and time is walked through part by part
     if (at === null || seen.has(at.number)) break; // past the last, or around
+    last = at.number;
     seen.add(at.number);
     assert.ok(at.name, `without a name: ${at.html}`);
     assert.ok(at.marked, `the focus is not to be seen: ${at.html}`);

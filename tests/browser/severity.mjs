@@ -11,7 +11,8 @@ const states = (page) => page.route(/\/v1\/assets\?/, async (route) => {
   const wear = { ...model.summary.wear, status: "estimated", median_um: 150, p05_um: 130, p95_um: 170 };
   const worn = { ...model, id: "worn", name: "Worn", summary: { ...model.summary, wear, alarms: {} } };
   const learning = { ...model, id: "learning", name: "Learning", summary: { ...model.summary, wear: { status: "collecting_baseline", baseline: { have: 3, need: 20 } }, alarms: {} } };
-  await route.fulfill({ response: answer, json: { ...list, items: [model, worn, learning] }, headers: {} });
+  const alarmed = { ...worn, id: "alarmed", name: "Alarmed", summary: { ...worn.summary, alarms: { danger: 1, warning: 0, unacknowledged: 1, shelved: 0 } } };
+  await route.fulfill({ response: answer, json: { ...list, items: [model, worn, alarmed, learning] }, headers: {} });
 });
 
 export const CHECKS = {
@@ -35,5 +36,12 @@ export const CHECKS = {
       await row("learning").getByRole("img", { name: "NE 107 function check" }).waitFor();
       await close(opened, `${name} ${colorScheme}`);
     }
+  },
+
+  "a danger alarm outranks wear above its warning limit": async () => {
+    const { page } = await open("", {}, states);
+    await page.locator('tr[data-asset="alarmed"]').getByText("Danger alarm").first().waitFor();
+    await page.locator('tr[data-asset="worn"]').getByText("Above warning limit").waitFor();
+    await page.context().close();
   },
 };

@@ -8,7 +8,7 @@ const RATE = 4000;
 const value = (n) => Math.sin((2 * Math.PI * 310 * n) / RATE) + 0.3 * Math.sin(n * n);
 
 /** A WAV file of 16-bit samples. */
-function wav(samples) {
+export function wav(samples) {
   const bytes = Buffer.alloc(44 + 2 * samples);
   bytes.write("RIFF", 0);
   bytes.writeUInt32LE(36 + 2 * samples, 4);
@@ -20,7 +20,7 @@ function wav(samples) {
   return bytes;
 }
 
-const csv = (rows, broken) => ["time,a1", ...Array.from({ length: rows }, (_, n) => `${n / RATE},${n === broken ? "none" : value(n)}`)].join("\n");
+export const csv = (rows, broken) => ["time,a1", ...Array.from({ length: rows }, (_, n) => `${n / RATE},${n === broken ? "none" : value(n)}`)].join("\n");
 
 /** A page of a new asset with its dialog open. */
 async function dialog() {
@@ -31,7 +31,7 @@ async function dialog() {
 }
 
 /** Drags files, contents by name, over a place of the page and drops them there; whether the page took them is answered. */
-function drop(page, files, place = "main h1") {
+export function drop(page, files, place = "main h1") {
   const contents = Object.entries(files).map(([name, content]) => [name, [...Buffer.from(content)]]);
   return page.evaluate(([list, where]) => {
     const transfer = new DataTransfer();
@@ -214,7 +214,7 @@ export const CHECKS = {
     body = { segments: [queued, { ...queued, channel: "a2" }] };
     await one("two.wav");
     await good("two.wav: channel a2 taken as the record of 2026-03-01 08:00:00 UTC; it waits");
-    body = { records: 4, stored: 0, queued: 3, repeated: 1, refused_count: 0, refused: [], wear: null };
+    body = { records: 4, stored: 0, queued: 3, repeated: 1, refused_count: 0, refused: [], segments: ["1", "2", "3"].map((digit) => digit.repeat(24)), wear: null };
     await one("run.wav");
     await good("run.wav: 4 records read, 0 stored, 3 taken and waiting to be analysed, 1 already known, 0 refused.");
     assert.deepEqual(opened.faults, []);

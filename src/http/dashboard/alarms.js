@@ -1,5 +1,6 @@
 // Every alarm that has been raised or acted on, filtered by where it stands; the chosen one with its history and what can be done about it.
 
+import { BulkAcknowledge } from "./alarm-bulk.js";
 import { AlarmDetail } from "./alarm-detail.js";
 import { learnUnits } from "./alarm-units.js";
 import { ALARM_STATES, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
@@ -29,6 +30,7 @@ export class AlarmsPage {
   #table = h("table", { class: "alarms", hidden: true }, h("thead", {}, h("tr", {}, ["Severity", "Asset", "What", "Reading", "Since", "State"].map((text) => h("th", { scope: "col" }, text)))), this.#body);
   #notice = h("p", { class: "notice" }, "Loading the alarms…");
   #detail = new AlarmDetail(() => this.refresh());
+  #bulk = new BulkAcknowledge(() => this.refresh());
   #ages = [];
 
   constructor(root, route) {
@@ -40,7 +42,7 @@ export class AlarmsPage {
       chips.append(chip);
     }
     chips.append(this.#asset);
-    const list = h("section", { class: "card table-card", "aria-label": "List of alarms" }, h("div", { class: "fleet-tools" }, chips, this.#total), this.#table, this.#notice);
+    const list = h("section", { class: "card table-card", "aria-label": "List of alarms" }, h("div", { class: "fleet-tools" }, chips, this.#total), this.#bulk.element, this.#table, this.#notice);
     setChildren(root, h("h1", {}, "Alarms"), h("div", { class: "alarm-grid" }, list, this.#detail.element));
     document.title = "Alarms · flankwatch";
   }
@@ -74,11 +76,13 @@ export class AlarmsPage {
     if (answer instanceof Error) setText(this.#notice, answer.message);
     else setText(this.#notice, show === "" ? "Nothing to do: every alarm has been acknowledged." : show === "all" ? "No alarm has been raised yet." : "No alarm stands like this.");
     setText(this.#total, answer instanceof Error ? "" : `${answer.next_cursor ? `the latest ${LIMIT}` : items.length} ${items.length === 1 ? "alarm" : "alarms"}`);
+    this.#bulk.offer(items.filter(({ state }) => ALARM_STATES[state]?.open).map(({ id }) => id));
+    const picking = document.activeElement?.classList.contains("alarm-pick");
     const focused = this.#body.contains(document.activeElement) ? document.activeElement.closest("tr").dataset.alarm : null;
     this.#ages = [];
     const rows = items.map((alarm) => this.#row(alarm));
     setChildren(this.#body, rows);
-    rows.find((row) => row.dataset.alarm === focused)?.querySelector(".alarm-open").focus();
+    rows.find((row) => row.dataset.alarm === focused)?.querySelector(picking ? ".alarm-pick" : ".alarm-open")?.focus();
   }
 
   #row(alarm) {
@@ -91,7 +95,7 @@ export class AlarmsPage {
     const row = h(
       "tr",
       { "data-alarm": id, "data-state": state, "aria-current": this.#query.alarm === id ? "true" : null },
-      h("td", { "data-label": "Severity" }, severityBadge(severity)),
+      h("td", { "data-label": "Severity" }, h("span", { class: "alarm-severity" }, todo ? this.#bulk.box(id, `${quantityWords(quantity)} of ${asset}, channel ${channel}`) : null, severityBadge(severity))),
       h("th", { scope: "row" }, h("a", { href: format({ page: "asset", id: asset, query: { channel } }) }, asset), h("span", { class: "muted id" }, channel)),
       h("td", { "data-label": "What" }, open, h("span", { class: "muted id" }, levelWords(alarm))),
       h("td", { "data-label": "Reading" }, reading(value, alarm)),

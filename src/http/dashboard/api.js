@@ -93,9 +93,9 @@ async function get(segments, parameters, signal) {
   return data;
 }
 
-async function send(method, segments, body, signal) {
+async function send(method, segments, body, signal, parameters) {
   const headers = { accept: "application/json", ...(body && { "content-type": "application/json" }) };
-  const { response, text } = await request(address(segments), { method, headers, signal, body: body && JSON.stringify(body) });
+  const { response, text } = await request(address(segments, parameters), { method, headers, signal, body: body && JSON.stringify(body) });
   if (!response.ok) throw failure(response.status, text);
   return parsed(text);
 }
@@ -140,6 +140,16 @@ export const actOnAlarm = (id, action, body) => send("POST", ["alarms", id, acti
 export const maintenance = (id, signal) => get(["assets", id, "maintenance"], { limit: 200 }, signal);
 export const tellMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
 export const takeBackMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
+export const recordsPage = (id, parameters, signal) => get(["assets", id, "segments"], parameters, signal);
+export const recordCount = (id, parameters, signal) => get(["assets", id, "segments", "count"], parameters, signal);
+/** `action` is "exclude" or "include"; the records are those of a range or of `ids`. */
+export const markRecords = (id, action, parameters) => send("POST", ["assets", id, "segments", action], undefined, undefined, parameters);
+export const deleteRecords = (id, parameters) => send("DELETE", ["assets", id, "segments"], undefined, undefined, parameters);
+export const baseline = (id, channel, name, signal) => get(["assets", id, "indicators", "baseline"], { channel, names: name }, signal);
+export const tryRule = (id, body, signal) => send("POST", ["assets", id, "alarms", "try"], body, signal);
+export const tokens = (signal) => get(["tokens"], { limit: 1000 }, signal);
+export const createToken = (body) => send("POST", ["tokens"], body);
+export const revokeToken = (id) => send("DELETE", ["tokens", id]);
 export const replays = (signal) => get(["replays"], { limit: 100 }, signal);
 export const startReplay = (body) => send("POST", ["replays"], body);
 export const stopReplay = (id) => send("DELETE", ["replays", id]);

@@ -73,6 +73,9 @@ const PAGES = {
   waterfall: async () => (await import("./waterfall.js")).WaterfallPage,
   match: async () => (await import("./match.js")).MatchPage,
   settings: async () => (await import("./settings.js")).SettingsPage,
+  records: async () => (await import("./records.js")).RecordsPage,
+  import: async () => (await import("./import.js")).ImportPage,
+  tokens: async () => (await import("./tokens.js")).TokensPage,
   alarms: async () => (await import("./alarms.js")).AlarmsPage,
   libraries: async () => (await import("./libraries.js")).LibrariesPage,
   library: async () => (await import("./library.js")).LibraryPage,
@@ -81,7 +84,7 @@ const PAGES = {
 
 /** Says in the page's header which of its links is the current one. */
 function markNavigation(current) {
-  const section = { fleet: "fleet", alarms: "alarms", libraries: "libraries", library: "libraries" }[current] ?? "";
+  const section = { fleet: "fleet", alarms: "alarms", libraries: "libraries", library: "libraries", tokens: "tokens" }[current] ?? "";
   for (const link of document.querySelectorAll(".sections a")) {
     if (link.dataset.section === section) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
@@ -112,7 +115,7 @@ async function follow() {
 
 bindDrops(() => ({ page, id: shown.page === "library" ? undefined : shown.id }));
 bindThemeButton(byId("theme"));
-const lookForSession = bindLogout(byId("logout"));
+const lookForSession = bindLogout(byId("logout"), byId("tokens-link"));
 bindLogin(() => {
   lookForSession();
   live.now();
@@ -121,6 +124,7 @@ byId("banner-retry").addEventListener("click", () => live.now());
 addEventListener("hashchange", follow);
 addEventListener("popstate", () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && follow());
 document.addEventListener("themechange", () => page?.redraw?.());
+document.addEventListener("sessionchange", lookForSession);
 document.addEventListener("recordschange", () => live.now());
 setInterval(() => {
   showStatus(status, view);

@@ -1,6 +1,8 @@
 // One asset: fetches what its page shows, and keeps the plots, the selection and the address in step.
 
 import * as api from "./api.js";
+import { LevelHandles } from "./alarm-levels.js";
+import { AlarmRulePanel } from "./alarm-rule-panel.js";
 import { answer } from "./api.js";
 import { refusal } from "./asset-frame.js";
 import { AssetHeader } from "./asset-header.js";
@@ -44,6 +46,9 @@ export class AssetPage {
   #log = h("input", { type: "checkbox", id: "trend-log", onchange: () => change({ log: this.#log.checked ? "1" : null }, { quiet: true }) });
   #more = h("select", { id: "trend-more", hidden: true, "aria-label": "Add another indicator", onchange: () => this.#togglePane(this.#more.value) });
   #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"], ["own", "By operating bin"]].map(([value, text]) => h("option", { value }, text)));
+  #levels = new AlarmRulePanel(() => this.redraw(), (name) => change({ levels: name }, { quiet: true }));
+  #handles = new LevelHandles(this.#trends.plot, (key, value) => this.#levels.setLevel(key, value));
+  #levelsButton = h("button", { type: "button", "aria-expanded": "false", onclick: () => change({ levels: this.#query.levels ? null : this.#levelNames()[0] }, { quiet: true }) }, "Alarm levels…");
   #empty = h("section", { class: "card empty", hidden: true });
   #grid;
 
@@ -61,7 +66,9 @@ export class AssetPage {
       this.#panes.set(key, chip);
       chips.append(chip);
     }
-    this.#trends.tools.append(chips, this.#more, this.#bins, h("label", { class: "check", for: "trend-log" }, this.#log, "Log"));
+    this.#trends.tools.append(chips, this.#more, this.#bins, h("label", { class: "check", for: "trend-log" }, this.#log, "Log"), this.#levelsButton);
+    this.#trends.frame.append(this.#handles.element);
+    this.#trends.element.append(this.#levels.element);
     this.#grid = h(
       "div",
       { class: "asset-grid", hidden: true },
@@ -77,6 +84,11 @@ export class AssetPage {
     const keys = chosenPanes(this.#query.trend).map((pane) => pane.key);
     const next = keys.includes(key) ? keys.filter((other) => other !== key) : [...keys, key];
     if (next.length) change({ trend: next.join(",") }, { quiet: true });
+  }
+
+  /** The indicators on show that an alarm's levels can be set for. */
+  #levelNames() {
+    return chosenPanes(this.#query.trend).filter((pane) => pane.names.length === 1).map((pane) => pane.names[0]);
   }
 
   /** Follows a changed address. */
@@ -204,7 +216,12 @@ export class AssetPage {
     if (indicators instanceof Error) return this.#trends.say(indicators.message);
     const range = timeOf(this.#query.time) ?? timeRange(history, latest);
     this.#trends.plot.style.setProperty("--panes", panes.length);
-    return this.#trends.show(trendDrawing(indicators, panes, names, logarithmic, selected, { revision, bins, events, range, rules: this.#data.asset.summary.alarm_rules }), `${this.#id}-trends`);
+    const rules = this.#levels.show({ asset: this.#data.asset, channel: indicators.channel, names: this.#levelNames(), units: indicators.units, name: this.#query.levels });
+    this.#levelsButton.hidden = this.#levelNames().length === 0;
+    this.#levelsButton.setAttribute("aria-expanded", String(!this.#levels.element.hidden));
+    const drawing = trendDrawing(indicators, panes, names, logarithmic, selected, { revision, bins, events, range, rules });
+    const pane = panes.findIndex((each) => each.names.length === 1 && each.names[0] === this.#query.levels);
+    return this.#trends.show(drawing, `${this.#id}-trends`).then(() => this.#handles.show(pane < 0 ? null : pane, this.#levels.levels()));
   }
 
   /** The indicators that have no chip of their own; a chosen one is taken away by choosing it again. */
@@ -252,6 +269,7 @@ export class AssetPage {
   dispose() {
     this.#wear.dispose();
     this.#trends.dispose();
+    this.#levels.dispose();
     this.#record.dispose();
     this.#dialog.dispose();
     this.#maintenance.dispose();

@@ -1,5 +1,4 @@
-// A CSV file of samples as a WAV file of 32-bit floats, which the server takes: each column is a channel, no sample changes but by rounding to
-// 32 bits.
+// A CSV file of samples as 32-bit floats, which the server takes: each column is a channel, no sample changes but by rounding to 32 bits.
 
 import { stampSeconds, startOf, timeColumn } from "./csv-time.js";
 
@@ -86,17 +85,44 @@ export function floatWav(channels, rate) {
   return new Blob([view], { type: "audio/wav" });
 }
 
-/** The WAV file of a CSV file. `rate` in hertz is needed where no column is the time, and has to agree with it where one is. */
-export async function wavOfCsv(file, rate) {
-  if (file.size > MOST_BYTES) throw new CsvError(`the file has ${Math.round(file.size / 1e6)} MB, expected at most 64 MB here; “flankwatch convert” takes larger ones`);
-  const { names, columns, stamps } = parseCsv(await file.text());
-  const time = timeColumn(names, columns, stamps);
-  if (time.words) throw new CsvError(time.words);
+/** 32-bit floats without a head, channels interleaved: these take any rate. */
+function bareFloats(channels) {
+  const floats = new Float32Array(channels.length * channels[0].length);
+  channels.forEach((channel, n) => channel.forEach((value, frame) => (floats[frame * channels.length + n] = value)));
+  return new Blob([floats]);
+}
+
+/**
+ * The columns of a CSV file: `{ rate, names, time, channels }`, the rate in hertz or undefined, `time` the place of the time column, -1 without, and for
+ * each channel `{ place, values }`. `roles` says of each column whether it is the "time", a "channel" or left out; where it is not given that is looked
+ * for. A `rate` has to agree with that of the time column where there is one.
+ */
+export function channelsOfCsv(text, rate, roles) {
+  const { names, columns, stamps } = parseCsv(text);
+  const time = timeColumn(names, columns, stamps, roles?.indexOf("time"));
+  if (time.words) throw Object.assign(new CsvError(time.words), { names });
   if (rate && time.rate && Math.abs(time.rate - rate) > SAME_RATE * rate) throw new CsvError(`the sampling rate is ${rate} Hz, expected ${Number(time.rate.toPrecision(6))} Hz as column “${names[time.index]}” says`);
-  const known = rate || time.rate;
+  const channels = columns.map((values, place) => ({ place, values })).filter(({ place }) => (roles ? roles[place] === "channel" : place !== time.index));
+  if (channels.length === 0) throw Object.assign(new CsvError("there is no column beside the time, expected one with samples"), { names });
+  return { rate: rate || time.rate, names, time: time.index, channels };
+}
+
+/** The text of a CSV file; of a large one its begin, up to the end of a line. */
+export async function csvBegin(file, most) {
+  const text = await file.slice(0, most).text();
+  return file.size > most ? text.slice(0, text.lastIndexOf("\n") + 1) : text;
+}
+
+/**
+ * The chosen columns of a CSV file as what is sent: `{ body, type, parameters }`. `rate` in hertz is needed where no column is the time; `roles` as
+ * for `channelsOfCsv`, of which the columns at the places `chosen` are taken.
+ */
+export async function recordOfCsv(file, rate, roles, chosen) {
+  if (file.size > MOST_BYTES) throw new CsvError(`the file has ${Math.round(file.size / 1e6)} MB, expected at most 64 MB here; “flankwatch convert” takes larger ones`);
+  const { rate: known, names, channels: all } = channelsOfCsv(await file.text(), rate, roles);
   if (!known) throw new CsvError(`no column is the time (columns: ${names.join(", ")}), so the sampling rate is needed: type it in above`);
-  const channels = columns.filter((_, index) => index !== time.index);
-  if (channels.length === 0) throw new CsvError("there is no column beside the time, expected one with samples");
-  if (Math.abs(known - Math.round(known)) > 1e-4 * known) throw new CsvError(`the sampling rate is ${known} Hz, which a WAV file cannot hold; “flankwatch convert” keeps it`);
-  return floatWav(channels, Math.round(known));
+  const channels = all.filter(({ place }) => !chosen || chosen.includes(place)).map(({ values }) => values);
+  // a WAV file holds whole rates only
+  if (Math.abs(known - Math.round(known)) <= 1e-4 * known) return { body: floatWav(channels, Math.round(known)), type: "audio/wav", parameters: {} };
+  return { body: bareFloats(channels), type: "application/octet-stream", parameters: { sample: "f32", sample_rate_hz: known, channels: channels.length } };
 }

@@ -52,13 +52,14 @@ export function startOf(name, first) {
 }
 
 /**
- * Which column is the time: `{ index, rate }`, the rate in hertz; `index` -1 where none is. `stamps` says that the first column held dates.
- * Words where a column cannot be what it seems to be.
+ * Which column is the time: `{ index, rate }`, the rate in hertz; `index` -1 where none is. `stamps` says that the first column held dates;
+ * `chosen` is the column that a person chose, -1 for none. Words where a column cannot be what it seems to be.
  */
-export function timeColumn(names, columns, stamps) {
+export function timeColumn(names, columns, stamps, chosen) {
+  if (chosen === -1) return { index: -1 };
   const uneven = unevenAt(columns[0]);
   const isFirst = stamps || isNamedTime(names[0], uneven < 0);
-  const index = isFirst ? 0 : names.findIndex((name) => NAMES.test(name.trim()));
+  const index = chosen ?? (isFirst ? 0 : names.findIndex((name) => NAMES.test(name.trim())));
   if (index < 0) {
     const ramp = uneven < 0 && columns.length > 1 && columns[0].length > 3;
     return ramp ? { words: `column “${names[0]}” rises by the same step from row to row, which no vibration does: call it time if it is the time, or take it out` } : { index };

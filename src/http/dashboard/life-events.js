@@ -15,8 +15,10 @@ export const MAINTENANCE = {
   inspected: { word: "Wear measured", words: "The teeth were looked at and the depth was measured: the estimate goes on from there." },
 };
 
+const OTHER_WORDS = { baseline_chosen: "Baseline chosen" }; // not entered in the dialog but on the table of records
+
 /** The word for a kind of maintenance. */
-export const maintenanceWord = (kind) => MAINTENANCE[kind]?.word ?? kind.replaceAll("_", " ");
+export const maintenanceWord = (kind) => MAINTENANCE[kind]?.word ?? OTHER_WORDS[kind] ?? kind.replaceAll("_", " ");
 
 const RAISED = "unacknowledged,acknowledged";
 

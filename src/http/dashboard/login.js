@@ -45,8 +45,8 @@ export function bindLogin(then) {
   });
 }
 
-/** Shows a button to log out as long as there is a session; the function that is given back looks again. */
-export function bindLogout(button) {
+/** Shows a button to log out as long as there is a session, and the link to the tokens to who may change them; the function that is given back looks again. */
+export function bindLogout(button, tokens) {
   button.addEventListener("click", async () => {
     await api.logOut();
     location.reload();
@@ -54,6 +54,7 @@ export function bindLogout(button) {
   return async () => {
     const token = await api.session().catch(() => null);
     button.hidden = !token;
+    tokens.hidden = Boolean(token) && token.scope !== "admin";
     button.title = token ? `Logged in with the token “${token.name}”, scope ${token.scope}` : "";
   };
 }

@@ -1,8 +1,8 @@
-// Adding records by hand: upload of a WAV or MCAP file, and replay of a recording in the server's replay folder.
+// Adding records by hand: the import desk over the page, and replay of a recording in the server's replay folder.
 
 import { h } from "./dom.js";
+import { ImportDesk } from "./import-desk.js";
 import { ReplayPanel } from "./replay-panel.js";
-import { UploadPanel } from "./upload-panel.js";
 
 /** A dialog with an upload and a replay part. */
 export class RecordsDialog {
@@ -11,7 +11,7 @@ export class RecordsDialog {
   element;
 
   constructor(assetId) {
-    this.#upload = new UploadPanel(assetId);
+    this.#upload = new ImportDesk(assetId);
     this.#replay = new ReplayPanel(assetId);
     const close = h("button", { type: "button", class: "quiet", onclick: () => this.element.close() }, "Close");
     this.element = h(

@@ -8,8 +8,8 @@ import { depth, featureName, number, span } from "./format.js";
  */
 export const STATES = {
   danger: { word: "Above danger limit", short: "Danger", severity: "danger", namur: "failure" },
-  warning: { word: "Above warning limit", short: "Warning", severity: "warning", namur: "maintenance" },
   alarm_danger: { word: "Danger alarm", short: "Danger alarm", severity: "danger", namur: "failure" },
+  warning: { word: "Above warning limit", short: "Warning", severity: "warning", namur: "maintenance" },
   alarm_warning: { word: "Warning alarm", short: "Warning alarm", severity: "warning", namur: "maintenance" },
   library_failed: { word: "Library failed", short: "Library failed", severity: "unsure", namur: "specification" },
   sensor: { word: "Sensor fault", short: "Sensor fault", severity: "danger", namur: "failure" },

@@ -139,9 +139,15 @@ impl Pipeline {
         };
         for accepted in self.finish(batch).await? {
             match accepted {
-                Accepted::Stored(_) => of_batch.stored += 1,
+                Accepted::Stored(segment) => {
+                    of_batch.stored += 1;
+                    of_batch.take(&segment.id);
+                }
                 Accepted::Repeated(_) => of_batch.repeated += 1,
-                Accepted::Queued(_) => of_batch.queued += 1,
+                Accepted::Queued(record) => {
+                    of_batch.queued += 1;
+                    of_batch.take(&record.id);
+                }
             }
         }
         self.tally.count(Outcome::Refused, of_batch.refused_count);

@@ -5,10 +5,14 @@ use std::collections::BTreeSet;
 use jiff::Timestamp;
 use serde::Serialize;
 
+use crate::asset::SegmentId;
 use crate::signal::Record;
 
 /// Refused records that are listed by name; further ones are only counted.
 const MAX_REFUSED_LISTED: usize = 1000;
+
+/// Taken records that are listed by name; further ones are only counted.
+const MAX_TAKEN_LISTED: usize = 10_000;
 
 /// A record of a recording that was not taken.
 #[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
@@ -43,6 +47,9 @@ pub struct BatchSummary {
     pub first_start_time: Option<Timestamp>,
     /// Start of the latest record taken.
     pub last_start_time: Option<Timestamp>,
+    /// Those that were taken now, the first 10 000.
+    #[serde(skip)]
+    pub segments: Vec<SegmentId>,
     /// Length of all records taken, in seconds.
     #[serde(skip)]
     pub record_seconds: f64,
@@ -66,6 +73,13 @@ impl BatchSummary {
 }
 
 impl BatchSummary {
+    /// Lists a record that was taken now.
+    pub(crate) fn take(&mut self, segment: &SegmentId) {
+        if self.segments.len() < MAX_TAKEN_LISTED {
+            self.segments.push(segment.clone());
+        }
+    }
+
     /// Adds what became of later records.
     pub(crate) fn join(&mut self, later: Self) {
         self.records += later.records;
@@ -75,6 +89,8 @@ impl BatchSummary {
         self.refused_count += later.refused_count;
         let room = MAX_REFUSED_LISTED.saturating_sub(self.refused.len());
         self.refused.extend(later.refused.into_iter().take(room));
+        let room = MAX_TAKEN_LISTED.saturating_sub(self.segments.len());
+        self.segments.extend(later.segments.into_iter().take(room));
         self.channels.extend(later.channels);
         self.first_start_time = self.first_start_time.into_iter().chain(later.first_start_time).min();
         self.last_start_time = self.last_start_time.max(later.last_start_time);

@@ -90,15 +90,22 @@ impl StoredRecords {
         Self { store, workers }
     }
 
+    /// The raw bytes that a segment was made of, checked against their hash.
+    ///
+    /// Error: [`ServiceError::RawGivenUp`].
+    pub async fn raw(&self, segment: &Segment) -> Result<Bytes, ServiceError> {
+        let name = &segment.raw.sha256;
+        match raw_bytes(&self.store, name).await {
+            Err(ServiceError::Store(StoreError::ObjectMissing(_))) if !self.store.keeps_raw(&segment.asset_id, name).await? => {
+                Err(ServiceError::RawGivenUp(segment.id.clone()))
+            }
+            read => read.inspect_err(|error| tracing::warn!(segment = %segment.id, %error, "failed to read raw recording")),
+        }
+    }
+
     /// The record that a segment was made of, read from its raw bytes and checked against their hash.
     pub async fn recall(&self, segment: &Segment) -> Result<Record, ServiceError> {
-        let name = &segment.raw.sha256;
-        let bytes = match raw_bytes(&self.store, name).await {
-            Err(ServiceError::Store(StoreError::ObjectMissing(_))) if !self.store.keeps_raw(&segment.asset_id, name).await? => {
-                return Err(ServiceError::RawGivenUp(segment.id.clone()));
-            }
-            read => read.inspect_err(|error| tracing::warn!(segment = %segment.id, %error, "failed to read raw recording"))?,
-        };
+        let bytes = self.raw(segment).await?;
         let stored = StoredRecord::from(segment);
         self.workers.run("read a record", move || stored.decode(&bytes)).await?
     }

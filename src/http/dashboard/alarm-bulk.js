@@ -1,0 +1,101 @@
+// Acknowledging several alarms at once.
+
+import * as api from "./api.js";
+import { h, setText } from "./dom.js";
+import { count } from "./format.js";
+import { keepName, lastName } from "./person.js";
+
+const alarms = (n) => `${count(n)} ${n === 1 ? "alarm" : "alarms"}`;
+
+/** The bar over the list of alarms: chosen ones are acknowledged with one name and comment. */
+export class BulkAcknowledge {
+  #chosen = new Set();
+  #offered = [];
+  #onDone;
+  #words = h("p", { class: "muted", "aria-live": "polite" });
+  #all = h("input", { type: "checkbox", id: "alarms-all", onclick: () => this.#takeAll(this.#all.checked) });
+  #by = h("input", { id: "alarms-by", autocomplete: "name", maxlength: 200 });
+  #comment = h("input", { id: "alarms-comment", maxlength: 2000 });
+  #act = h("button", { type: "submit", class: "primary" }, "Acknowledge");
+  #result = h("p", { class: "result", role: "status" });
+  #fields = h("div", { class: "bulk-fields", hidden: true }, h("label", { class: "field", for: "alarms-by" }, h("span", {}, "Your name"), this.#by), h("label", { class: "field", for: "alarms-comment" }, h("span", {}, "Comment"), this.#comment), this.#act);
+  element = h("form", { class: "alarm-bulk", hidden: true, onsubmit: (event) => this.#acknowledge(event) }, h("label", { class: "check", for: "alarms-all" }, this.#all, "Choose all to acknowledge"), this.#words, this.#fields, this.#result);
+
+  constructor(onDone) {
+    this.#onDone = onDone;
+    this.#by.value = lastName();
+  }
+
+  /** Shows what there is to choose from; what went from the list is not chosen any more. */
+  offer(ids) {
+    this.#offered = ids;
+    for (const id of [...this.#chosen]) if (!ids.includes(id)) this.#chosen.delete(id);
+    this.element.hidden = ids.length === 0 && !this.#result.textContent;
+    this.#show();
+  }
+
+  /** The box of one alarm in its row. */
+  box(id, words) {
+    const box = h("input", { type: "checkbox", class: "alarm-pick", "aria-label": `Choose the alarm ${words}`, onclick: () => this.#take(id, box.checked) });
+    box.checked = this.#chosen.has(id);
+    box.dataset.pick = id;
+    return box;
+  }
+
+  #take(id, checked) {
+    if (checked) this.#chosen.add(id);
+    else this.#chosen.delete(id);
+    this.#show();
+  }
+
+  #takeAll(checked) {
+    this.#chosen = new Set(checked ? this.#offered : []);
+    for (const box of document.querySelectorAll("[data-pick]")) box.checked = this.#chosen.has(box.dataset.pick);
+    this.#show();
+  }
+
+  #show() {
+    const { size } = this.#chosen;
+    this.#all.checked = size > 0 && size === this.#offered.length;
+    this.#all.indeterminate = size > 0 && size < this.#offered.length;
+    this.#all.parentElement.hidden = this.#offered.length === 0;
+    this.#fields.hidden = size === 0;
+    setText(this.#words, size ? `${alarms(size)} chosen` : "");
+    setText(this.#act, `Acknowledge ${alarms(size)}`);
+  }
+
+  async #acknowledge(event) {
+    event.preventDefault();
+    const [by, comment] = [this.#by.value.trim(), this.#comment.value.trim()];
+    this.#by.removeAttribute("aria-invalid");
+    if (!by) {
+      this.#by.setAttribute("aria-invalid", "true");
+      this.#by.focus();
+      return this.#said("bad", "Your name is empty, expected who does this.");
+    }
+    keepName(by);
+    this.#act.disabled = true;
+    let [done, refused, reason] = [0, 0, ""];
+    try {
+      for (const id of [...this.#chosen]) {
+        const answer = await api.answer(api.actOnAlarm(id, "acknowledge", { by, ...(comment && { comment }) }));
+        this.#chosen.delete(id);
+        if (answer instanceof Error) [refused, reason] = [refused + 1, answer.message];
+        else done += 1;
+      }
+      this.#comment.value = "";
+      this.#said(refused ? "part" : "good", `${alarms(done)} acknowledged.${refused ? ` ${alarms(refused)} not: ${reason}.` : ""}`);
+    } catch (error) {
+      this.#said("bad", `Stopped after ${alarms(done)}: ${error.message}.`);
+    } finally {
+      this.#act.disabled = false;
+      document.dispatchEvent(new CustomEvent("recordschange"));
+      this.#onDone();
+    }
+  }
+
+  #said(kind, words) {
+    this.#result.dataset.kind = kind;
+    setText(this.#result, words);
+  }
+}

@@ -1,0 +1,178 @@
+// The import desk: files are looked into, mended and sent together; what an import has stored can be taken back.
+
+import { deleteRecords } from "./api.js";
+import { h, setChildren, setText } from "./dom.js";
+import { bytes, count } from "./format.js";
+import { ImportFile } from "./import-file.js";
+import { refusalWords, sendFile } from "./import-sending.js";
+
+const AT_ONCE = 200; // records named in one request
+
+function field(id, label, properties) {
+  const input = h("input", { id, ...properties });
+  return { input, element: h("label", { class: "field", for: id }, h("span", {}, label), input) };
+}
+
+const changed = () => document.dispatchEvent(new CustomEvent("recordschange"));
+const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
+
+/** The desk of one asset. */
+export class ImportDesk {
+  #asset;
+  #files = [];
+  #file = h("input", { type: "file", id: "upload-file", multiple: true, accept: ".wav,.mcap,.csv,.json,.pb", onchange: () => this.take([...this.#file.files]) });
+  #unit = field("upload-unit", "Unit", { placeholder: "m/s2", size: 6 });
+  #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
+  #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
+  #temperature = field("upload-temperature", "Temperature, °C", { type: "number", step: "any" });
+  #rate = field("upload-rate", "Sampling rate of a CSV file, Hz", { type: "number", min: 0, step: "any", placeholder: "from its time column", onchange: () => this.#lookAgain() });
+  #list = h("ul", { class: "files" });
+  #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
+  #sending = Promise.resolve();
+  #results = h("div", { class: "results", "aria-live": "polite" });
+  #undo = h("button", { type: "button", hidden: true, onclick: () => this.#takeBack() }, "Undo this import…");
+  #undone = h("p", { class: "result", role: "status" });
+  #stored = []; // identifiers of what the latest import has stored
+  element;
+
+  constructor(asset) {
+    this.#asset = asset;
+    const drop = h("label", { class: "drop", for: "upload-file" }, h("strong", {}, "Drop WAV, MCAP or CSV files here, or anywhere on the page"), h("span", {}, "or choose some:"), this.#file);
+    // the page takes what is dropped, here as anywhere; this only shows that here is right
+    drop.addEventListener("dragover", () => drop.classList.add("over"));
+    for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
+    const fields = [this.#unit, this.#speed, this.#torque, this.#temperature, this.#rate].map(({ element }) => element);
+    const optional = h("details", {}, h("summary", {}, "For WAV and CSV files: unit, operating point, sampling rate"), h("div", { class: "fields" }, fields));
+    this.element = h("section", { class: "import-desk" }, h("h3", {}, "Upload files"), optional, drop, this.#list, h("div", { class: "form-buttons" }, this.#send, this.#undo), this.#undone, this.#results);
+  }
+
+  /** What holds for all files that do not say it themselves. */
+  #common() {
+    return {
+      unit: this.#unit.input.value.trim(),
+      shaft_speed_hz: this.#speed.input.value,
+      torque_nm: this.#torque.input.value,
+      temperature_c: this.#temperature.input.value,
+      rate: Number(this.#rate.input.value) || undefined,
+    };
+  }
+
+  /** Lists files, and looks into one after the other. */
+  async take(files) {
+    const cards = files.map((file) => new ImportFile(file, this.#asset, () => this.#common(), (card) => this.#remove(card)));
+    this.#files.push(...cards);
+    this.#list.append(...cards.map(({ element }) => element));
+    this.#file.value = "";
+    for (const card of cards) await card.look();
+    this.#offer(); // what was not looked into yet is not sent
+  }
+
+  async #lookAgain() {
+    for (const card of this.#files.filter(({ seen }) => seen?.type === "text/csv")) await card.look();
+  }
+
+  #remove(card) {
+    this.#files = this.#files.filter((other) => other !== card);
+    card.element.remove();
+    this.#offer();
+  }
+
+  #offer() {
+    const { length } = this.#files;
+    this.#send.hidden = length === 0;
+    setText(this.#send, length === 1 ? "Send the file" : `Send ${length} files`);
+  }
+
+  /** Sends what is listed one after the other, after what is under way, and says of each what became of it. */
+  #sendAll() {
+    const common = this.#common();
+    const cards = this.#files.filter(({ seen }) => seen).map((card) => ({ file: card.file, seen: card.seen, entry: card.entry() }));
+    this.#files = [];
+    setChildren(this.#list);
+    this.#offer();
+    this.#sending = this.#sending.then(async () => {
+      setChildren(this.#results);
+      setText(this.#undone, "");
+      this.#undo.hidden = true;
+      this.#stored = [];
+      const waiting = cards.map(({ file }) => new Progress(file));
+      this.#results.append(...waiting.map(({ element }) => element));
+      for (const [n, card] of cards.entries()) await this.#sendOne(card, common, waiting[n]);
+      this.#undo.hidden = this.#stored.length === 0;
+      setText(this.#undo, `Undo this import: delete ${records(this.#stored.length)}…`);
+    });
+  }
+
+  async #sendOne({ file, seen, entry }, common, progress) {
+    if (!seen.type) return progress.end("bad", refusalWords(file, new Error(seen.fault)));
+    progress.begin();
+    try {
+      const { kind, words, segments, listed } = await sendFile(this.#asset, file, seen, entry, common, (share) => progress.sent(share));
+      this.#stored.push(...segments);
+      progress.end(kind, listed ? words : [...words, `Of its records only the first ${count(segments.length)} can be taken back here.`]);
+      changed();
+    } catch (error) {
+      progress.end("bad", refusalWords(file, error));
+    }
+  }
+
+  async #takeBack() {
+    const stored = this.#stored;
+    if (!confirm(`Delete the ${records(stored.length)} of this import? The history is then estimated as if they had never come.`)) return;
+    this.#undo.disabled = true;
+    let gone = 0;
+    try {
+      for (let at = 0; at < stored.length; at += AT_ONCE) {
+        const { deleted } = await deleteRecords(this.#asset, { ids: stored.slice(at, at + AT_ONCE).join(",") });
+        gone += deleted;
+      }
+      this.#stored = [];
+      this.#undo.hidden = true;
+      setChildren(this.#results);
+      this.#say("good", `${records(gone)} deleted: the import is undone.`);
+    } catch (error) {
+      this.#stored = stored.slice(gone);
+      this.#say("bad", `Not undone${gone ? ` after ${records(gone)}` : ""}: ${error.message}.`);
+    } finally {
+      this.#undo.disabled = false;
+      changed();
+    }
+  }
+
+  #say(kind, words) {
+    this.#undone.dataset.kind = kind;
+    setText(this.#undone, words);
+  }
+}
+
+/** What becomes of one file while it is sent and after. */
+class Progress {
+  #file;
+  #words = h("p", {});
+  #bar = h("progress", { max: 1, value: 0, hidden: true });
+  element;
+
+  constructor(file) {
+    this.#file = file;
+    this.#bar.setAttribute("aria-label", `Upload of ${file.name}`);
+    setText(this.#words, `${file.name} waits.`);
+    this.element = h("div", { class: "result", role: "status" }, this.#words, this.#bar);
+  }
+
+  begin() {
+    this.#bar.hidden = false;
+    setText(this.#words, `Sending ${this.#file.name}, ${bytes(this.#file.size)}…`);
+  }
+
+  sent(share) {
+    if (share < 1) return (this.#bar.value = share);
+    // all bytes are gone, and the answer comes when every record is analysed and kept
+    this.#bar.removeAttribute("value");
+    setText(this.#words, `${this.#file.name} is sent; the service is analysing it…`);
+  }
+
+  end(kind, words) {
+    this.element.dataset.kind = kind;
+    setChildren(this.element, ...words.map((text) => h("p", {}, text)));
+  }
+}

@@ -1,0 +1,157 @@
+// One file of the import desk: what it holds, when it began, and what its channels are called.
+
+import { h, setChildren, setText } from "./dom.js";
+import { bytes, count, hertz, number, unit, utc } from "./format.js";
+import { preview } from "./import-preview.js";
+import { recordsAt } from "./import-sending.js";
+import { sketch } from "./sketch.js";
+
+const MOST_TOPICS = 6;
+const MOST_CHANNELS = 16; // with fields of their own
+
+function length(seconds) {
+  return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
+}
+
+/** The facts of a preview in one line. */
+function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summary }) {
+  const topics = summary ? `${count(summary.messages)} messages on ${summary.topics.length} ${summary.topics.length === 1 ? "topic" : "topics"}` : null;
+  const parts = [form, channels.length ? `${channels.length} ${channels.length === 1 ? "channel" : "channels"}` : topics, rate ? `${hertz(rate)}${rateFrom ? ` (${rateFrom})` : ""}` : null, seconds != null ? `${isEstimate ? "about " : ""}${length(seconds)}` : null];
+  return parts.filter(Boolean).join(" · ");
+}
+
+/** The card of a file. `common()` answers what holds for all files, `onChange` is called when it is left out. */
+export class ImportFile {
+  file;
+  seen = null;
+  #asset;
+  #common;
+  #typed = false;
+  #roles;
+  #fields = []; // { name, unit } inputs of each channel
+  #start;
+  #startWords = h("span", { class: "muted" });
+  #scale = h("input", { type: "number", min: 0, step: "any", placeholder: "1" });
+  #facts = h("p", { class: "file-facts muted" }, "Looking into the file…");
+  #fault = h("p", { class: "result", "data-kind": "bad", hidden: true });
+  #body = h("div", { class: "file-channels" });
+  #columns = h("div", { class: "file-columns", hidden: true });
+  #collision = h("p", { class: "result", "data-kind": "part", hidden: true });
+  #time = h("div", { class: "file-start" });
+  element;
+
+  constructor(file, asset, common, onRemove) {
+    [this.file, this.#asset, this.#common] = [file, asset, common];
+    const remove = h("button", { type: "button", class: "quiet", "aria-label": `Leave out ${file.name}`, onclick: () => onRemove(this) }, "✕");
+    this.element = h("li", {}, h("span", { class: "file-name" }, h("strong", {}, file.name), h("span", { class: "muted" }, ` ${bytes(file.size)}`)), remove, h("div", { class: "file-body" }, this.#facts, this.#fault, this.#time, this.#columns, this.#body, this.#collision));
+  }
+
+  /** Looks into the file. */
+  async look() {
+    const seen = await preview(this.file, this.#common().rate, this.#roles);
+    this.seen = seen;
+    setText(this.#facts, seen.type ? factWords(seen) : "cannot be taken");
+    this.#fault.hidden = !seen.fault;
+    setText(this.#fault, seen.fault ? `${seen.fault[0].toUpperCase()}${seen.fault.slice(1).replace(/\.$/, "")}.` : "");
+    this.#showStart();
+    this.#showColumns();
+    this.#showChannels();
+    await this.#lookForCollision();
+  }
+
+  #showStart() {
+    const { type, start, summary, ownStart, words } = this.seen;
+    if (!type) return;
+    if (start && !this.#start) {
+      this.#start = h("input", { type: "datetime-local", step: "0.001", "aria-label": `Start of ${this.file.name}, UTC`, onchange: () => this.#typeStart() });
+      this.#start.value = start.time.slice(0, -1);
+      setText(this.#startWords, start.source);
+      this.#time.append(h("label", { class: "field" }, h("span", {}, "Start, UTC"), this.#start), this.#startWords);
+    }
+    if (start) return;
+    const span = summary?.start ? `, logged ${utc(summary.start)} to ${utc(summary.end)}` : ownStart ? `: ${utc(ownStart)}` : "";
+    setText(this.#startWords, `says itself when its records began${span}${words ? `; ${words}` : ""}`);
+    this.#time.append(this.#startWords);
+  }
+
+  #typeStart() {
+    this.#typed = true;
+    setText(this.#startWords, "typed in");
+    this.#lookForCollision();
+  }
+
+  /** For CSV files: what each column is. */
+  #showColumns() {
+    const { columns, time, channels } = this.seen;
+    this.#columns.hidden = !columns?.length;
+    if (!columns?.length || this.#columns.children.length) return;
+    const role = (place) => (place === time ? "time" : channels.some((channel) => channel.place === place) ? "channel" : "skip");
+    const selects = columns.map((name, place) => {
+      const select = h("select", { "aria-label": `Column ${name} of ${this.file.name}`, onchange: () => this.#takeRoles(selects) }, [["channel", "a channel"], ["time", "the time"], ["skip", "left out"]].map(([value, text]) => h("option", { value }, text)));
+      select.value = role(place);
+      return select;
+    });
+    this.#columns.append(...selects.map((select, place) => h("label", { class: "field" }, h("span", {}, `“${columns[place]}” is`), select)));
+  }
+
+  #takeRoles(selects) {
+    this.#roles = selects.map(({ value }) => value);
+    this.#fields = [];
+    this.look();
+  }
+
+  #showChannels() {
+    const { channels, head, type } = this.seen;
+    const kept = this.#fields.map(({ name, unit: own }) => [name.value, own?.value]);
+    this.#fields = [];
+    const isOwn = type === "application/json"; // says its channel and unit itself
+    const rows = channels.slice(0, MOST_CHANNELS).map((channel, n) => {
+      const label = channel.name || `channel ${n + 1}`;
+      const drawn = channel.sketch && sketch(channel.sketch, `${label} of ${this.file.name}`);
+      const part = channel.sketch && !channel.sketch.whole ? h("span", { class: "muted" }, type === "text/csv" ? "the begin" : "a sample of it") : null;
+      if (isOwn) return h("div", { class: "file-channel" }, h("p", {}, [label, unit(channel.unit)].filter(Boolean).join(", ")), h("div", {}, drawn, part));
+      const name = h("input", { placeholder: channels.length > 1 || type === "text/csv" ? channel.name : "as the asset's sensor", "aria-label": `Name of ${label} of ${this.file.name}`, size: 8 });
+      const own = type === "text/csv" ? h("input", { placeholder: "as above", "aria-label": `Unit of ${label} of ${this.file.name}`, size: 6 }) : null;
+      name.value = kept[n]?.[0] ?? (type === "text/csv" && channels.length > 1 ? channel.name : "");
+      if (own) own.value = kept[n]?.[1] ?? channel.unit;
+      this.#fields.push({ name, unit: own, place: channel.place });
+      return h("div", { class: "file-channel" }, h("label", { class: "field" }, h("span", {}, "Channel"), name), own && h("label", { class: "field" }, h("span", {}, "Unit"), own), h("div", {}, drawn, part));
+    });
+    const more = channels.length > MOST_CHANNELS ? h("p", { class: "muted" }, `and ${channels.length - MOST_CHANNELS} more channels`) : null;
+    this.#scale.setAttribute("aria-label", `Full scale of ${this.file.name}`);
+    const scale = head && head.bits === 16 && head.format === 1 ? h("label", { class: "field" }, h("span", {}, "Full scale of its 16 bit, in the unit"), this.#scale) : null;
+    setChildren(this.#body, rows, more, scale, topics(this.seen.summary));
+  }
+
+  /** Says where there is a record of that start already. */
+  async #lookForCollision() {
+    const start = this.start() ?? this.seen.ownStart;
+    this.#collision.hidden = true;
+    if (!start) return;
+    const there = await recordsAt(this.#asset, start).catch(() => []);
+    if (there.length === 0) return;
+    const channels = there.map(({ channel }) => channel).join(", ");
+    this.#collision.hidden = false;
+    setText(this.#collision, `There is a record of this start already, of channel ${channels}. The same samples are known again; others are stored beside it.`);
+  }
+
+  /** The start as an ISO time; null where the file says it itself or the field is empty. */
+  start() {
+    return this.#start?.value ? new Date(`${this.#start.value}Z`).toISOString() : null;
+  }
+
+  /** What was typed about the file. */
+  entry() {
+    const { channels } = this.seen;
+    const typed = this.#fields.map(({ name, unit: own, place }) => ({ name: name.value, unit: own?.value.trim(), place }));
+    const further = channels.slice(typed.length).map(({ name, unit: own, place }) => ({ name, unit: own, place }));
+    return { start: this.start(), channels: [...typed, ...further], fullScale: Number(this.#scale.value) || null, roles: this.#roles, isTyped: this.#typed };
+  }
+}
+
+function topics(summary) {
+  if (!summary) return null;
+  const shown = summary.topics.slice(0, MOST_TOPICS).map(({ topic, messages }) => h("li", {}, h("code", {}, topic), ` ${count(messages)}`));
+  const more = summary.topics.length - MOST_TOPICS;
+  return h("ul", { class: "file-topics" }, shown, more > 0 ? h("li", { class: "muted" }, `and ${more} more`) : null);
+}

@@ -1,0 +1,101 @@
+// Sending one file: what goes into its address, the requests with their progress, and the answer in words.
+
+import { address, failure, recordsPage } from "./api.js";
+import { recordOfCsv } from "./csv-record.js";
+import { depth, utc } from "./format.js";
+
+const PCM = 1;
+
+/** Sends a body and reports how much of it is gone; fetch has no progress of an upload. */
+function send(href, body, type, onProgress) {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open("POST", href);
+    request.setRequestHeader("content-type", type);
+    request.setRequestHeader("accept", "application/json");
+    request.upload.addEventListener("progress", ({ loaded, total }) => onProgress(loaded / total));
+    request.addEventListener("load", () => (request.status < 300 ? resolve(JSON.parse(request.responseText)) : reject(failure(request.status, request.responseText))));
+    request.addEventListener("error", () => reject(new Error("the connection was lost during the upload")));
+    request.send(body);
+  });
+}
+
+/** The channels' names as parameters: of several in their order, those without one by their number. */
+function named(channels) {
+  const names = channels.map(({ name }) => name?.trim() ?? "");
+  if (names.every((name) => !name)) return {};
+  if (names.length === 1) return { channel: names[0] };
+  return { channel_names: names.map((name, n) => (name || String(n + 1)).replaceAll(",", " ")).join(",") };
+}
+
+/**
+ * The requests that a file becomes: `{ body, type, parameters }` each. `entry` says of it what was typed: `start`, `channels` with `name` and `unit`,
+ * `fullScale`, `rate` and `roles`; `common` is what holds for all files.
+ */
+async function requestsOf(file, { type, head }, entry, common) {
+  const { unit, rate, ...point } = common;
+  const parameters = { ...point, start_time: entry.start };
+  if (type === "text/csv") {
+    const groups = Map.groupBy(entry.channels, (channel) => channel.unit || unit);
+    const requests = [];
+    for (const [own, channels] of groups.size ? groups : [[unit, []]]) {
+      const record = await recordOfCsv(file, rate, entry.roles, channels.length ? channels.map(({ place }) => place) : undefined);
+      requests.push({ ...record, parameters: { ...parameters, ...record.parameters, unit: own, ...named(channels) } });
+    }
+    return requests;
+  }
+  if (type !== "audio/wav") return [{ body: file, type, parameters: {} }];
+  const names = named(entry.channels);
+  if (entry.fullScale && head?.format === PCM && head.bits === 16) {
+    const body = file.slice(head.at, head.at + head.frames * head.frameBytes);
+    const layout = { sample: "i16", sample_rate_hz: head.rate, channels: head.channels, scale: entry.fullScale / 32768 };
+    return [{ body, type: "application/octet-stream", parameters: { ...parameters, unit, ...layout, ...names } }];
+  }
+  return [{ body: file, type, parameters: { ...parameters, unit, ...names } }];
+}
+
+/** The identifiers of the records that an asset has at a start. */
+export async function recordsAt(asset, start, signal) {
+  const to = new Date(Date.parse(start) + 1).toISOString();
+  return (await recordsPage(asset, { from: start, to, limit: 100 }, signal)).items;
+}
+
+/** Sends a file; answers `{ kind, words, segments }`, the identifiers of the records that were not there before. */
+export async function sendFile(asset, file, seen, entry, common, onProgress) {
+  const start = entry.start ?? seen.ownStart;
+  const before = start ? new Set((await recordsAt(asset, start)).map(({ id }) => id)) : null;
+  const requests = await requestsOf(file, seen, entry, common);
+  const all = { kind: "good", words: [], segments: [] };
+  for (const [n, { body, type, parameters }] of requests.entries()) {
+    const answer = await send(address(["assets", asset, "segments"], parameters), body, type, (share) => onProgress((n + share) / requests.length));
+    const refused = answer.refused_count ?? 0;
+    if (refused) all.kind = answer.stored + answer.repeated + (answer.queued ?? 0) > 0 ? "part" : "bad";
+    all.words.push(...words(file, answer));
+    const taken = (answer.segments ?? [answer]).map((segment) => segment.id ?? segment);
+    // of a single record whose start is not known here nobody can tell whether it was there before
+    if (before || answer.records !== undefined) all.segments.push(...taken.filter((id) => !before?.has(id)));
+    all.listed = (all.listed ?? true) && (answer.records === undefined || answer.segments.length === answer.stored + (answer.queued ?? 0));
+  }
+  return all;
+}
+
+function words(file, answer) {
+  if (answer.records !== undefined) {
+    const queued = answer.queued ? `, ${answer.queued} taken and waiting to be analysed` : "";
+    const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored${queued}, ${answer.repeated} already known, ${answer.refused_count} refused.`;
+    return [counts, ...answer.refused.slice(0, 5).map(({ record, channel, reason }) => `Record ${record}${channel ? `, channel ${channel}` : ""}: ${reason}.`)];
+  }
+  return (answer.segments ?? [answer]).map(({ channel, start_time: start, wear, state }) => {
+    if (state === "queued") return `${file.name}: channel ${channel} taken as the record of ${utc(start)}; it waits to be analysed, and its wear shows up on the page by itself.`;
+    const estimate = wear.median_um == null ? wear.reason : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
+    return `${file.name}: channel ${channel} stored as the record of ${utc(start)}; ${estimate}.`;
+  });
+}
+
+/** A refusal in words. */
+export function refusalWords(file, error) {
+  const { field, value, expected } = error.problem ?? {};
+  const parts = [`${file.name} was not taken: ${error.message}`];
+  if (expected && !error.message.includes(expected)) parts.push(`${field ?? "value"} is ${JSON.stringify(value ?? null)}, expected ${expected}`);
+  return parts;
+}

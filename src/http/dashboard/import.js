@@ -1,0 +1,49 @@
+// The page of the import desk: files from this machine, and recordings in the server's folder.
+
+import * as api from "./api.js";
+import { AssetFrame, refusal } from "./asset-frame.js";
+import { h, setChildren } from "./dom.js";
+import { assetName } from "./fleet-row.js";
+import { ImportDesk } from "./import-desk.js";
+import { ReplayPanel } from "./replay-panel.js";
+
+/** Records for one asset. */
+export class ImportPage {
+  #id;
+  #root;
+  #query;
+  #frame;
+  #desk;
+  #replay;
+
+  constructor(root, route) {
+    [this.#root, this.#id, this.#query] = [root, route.id, route.query];
+    this.#frame = new AssetFrame(route.id, "import");
+    this.#frame.update(route.id, route.query);
+    [this.#desk, this.#replay] = [new ImportDesk(route.id), new ReplayPanel(route.id)];
+    const card = (panel) => h("div", { class: "card" }, panel.element);
+    setChildren(root, this.#frame.element, h("div", { class: "import-grid" }, card(this.#desk), card(this.#replay)));
+  }
+
+  /** Follows a changed address. */
+  update(route) {
+    this.#query = route.query;
+    return true;
+  }
+
+  /** Asks for the asset's name and the replays; what is on the desk is left alone. */
+  async refresh(signal) {
+    const asset = await api.answer(api.asset(this.#id, signal));
+    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    this.#frame.update(assetName(asset), this.#query);
+    await this.#replay.refresh();
+  }
+
+  /** Takes files that were dropped on the page. */
+  takeFiles(files) {
+    return this.#desk.take(files);
+  }
+
+  tick() {}
+  dispose() {}
+}

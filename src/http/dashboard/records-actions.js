@@ -1,0 +1,163 @@
+// What is done to several records at once: exclude, include again, delete, and take as the baseline.
+
+import * as api from "./api.js";
+import { h, setText } from "./dom.js";
+import { count, utc } from "./format.js";
+import { keepName, lastName } from "./person.js";
+
+const AT_ONCE = 200; // identifiers in one request
+const PAGE = 1000;
+const LEAST_BASELINE = 8;
+
+const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
+
+/** The next millisecond after a time: an end that still holds the record of that time. */
+const after = (time) => new Date(Date.parse(time) + 1).toISOString();
+
+/**
+ * The bar of buttons below the filters. `selection()` answers `{ ids, records }`, or `{ all, count }` where all that match are selected; `onDone(gone)` is
+ * called after each action, with true where the selected records may be gone.
+ */
+export class RecordActions {
+  #id;
+  #selection;
+  #onDone;
+  #words = h("p", { class: "muted", "aria-live": "polite" });
+  #buttons;
+  #by = h("input", { id: "records-by", autocomplete: "name", maxlength: 200 });
+  #baseline = h("form", { class: "records-baseline", hidden: true, onsubmit: (event) => this.#takeBaseline(event) });
+  #baselineWords = h("p");
+  #result = h("p", { class: "result", role: "status" });
+  element;
+
+  constructor(assetId, selection, onDone) {
+    [this.#id, this.#selection, this.#onDone] = [assetId, selection, onDone];
+    const button = (text, onclick) => h("button", { type: "button", onclick }, text);
+    this.#buttons = [
+      button("Exclude", () => this.#mark("exclude")),
+      button("Include again", () => this.#mark("include")),
+      button("Use as the baseline…", () => this.#offerBaseline()),
+      button("Delete…", () => this.#delete()),
+    ];
+    this.#baseline.append(
+      this.#baselineWords,
+      h("div", { class: "form-buttons" }, h("label", { class: "field", for: "records-by" }, h("span", {}, "Your name"), this.#by), h("button", { type: "submit", class: "primary" }, "Use as the baseline"), h("button", { type: "button", class: "quiet", onclick: () => (this.#baseline.hidden = true) }, "Cancel")),
+    );
+    this.element = h("div", { class: "records-actions" }, h("div", { class: "form-buttons" }, this.#words, ...this.#buttons), this.#baseline, this.#result);
+  }
+
+  /** Shows how many are selected. */
+  show(selected) {
+    setText(this.#words, selected ? `${records(selected)} selected` : "Select records to change them.");
+    for (const button of this.#buttons) button.disabled = selected === 0;
+    if (selected === 0) this.#baseline.hidden = true;
+  }
+
+  /** What the requests name: lists of identifiers, or one range. */
+  async #targets() {
+    const { ids, all } = this.#selection();
+    if (!all) return chunks(ids).map((some) => ({ ids: some.join(",") }));
+    if (all.status) return chunks(await this.#identifiers(all)).map((some) => ({ ids: some.join(",") }));
+    const { channel, from, to } = all;
+    const known = await api.recordCount(this.#id, { channel, from, to });
+    if (!known.records) return [];
+    // an end, so that what comes meanwhile is left alone
+    return [{ channel, from: known.first_start_time, to: after(known.last_start_time) }];
+  }
+
+  async #identifiers(parameters) {
+    const found = [];
+    let cursor;
+    do {
+      const page = await api.recordsPage(this.#id, { ...parameters, limit: PAGE, cursor });
+      found.push(...page.items.map(({ id }) => id));
+      cursor = page.next_cursor;
+    } while (cursor);
+    return found;
+  }
+
+  async #each(act, gone = false) {
+    this.#said("", "Working…");
+    let done = 0;
+    try {
+      for (const target of await this.#targets()) done += await act(target);
+      return done;
+    } catch (error) {
+      this.#said("bad", `Not done${done ? ` after ${records(done)}` : ""}: ${error.message}.`);
+      return null;
+    } finally {
+      this.#onDone(gone);
+    }
+  }
+
+  async #mark(action) {
+    const done = await this.#each(async (target) => (await api.markRecords(this.#id, action, target)).changed);
+    if (done === null) return;
+    const words = action === "exclude" ? "excluded" : "included again";
+    this.#said("good", done ? `${records(done)} ${words}. The history is estimated again.` : `None had to be changed: they were ${words} already.`);
+  }
+
+  async #delete() {
+    const { ids, all, count: matching } = this.#selection();
+    const words = all ? `all ${records(matching)} that match` : records(ids.length);
+    if (!confirm(`Delete ${words}? The history is then estimated as if they had never come. Their raw recordings go into quarantine.`)) return;
+    const done = await this.#each(async (target) => (await api.deleteRecords(this.#id, target)).deleted, true);
+    if (done !== null) this.#said("good", `${records(done)} deleted.`);
+  }
+
+  /** The stretch of time from the first to the last selected record. */
+  async #stretch() {
+    const { records: selected, all } = this.#selection();
+    if (all) {
+      const known = await api.recordCount(this.#id, all);
+      return { time: known.first_start_time, until: after(known.last_start_time), channels: all.channel ? [all.channel] : [undefined] };
+    }
+    const times = selected.map(({ start_time: start }) => start).sort((a, b) => Date.parse(a) - Date.parse(b));
+    return { time: times[0], until: after(times.at(-1)), channels: [...new Set(selected.map(({ channel }) => channel))] };
+  }
+
+  async #offerBaseline() {
+    try {
+      const { time, until, channels } = await this.#stretch();
+      const counts = await Promise.all(channels.map((channel) => api.recordCount(this.#id, { channel, from: time, to: until })));
+      const within = counts.reduce((sum, { records: n }) => sum + n, 0);
+      const few = Math.min(...counts.map(({ records: n }) => n)) < LEAST_BASELINE ? ` A chosen baseline needs at least ${LEAST_BASELINE} records of a channel; with fewer it is learnt as any other.` : "";
+      setText(this.#baselineWords, `The ${records(within)} from ${utc(time)} to ${utc(until)} become the healthy baseline of every channel, but for those that are excluded. What was learnt before is forgotten, and wear counts from zero there.${few}`);
+      this.#by.value ||= lastName();
+      this.#baseline.hidden = false;
+      this.#by.focus();
+    } catch (error) {
+      this.#said("bad", `Not done: ${error.message}.`);
+    }
+  }
+
+  async #takeBaseline(event) {
+    event.preventDefault();
+    const by = this.#by.value.trim();
+    this.#by.toggleAttribute("aria-invalid", false);
+    if (!by) {
+      this.#by.setAttribute("aria-invalid", "true");
+      this.#by.focus();
+      return this.#said("bad", "Your name is empty, expected who does this.");
+    }
+    keepName(by);
+    try {
+      const { time, until } = await this.#stretch();
+      await api.tellMaintenance(this.#id, { time, until, kind: "baseline_chosen", by, comment: "" });
+      this.#baseline.hidden = true;
+      this.#said("good", "The baseline is chosen. The history is estimated again; the choice can be taken back under “Alarms and maintenance”.");
+      this.#onDone(false);
+    } catch (error) {
+      this.#said("bad", `Not done: ${error.message}.`);
+    }
+  }
+
+  #said(kind, words) {
+    this.#result.dataset.kind = kind;
+    setText(this.#result, words);
+  }
+}
+
+function chunks(ids) {
+  return Array.from({ length: Math.ceil(ids.length / AT_ONCE) }, (_, n) => ids.slice(n * AT_ONCE, (n + 1) * AT_ONCE));
+}

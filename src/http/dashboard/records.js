@@ -1,0 +1,207 @@
+// The records of an asset as a table: filtered, page by page, selected and changed.
+
+import * as api from "./api.js";
+import { AssetFrame, refusal } from "./asset-frame.js";
+import { h, setChildren, setText } from "./dom.js";
+import { assetName } from "./fleet-row.js";
+import { count } from "./format.js";
+import { STATUSES } from "./record-statuses.js";
+import { RecordActions } from "./records-actions.js";
+import { HEADINGS, recordRow } from "./records-row.js";
+import { change } from "./route.js";
+
+const PAGE = 100;
+
+const local = (time) => (time ? new Date(time).toISOString().slice(0, 19) : "");
+const instant = (text) => (text ? new Date(`${text}Z`).toISOString() : null);
+
+/** The table of one asset's records. */
+export class RecordsPage {
+  #id;
+  #root;
+  #query;
+  #frame;
+  #shown;
+  #asked;
+  #items = [];
+  #total = 0;
+  #before = []; // the cursors of the pages before this one
+  #selected = new Map(); // id → record, over pages
+  #all = false;
+  #last = null; // the row that was clicked last, for a selection with shift
+  #channel = h("select", { id: "records-channel", onchange: () => this.#filter({ channel: this.#channel.value }) });
+  #status = h("select", { id: "records-status", onchange: () => this.#filter({ status: this.#status.value }) }, h("option", { value: "" }, "All"), Object.entries(STATUSES).map(([key, [word]]) => h("option", { value: key }, word)));
+  #from = h("input", { id: "records-from", type: "datetime-local", step: 1, onchange: () => this.#filter({ from: instant(this.#from.value) }) });
+  #to = h("input", { id: "records-to", type: "datetime-local", step: 1, onchange: () => this.#filter({ to: instant(this.#to.value) }) });
+  #order = h("select", { id: "records-order", onchange: () => this.#filter({ order: this.#order.value }) }, h("option", { value: "" }, "Newest first"), h("option", { value: "asc" }, "Oldest first"));
+  #export = h("a", { class: "button", download: "" }, "Export as MCAP");
+  #page = h("input", { type: "checkbox", "aria-label": "Select all records of this page", onclick: () => this.#pickPage(this.#page.checked) });
+  #body = h("tbody");
+  #table = h("table", { class: "record-table", hidden: true }, h("thead", {}, h("tr", {}, h("td", { class: "pick" }, this.#page), HEADINGS.map((text) => h("th", { scope: "col" }, text)))), this.#body);
+  #notice = h("p", { class: "notice" }, "Loading the records…");
+  #words = h("p", { class: "muted", "aria-live": "polite" });
+  #back = h("button", { type: "button", onclick: () => this.#turnBack() }, "← Page before");
+  #next = h("button", { type: "button", onclick: () => this.#turn() }, "Next page →");
+  #pickAll = h("button", { type: "button", class: "quiet", hidden: true, onclick: () => this.#takeAll() });
+  #actions;
+
+  constructor(root, route) {
+    [this.#root, this.#id, this.#query] = [root, route.id, route.query];
+    this.#frame = new AssetFrame(route.id, "records");
+    this.#frame.update(route.id, route.query);
+    this.#actions = new RecordActions(route.id, () => this.#selection(), (gone) => this.#changed(gone));
+    const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
+    const filters = h("div", { class: "record-filters" }, field(this.#channel, "Channel"), field(this.#status, "Status"), field(this.#from, "From, UTC"), field(this.#to, "Before, UTC"), field(this.#order, "Order"), this.#export);
+    const pages = h("div", { class: "form-buttons record-pages" }, this.#words, this.#pickAll, this.#back, this.#next);
+    const card = h("section", { class: "card table-card", "aria-label": "Records" }, h("div", { class: "record-tools" }, filters, this.#actions.element, pages), this.#table, this.#notice);
+    setChildren(root, this.#frame.element, card);
+    this.#actions.show(0);
+  }
+
+  /** Another filter begins at its first page and selects nothing. */
+  #filter(parameters) {
+    this.#clear();
+    this.#before = [];
+    change({ ...parameters, cursor: null });
+  }
+
+  /** Asks again after an action; what is gone is not selected any more. */
+  #changed(gone) {
+    if (gone) {
+      this.#clear();
+      this.#mark();
+    }
+    document.dispatchEvent(new CustomEvent("recordschange"));
+  }
+
+  #turn() {
+    this.#before.push(this.#query.cursor ?? null);
+    change({ cursor: this.#shown.next_cursor });
+  }
+
+  #turnBack() {
+    change({ cursor: this.#before.pop() ?? null });
+  }
+
+  /** Follows a changed address. */
+  update(route) {
+    this.#query = route.query;
+    return true;
+  }
+
+  #parameters() {
+    const { channel, status, from, to } = this.#query;
+    return { channel, status, from, to };
+  }
+
+  /** Asks the server and shows what changed. */
+  async refresh(signal) {
+    const parameters = this.#parameters();
+    const { order = "desc", cursor } = this.#query;
+    const [asset, known, page] = await Promise.all([
+      api.answer(api.asset(this.#id, signal)),
+      api.answer(api.recordCount(this.#id, parameters, signal)),
+      api.answer(api.recordsPage(this.#id, { ...parameters, order, cursor, limit: PAGE }, signal)),
+    ]);
+    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    const asked = JSON.stringify([parameters, order, cursor]);
+    if (page === this.#shown && asked === this.#asked) return;
+    [this.#shown, this.#asked] = [page, asked];
+    this.#frame.update(assetName(asset), this.#query);
+    this.#fillFilters(asset.summary.channels);
+    if (page instanceof Error || known instanceof Error) return this.#refuse(page instanceof Error ? page : known);
+    this.#total = known.records;
+    this.#items = page.items;
+    this.#render();
+  }
+
+  #fillFilters(channels) {
+    const { channel = "", status = "", from, to, order = "" } = this.#query;
+    setChildren(this.#channel, h("option", { value: "" }, "All"), channels.map((name) => h("option", { value: name }, name)));
+    this.#channel.value = channel;
+    this.#status.value = status;
+    this.#order.value = order === "desc" ? "" : order;
+    [this.#from.value, this.#to.value] = [local(from), local(to)];
+    this.#export.href = api.address(["assets", this.#id, "export"], { channel, from, to });
+  }
+
+  #refuse(error) {
+    [this.#items, this.#total] = [[], 0];
+    this.#render();
+    setText(this.#notice, error.message);
+  }
+
+  #render() {
+    const { cursor } = this.#query;
+    const first = this.#before.length * PAGE + 1;
+    const isPlaced = !cursor || this.#before.length > 0; // a link to a later page does not say which one it is
+    const range = this.#items.length ? (isPlaced ? `${count(first)} to ${count(first + this.#items.length - 1)} of ` : `${count(this.#items.length)} of `) : "";
+    setText(this.#words, `${range}${count(this.#total)} ${this.#total === 1 ? "record" : "records"}`);
+    this.#back.disabled = this.#before.length === 0 && !cursor;
+    setText(this.#back, isPlaced ? "← Page before" : "← First page");
+    this.#next.disabled = !this.#shown?.next_cursor;
+    this.#table.hidden = this.#items.length === 0;
+    this.#notice.hidden = this.#items.length > 0;
+    setText(this.#notice, Object.values(this.#parameters()).some(Boolean) ? "No record matches these filters." : "No record has been received yet.");
+    const focused = document.activeElement?.closest?.("[data-record]")?.dataset.record;
+    const kind = document.activeElement?.tagName;
+    const rows = this.#items.map((record, place) => recordRow(record, this.#all || this.#selected.has(record.id), (checked, shift) => this.#pick(place, checked, shift)));
+    setChildren(this.#body, rows);
+    if (focused) rows.find((row) => row.dataset.record === focused)?.querySelector(kind === "A" ? "a" : "input").focus();
+    this.#showSelection();
+  }
+
+  #pick(place, checked, shift) {
+    if (this.#all) this.#clear();
+    const [low, high] = shift && this.#last !== null ? [Math.min(this.#last, place), Math.max(this.#last, place)] : [place, place];
+    for (const record of this.#items.slice(low, high + 1)) {
+      if (checked) this.#selected.set(record.id, record);
+      else this.#selected.delete(record.id);
+    }
+    this.#last = place;
+    this.#mark();
+  }
+
+  #pickPage(checked) {
+    this.#all = false;
+    for (const record of this.#items) {
+      if (checked) this.#selected.set(record.id, record);
+      else this.#selected.delete(record.id);
+    }
+    this.#mark();
+  }
+
+  #takeAll() {
+    const all = !this.#all;
+    this.#clear();
+    this.#all = all;
+    this.#mark();
+  }
+
+  #clear() {
+    this.#selected.clear();
+    [this.#all, this.#last] = [false, null];
+  }
+
+  #selection() {
+    if (this.#all) return { all: this.#parameters(), count: this.#total, ids: [], records: [] };
+    return { ids: [...this.#selected.keys()], records: [...this.#selected.values()] };
+  }
+
+  #mark() {
+    for (const row of this.#body.rows) row.querySelector("input").checked = this.#all || this.#selected.has(row.dataset.record);
+    this.#showSelection();
+  }
+
+  #showSelection() {
+    const here = this.#items.filter(({ id }) => this.#all || this.#selected.has(id)).length;
+    this.#page.checked = here > 0 && here === this.#items.length;
+    this.#page.indeterminate = here > 0 && here < this.#items.length;
+    this.#pickAll.hidden = this.#total <= this.#items.length;
+    setText(this.#pickAll, this.#all ? "Select none" : `Select all ${count(this.#total)}`);
+    this.#actions.show(this.#all ? this.#total : this.#selected.size);
+  }
+
+  tick() {}
+  dispose() {}
+}

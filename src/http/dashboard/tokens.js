@@ -1,0 +1,150 @@
+// The tokens of the service: made, shown once, and revoked.
+
+import * as api from "./api.js";
+import { h, setChildren, setText } from "./dom.js";
+import { utc } from "./format.js";
+
+const SCOPES = {
+  read: "look at everything",
+  write: "also send records, start replays, act on alarms and enter maintenance",
+  admin: "also make, change and delete assets, delete records, and make and revoke tokens",
+};
+
+/** The page of tokens. */
+export class TokensPage {
+  #shown;
+  #session;
+  #name = h("input", { id: "token-name", maxlength: 200, autocomplete: "off", placeholder: "for example press line 3" });
+  #scopes = Object.entries(SCOPES).map(([scope, words], n) => ({ scope, radio: h("input", { type: "radio", name: "token-scope", value: scope, checked: n === 0 }), words }));
+  #result = h("p", { class: "result", role: "status" });
+  #first = h("p", { class: "result", "data-kind": "part", hidden: true }, "There is no token yet, and nobody is asked for one. With the first one, every request needs one. It has the scope admin, and this browser begins a session with it.");
+  #made = h("div", { class: "token-made", hidden: true });
+  #body = h("tbody");
+  #table = h("table", { hidden: true }, h("thead", {}, h("tr", {}, ["Name", "Scope", "Made", "Identifier", ""].map((text) => (text ? h("th", { scope: "col" }, text) : h("td", {}))))), this.#body);
+  #notice = h("p", { class: "notice" }, "Loading the tokens…");
+  #form;
+
+  constructor(root) {
+    const scopes = this.#scopes.map(({ scope, radio, words }) => h("label", {}, radio, h("strong", {}, scope), h("span", { class: "muted" }, words)));
+    this.#form = h(
+      "form",
+      { class: "card token-form", onsubmit: (event) => this.#create(event) },
+      h("h2", {}, "Make a token"),
+      this.#first,
+      h("label", { class: "field", for: "token-name" }, h("span", {}, "What it is for"), this.#name),
+      h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "What it may do"), scopes),
+      h("div", { class: "form-buttons" }, h("button", { type: "submit", class: "primary" }, "Make the token")),
+      this.#result,
+      this.#made,
+    );
+    const list = h("section", { class: "card table-card tokens", "aria-label": "Tokens" }, this.#table, this.#notice);
+    setChildren(root, h("h1", {}, "Tokens"), h("div", { class: "alarm-grid" }, list, this.#form));
+    document.title = "Tokens · flankwatch";
+  }
+
+  update() {
+    return true;
+  }
+
+  /** Asks the server and shows what changed. */
+  async refresh(signal) {
+    const [answer, session] = await Promise.all([api.answer(api.tokens(signal)), api.session().catch(() => null)]);
+    if (answer === this.#shown && session?.id === this.#session?.id) return;
+    [this.#shown, this.#session] = [answer, session];
+    const items = answer instanceof Error ? [] : answer.items;
+    this.#form.hidden = answer instanceof Error;
+    const isFirst = !(answer instanceof Error) && items.length === 0 && !session;
+    this.#first.hidden = !isFirst;
+    for (const { scope, radio } of this.#scopes) {
+      radio.disabled = isFirst && scope !== "admin";
+      if (isFirst) radio.checked = scope === "admin";
+    }
+    this.#table.hidden = items.length === 0;
+    this.#notice.hidden = items.length > 0;
+    setText(this.#notice, answer instanceof Error ? answer.message : "There is no token yet.");
+    setChildren(this.#body, items.map((token) => this.#row(token)));
+  }
+
+  #row(token) {
+    const { id, name, scope, created_at: made } = token;
+    const own = id === this.#session?.id;
+    const revoke = h("button", { type: "button", "aria-label": `Revoke the token ${name}`, onclick: () => this.#revoke(token, own) }, "Revoke");
+    return h(
+      "tr",
+      { "data-token": id },
+      h("th", { scope: "row" }, name, own ? h("span", { class: "muted id" }, "this session") : null),
+      h("td", { "data-label": "Scope" }, scope),
+      h("td", { "data-label": "Made" }, utc(made)),
+      h("td", { "data-label": "Identifier" }, h("code", {}, id)),
+      h("td", {}, revoke),
+    );
+  }
+
+  async #create(event) {
+    event.preventDefault();
+    const name = this.#name.value.trim();
+    this.#name.removeAttribute("aria-invalid");
+    if (!name) {
+      this.#name.setAttribute("aria-invalid", "true");
+      this.#name.focus();
+      return this.#said("bad", "The name is empty, expected what the token is for.");
+    }
+    const { scope } = this.#scopes.find(({ radio }) => radio.checked);
+    try {
+      const made = await api.createToken({ name, scope });
+      this.#name.value = "";
+      this.#said("", "");
+      this.#show(made);
+      if (!this.#first.hidden) {
+        await api.logIn(made.token);
+        document.dispatchEvent(new CustomEvent("sessionchange"));
+      }
+      await this.refresh();
+    } catch (error) {
+      this.#said("bad", `Not made: ${error.message}.`);
+    }
+  }
+
+  /** Shows a new token, the only time that it can be seen. */
+  #show({ name, token }) {
+    const shown = h("input", { readonly: true, value: token, "aria-label": `The token ${name}`, onfocus: (event) => event.target.select() });
+    const copy = h("button", { type: "button" }, "Copy");
+    copy.addEventListener("click", async () => {
+      try {
+        await navigator.clipboard.writeText(token);
+        setText(copy, "Copied");
+      } catch {
+        shown.select(); // browsers give no access to the clipboard without TLS
+        setText(copy, "Selected: copy it by hand");
+      }
+    });
+    const hide = h("button", { type: "button", class: "quiet", onclick: () => this.#hide() }, "Hide");
+    this.#made.hidden = false;
+    setChildren(this.#made, h("p", {}, h("strong", {}, `The token “${name}”. `), "It is shown this once: copy it where it is needed."), shown, h("div", { class: "form-buttons" }, copy, hide));
+  }
+
+  #hide() {
+    this.#made.hidden = true;
+    setChildren(this.#made);
+  }
+
+  async #revoke({ id, name }, own) {
+    const words = own ? "This session ends with it." : "Who uses it is refused from then on.";
+    if (!confirm(`Revoke the token “${name}”? ${words}`)) return;
+    const answer = await api.answer(api.revokeToken(id));
+    this.#said(answer instanceof Error ? "bad" : "good", answer instanceof Error ? `Not revoked: ${answer.message}.` : `The token “${name}” is revoked.`);
+    await this.refresh().catch(() => {});
+  }
+
+  #said(kind, words) {
+    this.#result.dataset.kind = kind;
+    setText(this.#result, words);
+  }
+
+  tick() {}
+
+  /** Forgets what is shown once. */
+  dispose() {
+    this.#hide();
+  }
+}

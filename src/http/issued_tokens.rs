@@ -1,0 +1,199 @@
+//! `/v1/tokens`: the tokens of the service, made and revoked from the dashboard. A secret is answered once, and neither listed nor logged.
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+use super::access::unreadable;
+use super::app::App;
+use super::body;
+use super::problem::{Details, Problem};
+use super::query::{self, NameInPath, Page, PageParameters, Parameters};
+use super::session::Caller;
+use super::tokens::{Scope, Token, TokenError};
+
+/// Longest name in bytes.
+const MAX_NAME: usize = 200;
+
+/// Tokens that a service may have: each request looks through all of them.
+const MAX_TOKENS: usize = 1000;
+
+/// A token without its secret.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = Token)]
+pub(super) struct TokenView {
+    /// Identifier, the part of the token that is no secret.
+    id: String,
+    /// What it is for.
+    name: String,
+    /// How far it reaches.
+    scope: Scope,
+    /// When it was made.
+    created_at: Timestamp,
+}
+
+impl From<&Token> for TokenView {
+    fn from(token: &Token) -> Self {
+        Self {
+            id: token.id.clone(),
+            name: token.name.clone(),
+            scope: token.scope,
+            created_at: token.created_at,
+        }
+    }
+}
+
+/// A new token. Not for logs: it holds the secret.
+#[derive(Serialize, utoipa::ToSchema)]
+pub(super) struct NewToken {
+    #[serde(flatten)]
+    kept: TokenView,
+    /// The token itself, which cannot be had again.
+    #[schema(example = "fwt_1f0c77aa_…")]
+    token: String,
+}
+
+/// What a token is to be.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TokenRequest {
+    /// What it is for: 1 to 200 bytes without control characters.
+    #[schema(example = "press line 3")]
+    name: String,
+    /// How far it reaches.
+    scope: Scope,
+}
+
+/// The tokens, the oldest first
+///
+/// Without their secrets. Needs the scope `admin`.
+#[utoipa::path(
+    get,
+    path = "/v1/tokens",
+    tag = "service",
+    params(PageParameters),
+    responses((status = 200, body = Page<TokenView>)),
+)]
+pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<TokenView>>, Problem> {
+    let limit = query::limit(asked.limit)?;
+    let after = query::place_cursor(asked.cursor.as_deref())?;
+    let known = app.access.managed_tokens()?.list().await.map_err(|error| unreadable(&error))?;
+    let mut tokens = known.map(|tokens| tokens.to_vec()).unwrap_or_default();
+    tokens.sort_by(|a, b| place(a).cmp(&place(b)));
+    tokens.retain(|token| after.as_ref().is_none_or(|(time, id)| place(token) > (*time, id.as_str())));
+    let page = Page::new(tokens, limit, |token: &Token| query::cursor_at(token.created_at, &token.id));
+    Ok(Json(page.map(|token| TokenView::from(&token))))
+}
+
+fn place(token: &Token) -> (Timestamp, &str) {
+    (token.created_at, &token.id)
+}
+
+/// Make a token
+///
+/// Its secret is in this answer and nowhere else. The first token of a service has to have the scope `admin`: from then on every request
+/// needs one. Needs the scope `admin`.
+#[utoipa::path(
+    post,
+    path = "/v1/tokens",
+    tag = "service",
+    request_body(content = TokenRequest),
+    responses(
+        (status = 201, body = NewToken),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "There are as many tokens as there may be"),
+    ),
+)]
+pub(super) async fn create(
+    State(app): State<App>,
+    caller: Option<Extension<Caller>>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let place = app.access.managed_tokens()?;
+    let TokenRequest { name, scope } = body::described(&app.limits, &headers, body).await?;
+    check_name(&name)?;
+    let known = place.list().await.map_err(|error| unreadable(&error))?;
+    match &known {
+        None if scope != Scope::Admin => {
+            let expected = "admin for the first token: from then on only a token of that scope makes others";
+            return Err(Problem::content("scope", scope.name(), expected));
+        }
+        // The first token was made while this request came in without one.
+        Some(_) if caller.is_none() => {
+            return Err(Problem::new(
+                StatusCode::UNAUTHORIZED,
+                "a token is needed: the first one was just made",
+            ));
+        }
+        Some(tokens) if tokens.len() >= MAX_TOKENS => {
+            let detail = format!(
+                "there are {} tokens, expected less than {MAX_TOKENS}: revoke some first",
+                tokens.len()
+            );
+            return Err(Problem::new(StatusCode::CONFLICT, detail));
+        }
+        _ => {}
+    }
+    let issued = place.issue(name, scope, app.service.now()).await;
+    let (token, kept) = issued.map_err(|error| unreadable(&error))?;
+    tracing::info!(token = kept.id, scope = scope.name(), by = by(caller.as_deref()), "made a token");
+    let answer = NewToken {
+        kept: TokenView::from(&kept),
+        token,
+    };
+    Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response())
+}
+
+/// Revoke a token
+///
+/// It opens nothing from then on, nor do sessions that were begun with it. The last token of the scope `admin` can only be revoked with
+/// `flankwatch token revoke`. Needs the scope `admin`.
+#[utoipa::path(
+    delete,
+    path = "/v1/tokens/{token}",
+    tag = "service",
+    params(("token" = String, Path, description = "The token's identifier, not the token")),
+    responses(
+        (status = 204, description = "Revoked"),
+        (status = 409, body = Details, content_type = "application/problem+json", description = "It is the last one of the scope admin"),
+    ),
+)]
+pub(super) async fn revoke(
+    State(app): State<App>,
+    caller: Option<Extension<Caller>>,
+    NameInPath(id): NameInPath,
+) -> Result<StatusCode, Problem> {
+    let place = app.access.managed_tokens()?;
+    let known = place.list().await.map_err(|error| unreadable(&error))?;
+    let known = known.unwrap_or_default();
+    let unknown = || Problem::not_found(format!("there is no token {id:?}"));
+    let found = known.iter().find(|token| token.id == id).ok_or_else(unknown)?;
+    let admins = known.iter().filter(|token| token.scope == Scope::Admin).count();
+    if found.scope == Scope::Admin && admins == 1 {
+        let detail = format!("the token {id} is the last one of the scope admin: make another one first, or use `flankwatch token revoke`");
+        return Err(Problem::new(StatusCode::CONFLICT, detail));
+    }
+    match place.revoke(id.clone(), app.service.now()).await {
+        Ok(()) => {}
+        Err(TokenError::Unknown(_)) => return Err(unknown()),
+        Err(error) => return Err(unreadable(&error)),
+    }
+    tracing::info!(token = id, by = by(caller.as_deref()), "revoked a token");
+    Ok(StatusCode::NO_CONTENT)
+}
+
+fn by(caller: Option<&Caller>) -> &str {
+    caller.map_or("nobody asked", |caller| &caller.token.id)
+}
+
+fn check_name(name: &str) -> Result<(), Problem> {
+    if name.trim().is_empty() || name.len() > MAX_NAME || name.chars().any(char::is_control) {
+        let expected = "a name of 1 to 200 bytes without control characters";
+        return Err(Problem::content("name", format!("{name:?}"), expected));
+    }
+    Ok(())
+}

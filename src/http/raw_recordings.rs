@@ -1,0 +1,65 @@
+//! `/v1/segments/{segment}/raw`: the bytes as they came.
+
+use axum::extract::State;
+use axum::http::header::{self, HeaderValue};
+use axum::response::{IntoResponse, Response};
+
+use super::app::App;
+use super::problem::Problem;
+use super::query::SegmentInPath;
+use super::segments::find;
+use crate::asset::Segment;
+
+/// The raw recording of a segment
+///
+/// The bytes as they came, for all channels that came in them.
+#[utoipa::path(
+    get,
+    path = "/v1/segments/{segment}/raw",
+    tag = "records",
+    params(("segment" = String, Path, description = "The segment")),
+    responses((status = 200, description = "The recording, of the media type that it came with", content(
+        (Vec<u8> = "audio/wav"), (Vec<u8> = "application/x-protobuf"), (Vec<u8> = "application/octet-stream"), (Vec<u8> = "application/json")
+    ))),
+)]
+pub(super) async fn download(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Response, Problem> {
+    let segment = find(&app, &id).await?;
+    let bytes = app.service.records.raw(&segment).await?;
+    let (media_type, ending) = form_of(&segment.raw.media_type);
+    let disposition = format!("attachment; filename=\"{}.{ending}\"", file_name(&segment));
+    let disposition = HeaderValue::try_from(disposition).unwrap_or(HeaderValue::from_static("attachment"));
+    let fields = [
+        (header::CONTENT_TYPE, HeaderValue::from_static(media_type)),
+        (header::CONTENT_DISPOSITION, disposition),
+    ];
+    Ok((fields, bytes).into_response())
+}
+
+/// The media type as it is answered, and how a file of it ends. What is kept with it of the layout is not for clients.
+fn form_of(media_type: &str) -> (&'static str, &'static str) {
+    match media_type.split(';').next().unwrap_or_default().trim() {
+        "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => ("audio/wav", "wav"),
+        "application/json" => ("application/json", "json"),
+        "application/x-protobuf" | "application/protobuf" => ("application/x-protobuf", "pb"),
+        _ => ("application/octet-stream", "raw"),
+    }
+}
+
+/// The asset, the channel and the time, in letters that every system takes in a file's name.
+fn file_name(segment: &Segment) -> String {
+    let name = format!("{}-{}-{}", segment.asset_id, segment.channel, segment.start_time);
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || ".-_".contains(letter);
+    name.chars().map(|letter| if is_plain(letter) { letter } else { '-' }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_kept_of_a_layout_or_unit_is_not_answered() {
+        assert_eq!(form_of("audio/wav; unit=g"), ("audio/wav", "wav"));
+        assert_eq!(form_of("application/octet-stream; sample=i16").1, "raw");
+        assert_eq!(form_of("text/html"), ("application/octet-stream", "raw"));
+    }
+}

@@ -1,0 +1,178 @@
+//! Which of an asset's records: by operating bin and status, or by name; and how many they are.
+
+use std::collections::HashMap;
+
+use axum::Json;
+use axum::extract::State;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::app::App;
+use super::chosen::{self, Chosen};
+use super::problem::{Details, Problem};
+use super::query::{AssetInPath, Parameters};
+use crate::asset::{AssetId, OperatingBin, Segment, SegmentId};
+use crate::estimate::WearStatus;
+use crate::store::{Order, RecordRange, SegmentFilter, SegmentKey, Store, StoreError, Trend};
+
+/// Most records that one request names.
+const MAX_NAMED: usize = 200;
+
+const STATUSES: &str = "collecting_baseline, no_library, awaiting_library, library_failed, no_features, not_comparable, not_identifiable, \
+    outside_library, sensor_fault, estimated, recomputing or excluded";
+
+/// What records are chosen by besides channel and time.
+#[derive(Debug, Default)]
+pub(super) struct RecordChoice {
+    /// Only those of this bin.
+    pub(super) bin: Option<OperatingBin>,
+    /// Only those of these statuses; all where there is none.
+    pub(super) statuses: Vec<WearStatus>,
+}
+
+impl RecordChoice {
+    /// Whether nothing is left out.
+    pub(super) fn is_all(&self) -> bool {
+        self.bin.is_none() && self.statuses.is_empty()
+    }
+
+    /// The positions in a trend.
+    fn of(&self, trend: &Trend, from: Option<Timestamp>, to: Option<Timestamp>) -> Chosen {
+        let chosen = Chosen::of(trend, from, to, self.bin.as_ref());
+        match self.statuses.is_empty() {
+            true => chosen,
+            false => chosen.only(|n| self.statuses.contains(&trend.wear[n].status)),
+        }
+    }
+
+    /// Up to `limit` segments, found in the histories of the asset's channels.
+    pub(super) async fn segments(
+        &self,
+        store: &Store,
+        asset: &AssetId,
+        filter: &SegmentFilter,
+        limit: usize,
+    ) -> Result<Vec<Segment>, StoreError> {
+        let mut keys: Vec<SegmentKey> = Vec::new();
+        for channel in store.channels(asset).await? {
+            if filter.channel.as_ref().is_some_and(|name| *name != channel.channel) {
+                continue;
+            }
+            let trend = store.trend(&channel).await?;
+            let chosen = self.of(&trend, filter.from, filter.to);
+            let key = |n: usize| SegmentKey {
+                start_time: trend.start_time[chosen.position(n)],
+                id: trend.segment_id[chosen.position(n)].clone(),
+            };
+            let all = 0..chosen.len();
+            let is_after = |key: &SegmentKey| match (&filter.after, filter.order) {
+                (None, _) => true,
+                (Some(after), Order::Asc) => key > after,
+                (Some(after), Order::Desc) => key < after,
+            };
+            match filter.order {
+                Order::Asc => keys.extend(all.map(key).filter(is_after).take(limit)),
+                Order::Desc => keys.extend(all.rev().map(key).filter(is_after).take(limit)),
+            }
+        }
+        keys.sort_unstable();
+        if filter.order == Order::Desc {
+            keys.reverse();
+        }
+        keys.truncate(limit);
+        let ids: Vec<SegmentId> = keys.into_iter().map(|key| key.id).collect();
+        let found = store.segments_by_id(&ids).await?;
+        let mut found: HashMap<SegmentId, Segment> = found.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
+        Ok(ids.iter().filter_map(|id| found.remove(id)).collect())
+    }
+}
+
+/// The statuses that a client asks for.
+pub(super) fn asked_statuses(asked: Option<&str>) -> Result<Vec<WearStatus>, Problem> {
+    let names = asked.unwrap_or_default().split(',').map(str::trim).filter(|name| !name.is_empty());
+    let status = |name: &str| serde_json::from_value(Value::from(name)).map_err(|_| Problem::query("status", name, STATUSES));
+    names.map(status).collect()
+}
+
+/// One range for each record of an asset that `ids` names.
+pub(super) async fn named(store: &Store, asset: &AssetId, ids: &str) -> Result<Vec<RecordRange>, Problem> {
+    store.asset(asset).await?;
+    let ids: Vec<SegmentId> = ids.split(',').map(|id| SegmentId(id.trim().to_owned())).collect();
+    if ids.len() > MAX_NAMED {
+        return Err(Problem::query(
+            "ids",
+            format!("{} identifiers", ids.len()),
+            "at most 200 identifiers",
+        ));
+    }
+    let mut found = store.segments_by_id(&ids).await?;
+    found.retain(|segment| segment.asset_id == *asset);
+    if let Some(unknown) = ids.iter().find(|id| !found.iter().any(|segment| segment.id == **id)) {
+        return Err(Problem::not_found(format!("asset {asset} has no segment {unknown}")));
+    }
+    Ok(found.iter().map(RecordRange::of).collect())
+}
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CountParameters {
+    /// Only this channel.
+    channel: Option<String>,
+    /// Only records that start at this time or later.
+    from: Option<Timestamp>,
+    /// Only records that start before this time.
+    to: Option<Timestamp>,
+    /// Only records in this one of the asset's operating bins.
+    operating_bin: Option<String>,
+    /// Only records whose estimate has one of these statuses, with commas between them.
+    #[param(example = "estimated,excluded")]
+    status: Option<String>,
+}
+
+/// How many records there are.
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
+pub(super) struct RecordCount {
+    /// Records.
+    records: u64,
+    /// Start of the earliest one.
+    first_start_time: Option<Timestamp>,
+    /// Start of the latest one.
+    last_start_time: Option<Timestamp>,
+}
+
+/// How many segments of an asset there are
+#[utoipa::path(
+    get,
+    path = "/v1/assets/{asset}/segments/count",
+    tag = "records",
+    params(("asset" = AssetId, Path, description = "The asset"), CountParameters),
+    responses((status = 422, description = "A time out of range", body = Details, content_type = "application/problem+json"), (status = 200, body = RecordCount)),
+)]
+pub(super) async fn count(
+    State(app): State<App>,
+    AssetInPath(asset): AssetInPath,
+    Parameters(asked): Parameters<CountParameters>,
+) -> Result<Json<RecordCount>, Problem> {
+    let store = &app.service.store;
+    let spec = store.asset(&asset).await?.spec;
+    let choice = RecordChoice {
+        bin: chosen::asked_bin(&spec, asked.operating_bin.as_deref())?,
+        statuses: asked_statuses(asked.status.as_deref())?,
+    };
+    let mut count = RecordCount::default();
+    for channel in store.channels(&asset).await? {
+        if asked.channel.as_ref().is_some_and(|name| *name != channel.channel) {
+            continue;
+        }
+        let trend = store.trend(&channel).await?;
+        let chosen = choice.of(&trend, asked.from, asked.to);
+        let Some(last) = chosen.len().checked_sub(1) else { continue };
+        let (first, last) = (trend.start_time[chosen.position(0)], trend.start_time[chosen.position(last)]);
+        count.records += chosen.len() as u64;
+        count.first_start_time = Some(count.first_start_time.map_or(first, |earliest| earliest.min(first)));
+        count.last_start_time = count.last_start_time.max(Some(last));
+    }
+    Ok(Json(count))
+}

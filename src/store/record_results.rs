@@ -1,0 +1,65 @@
+//! What was said of each record of a channel, for those who judge a whole history by it.
+
+use super::rows::{from_ns, get, get_json, get_json_or_default, to_ns};
+use super::{ChannelSummary, SegmentKey, Store, StoreError};
+use crate::asset::SegmentId;
+use crate::estimate::WearEstimate;
+use crate::signal::Indicators;
+
+/// The results of one record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordResults {
+    /// Its place in its channel.
+    pub key: SegmentKey,
+    /// People excluded it.
+    pub excluded: bool,
+    /// The wear estimate, without its posterior.
+    pub wear: WearEstimate,
+    /// Indicators of the record, and of the run up to it.
+    pub indicators: [Indicators; 2],
+}
+
+impl Store {
+    /// Up to `limit` records of a channel with their results as they are served, in the order of time, from the
+    /// first one after `after`.
+    pub async fn record_results(
+        &self,
+        channel: &ChannelSummary,
+        after: Option<&SegmentKey>,
+        limit: u32,
+    ) -> Result<Vec<RecordResults>, StoreError> {
+        let (after_ns, after_id) = match after {
+            Some(key) => (to_ns(key.start_time)?, key.id.0.as_str()),
+            None => (i64::MIN, ""),
+        };
+        let rows = sqlx::query(
+            "SELECT s.id, s.start_time_ns, s.excluded, a.indicators, w.run_indicators, w.estimate
+             FROM (
+                SELECT * FROM segments WHERE channel_no = $1 AND (start_time_ns, id) > ($2, $3) ORDER BY start_time_ns, id LIMIT $4
+             ) s
+             JOIN channels c ON c.channel_no = s.channel_no
+             JOIN analyses a ON a.segment_id = s.id AND a.generation = c.analysis_generation
+             JOIN wear_estimates w ON w.segment_id = s.id AND w.generation = c.wear_generation
+             ORDER BY s.start_time_ns, s.id",
+        )
+        .bind(channel.channel_no)
+        .bind(after_ns)
+        .bind(after_id)
+        .bind(i64::from(limit))
+        .fetch_all(self.read())
+        .await?;
+        let results = rows.iter().map(|row| {
+            let id: String = get(row, "id")?;
+            Ok(RecordResults {
+                excluded: get::<i64>(row, "excluded")? != 0,
+                wear: get_json(row, "estimate", &id)?,
+                indicators: [get_json(row, "indicators", &id)?, get_json_or_default(row, "run_indicators", &id)?],
+                key: SegmentKey {
+                    start_time: from_ns(get(row, "start_time_ns")?),
+                    id: SegmentId(id),
+                },
+            })
+        });
+        results.collect()
+    }
+}

@@ -1,0 +1,84 @@
+// An alarm rule made on the trend plot, and several alarms acknowledged at once.
+
+import assert from "node:assert/strict";
+import { close, createAsset, drawn, json, open, removeAsset, sendNoise, shoot } from "./page.mjs";
+
+const RULE = { quantity: { indicator: "rms" }, warning: 5, settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 } };
+const LOUDNESS = [1, 1.1, 1, 1.1, 1, 1.1, 1, 1.1, 1, 3, 1, 3];
+
+async function heard(more) {
+  const id = await createAsset("levels", { baseline: { records: 8 }, ...more });
+  for (const [minute, amplitude] of LOUDNESS.entries()) await sendNoise(id, minute, amplitude);
+  return id;
+}
+
+const trial = (page, words) => page.locator(".rule-trial", { hasText: words }).waitFor();
+
+export const CHECKS = {
+  "a level is dragged on the trend, tried on the history, taken from the baseline, and saved": async (name) => {
+    const id = await heard({ alarms: [RULE, { quantity: "novelty", warning: 1000 }] });
+    const opened = await open(`#/assets/${id}?trend=rms,kurtosis`);
+    const { page } = opened;
+    await drawn(page, "trends");
+    await page.getByRole("button", { name: "Alarm levels…" }).click();
+    await trial(page, "On the 12 records of channel a1, this rule would have raised nothing.");
+    const level = page.getByRole("slider", { name: "Warning above, RMS" });
+    await level.waitFor();
+    await level.scrollIntoViewIfNeeded();
+    const box = await level.locator("span").boundingBox();
+    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+    await page.mouse.move(x, y);
+    await page.mouse.down();
+    await page.mouse.move(x, y + 60, { steps: 4 });
+    await page.mouse.move(x, y + 100, { steps: 4 });
+    await page.mouse.up();
+    const dragged = Number(await page.getByLabel("Warning above", { exact: true }).inputValue());
+    assert.ok(dragged > 0 && dragged < 5, `${dragged}`);
+    assert.equal((await json(`assets/${id}`)).alarms[0].warning, 5, "nothing is saved by dragging");
+    await level.focus();
+    await page.keyboard.press("ArrowUp");
+    await page.waitForFunction((before) => Number(document.getElementById("rule-warning").value) > before, dragged);
+    assert.ok(await level.evaluate((handle) => handle === document.activeElement), "the focus stays on the level");
+
+    await page.getByRole("button", { name: "Suggest from the baseline" }).click();
+    await page.getByText("Baseline of 8 records: mean").waitFor();
+    await trial(page, "this rule would have raised 2 alarms: 0 warnings and 2 dangers");
+    await shoot(page, `${name} tried`);
+    const suggested = Number(await page.getByLabel("Warning above", { exact: true }).inputValue());
+    const known = (await json(`assets/${id}/indicators/baseline?names=rms`)).items[0];
+    assert.ok(Math.abs(suggested / (known.mean + 4 * known.standard_deviation) - 1) < 0.01, `${suggested}`);
+    await page.getByRole("button", { name: "Save the rule" }).click();
+    await page.locator(".rule-panel .result", { hasText: "Saved." }).waitFor();
+    const { alarms } = await json(`assets/${id}`);
+    assert.equal(alarms.length, 2, "the other rule stays");
+    assert.deepEqual([alarms[0].warning, alarms[0].settings], [suggested, RULE.settings]);
+    await page.getByRole("button", { name: "Alarm levels…" }).click();
+    await level.waitFor({ state: "detached" });
+    await close(opened, name);
+    await removeAsset(id);
+  },
+
+  "several alarms are acknowledged with one name": async (name) => {
+    const ids = [await heard({ alarms: [{ ...RULE, warning: 2 }] }), await heard({ alarms: [{ ...RULE, warning: 2 }] })];
+    const opened = await open("#/alarms");
+    const { page } = opened;
+    const pick = (id) => page.getByLabel(`Choose the alarm RMS of ${id}, channel a1`);
+    for (const id of ids) await pick(id).check();
+    assert.equal(new URL(page.url()).hash, "#/alarms", "choosing opens nothing");
+    await page.getByText("2 alarms chosen").waitFor();
+    await page.locator("#alarms-by").fill("Ada");
+    await page.locator("#alarms-comment").fill("looked at both");
+    await shoot(page, `${name} chosen`);
+    await page.getByRole("button", { name: "Acknowledge 2 alarms" }).click();
+    await page.getByText("2 alarms acknowledged.").waitFor();
+    for (const id of ids) {
+      await pick(id).waitFor({ state: "detached" });
+      const { items } = await json(`alarms?asset=${id}`);
+      assert.equal(items[0].state, "acknowledged");
+      const { history } = await json(`alarms/${items[0].id}`);
+      assert.deepEqual([history.at(-1).by, history.at(-1).comment], ["Ada", "looked at both"]);
+      await removeAsset(id);
+    }
+    await close(opened, name);
+  },
+};

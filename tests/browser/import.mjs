@@ -1,0 +1,201 @@
+// The import desk: what a file holds is shown before it is sent, one refused file stops no other, and an import is undone.
+
+import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { base, close, createAsset, json, noSidewaysScrolling, open, PHONE, removeAsset, sendNoise, shoot } from "./page.mjs";
+import { csv, drop, wav } from "./upload.mjs";
+
+const audio = (name, buffer) => ({ name, mimeType: "audio/wav", buffer });
+const table = (name, text) => ({ name, mimeType: "text/csv", buffer: Buffer.from(text) });
+const card = (page, name) => page.locator(".files > li", { hasText: name });
+const send = (page) => page.getByRole("button", { name: /^Send / }).click();
+const good = (page, words) => page.locator('.result[data-kind="good"]', { hasText: words }).first().waitFor();
+
+async function desk(more = {}) {
+  const id = await createAsset("import", more);
+  return { id, ...(await open(`#/assets/${id}/import`)) };
+}
+
+async function end(opened, name) {
+  if (name) await close(opened, name);
+  else await opened.page.context().close();
+  assert.deepEqual(opened.faults, []);
+  await removeAsset(opened.id);
+}
+
+/** A WAV file of 16-bit samples of two channels and a chunk before them. */
+function stereo(frames) {
+  const bytes = Buffer.alloc(64 + 4 * frames);
+  bytes.write("RIFF", 0);
+  bytes.writeUInt32LE(56 + 4 * frames, 4);
+  bytes.write("WAVEfmt ", 8);
+  [[16, 16, 4], [20, 1, 2], [22, 2, 2], [24, 8000, 4], [28, 32000, 4], [32, 4, 2], [34, 16, 2]].forEach(([at, number, size]) => bytes.writeUIntLE(number, at, size));
+  bytes.write("LIST", 36);
+  bytes.writeUInt32LE(12, 40);
+  bytes.write("data", 56);
+  bytes.writeUInt32LE(4 * frames, 60);
+  for (let n = 0; n < frames; n++) {
+    bytes.writeInt16LE(Math.round(9000 * Math.sin(n * 0.3)), 64 + 4 * n);
+    bytes.writeInt16LE(Math.round(3000 * Math.sin(n * 0.7)), 66 + 4 * n);
+  }
+  return bytes;
+}
+
+export const CHECKS = {
+  "a preview says what each file holds before anything is sent": async (name) => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const recording = await readFile(new URL("../../fixtures/recordings/mcap-json.mcap", import.meta.url)); // of a recorder that wrote no summary
+    const other = await createAsset("exported", {});
+    await sendNoise(other, 7);
+    const exported = Buffer.from(await (await fetch(`${base}/v1/assets/${other}/export`)).arrayBuffer());
+    await removeAsset(other);
+    await page.setInputFiles("#upload-file", [audio("pump_20260301_101112.wav", wav(4000)), audio("two.wav", stereo(8000)), table("samples.csv", csv(1000)), { name: "run.mcap", mimeType: "application/mcap", buffer: recording }, { name: "export.mcap", mimeType: "application/mcap", buffer: exported }, audio("broken.wav", Buffer.from("no recording"))]);
+    await page.getByRole("button", { name: "Send 6 files" }).waitFor();
+    await card(page, "pump_20260301").getByText("16 bit integers · 1 channel · 4000 Hz · 1 s").waitFor();
+    await card(page, "pump_20260301").getByText("from its name, read as UTC").waitFor();
+    await card(page, "two.wav").getByText("16 bit integers · 2 channels · 8000 Hz · 1 s").waitFor();
+    assert.equal(await card(page, "two.wav").locator("svg.sketch").count(), 2, "a waveform of each channel");
+    await card(page, "samples.csv").getByText("CSV · 1 channel · 4000 Hz (column “time”) · 0.25 s").waitFor();
+    await card(page, "run.mcap").getByText("it says nothing of its contents at its end").waitFor();
+    await card(page, "export.mcap").getByText(/MCAP · \d+ messages on \d+ topics?/).waitFor();
+    await card(page, "export.mcap").getByText(/says itself when its records began, logged 20/).waitFor();
+    await card(page, "broken.wav").getByText("It does not begin like a WAV file (RIFF, WAVE).").waitFor();
+    await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
+    await page.getByLabel("Start of two.wav, UTC").blur();
+    await card(page, "two.wav").getByText("typed in").waitFor();
+    assert.equal((await json(`assets/${id}`)).summary.segments, 0, "nothing is sent");
+    await end(opened, name);
+  },
+
+  "all files are sent, one that is refused stops no other, and the import is undone": async (name) => {
+    const opened = await desk();
+    const { id, page } = opened;
+    await sendNoise(id, 0);
+    await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000)), audio("broken.wav", Buffer.from("no recording")), audio("b_20260401_090000.wav", wav(2100)), audio("two_20260401_100000.wav", stereo(2000))]);
+    await send(page);
+    await good(page, "a_20260401_080000.wav: channel");
+    await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was not taken" }).waitFor();
+    await good(page, "two_20260401_100000.wav: channel");
+    const undo = page.getByRole("button", { name: "Undo this import: delete 4 records…" });
+    await undo.waitFor();
+    assert.equal((await json(`assets/${id}`)).summary.segments, 5);
+    await shoot(page, `${name} sent`);
+    page.on("dialog", (dialog) => dialog.accept());
+    await undo.click();
+    await page.getByText("4 records deleted: the import is undone.").waitFor();
+    const { items } = await json(`assets/${id}/segments`);
+    assert.deepEqual(items.map(({ start_time: start }) => start), ["2026-03-01T08:00:00Z"], "what was there before stays");
+    assert.match(opened.faults.splice(0).join(), /^console: [^,]* 422 [^,]*$/, "but for the refused file nothing goes wrong");
+    await end(opened, name);
+  },
+
+  "what is there already is told, and is no part of what is undone": async () => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const file = audio("a_20260401_080000.wav", wav(2000));
+    const sent = await fetch(`${base}/v1/assets/${id}/segments?start_time=2026-04-01T08:00:00Z&unit=m/s2`, { method: "POST", headers: { "content-type": "audio/wav" }, body: file.buffer });
+    assert.equal(sent.status, 201);
+    await page.setInputFiles("#upload-file", [file]);
+    await card(page, "a_20260401").getByText("There is a record of this start already, of channel").waitFor();
+    await page.locator("summary", { hasText: "sampling rate" }).click();
+    await page.getByLabel("Unit", { exact: true }).first().fill("m/s2");
+    await send(page);
+    await good(page, "a_20260401_080000.wav: channel");
+    assert.ok(await page.getByRole("button", { name: /Undo this import/ }).isHidden());
+    assert.equal((await json(`assets/${id}`)).summary.segments, 1);
+    await end(opened);
+  },
+
+  "columns, channels and units of a CSV file are mapped": async (name) => {
+    const opened = await desk();
+    const { id, page } = opened;
+    const text = ["n;in [g];out (m/s2);speed", ...Array.from({ length: 600 }, (_, n) => `${n};${Math.sin(n)};${Math.cos(n * 0.3)};25`)].join("\n");
+    await page.setInputFiles("#upload-file", [table("c_20260401_080000.csv", text)]);
+    const file = card(page, "c_20260401");
+    await file.getByText("Column “n” rises by the same step from row to row").waitFor();
+    const column = (heading) => file.getByLabel(`Column ${heading} of c_20260401_080000.csv`);
+    for (const heading of ["in [g]", "out (m/s2)"]) await column(heading).selectOption("a channel");
+    await column("n").selectOption("left out");
+    await column("speed").selectOption("left out");
+    await file.getByText("CSV · 2 channels").waitFor();
+    assert.equal(await file.getByLabel("Unit of in of").inputValue(), "g");
+    await file.getByLabel("Name of out of").fill("gear-side");
+    await page.locator("summary", { hasText: "sampling rate" }).click();
+    await page.getByLabel("Sampling rate of a CSV file, Hz").fill("2560.5");
+    await page.getByLabel("Sampling rate of a CSV file, Hz").blur();
+    await file.getByText("CSV · 2 channels · 2560.5 Hz (typed in)").waitFor();
+    await shoot(page, `${name} mapped`);
+    await send(page);
+    await page.getByRole("button", { name: "Undo this import: delete 2 records…" }).waitFor();
+    const { items } = await json(`assets/${id}/segments`);
+    const told = items.map(({ channel, unit, sample_rate_hz: rate, samples, indicators }) => [channel, unit, rate, samples, indicators.rms.toFixed(1)]).sort();
+    assert.deepEqual(told, [["gear-side", "m/s2", 2560.5, 600, "0.7"], ["in", "m/s2", 2560.5, 600, "6.9"]], "a channel in g is brought to the asset's unit");
+    await end(opened, name);
+  },
+
+  "the full scale of a 16-bit WAV file is taken": async () => {
+    const opened = await desk();
+    const { id, page } = opened;
+    await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000))]);
+    await page.getByLabel("Full scale of a_20260401_080000.wav").fill("50");
+    await send(page);
+    await good(page, "a_20260401_080000.wav: channel");
+    const { items } = await json(`assets/${id}/segments`);
+    const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
+    const greatest = Math.max(...wave.value);
+    assert.ok(greatest > 50 * 0.3 && greatest < 50 * 0.4, `9000 of 32768 counts, twice where both lines add up: ${greatest}`);
+    await end(opened);
+  },
+
+  "a large WAV file is looked into by slices": async () => {
+    const opened = await desk();
+    const { page } = opened;
+    const read = await page.evaluate(async () => {
+      const { wavHead, wavSketch } = await import("./static/wav-head.js");
+      const seconds = 1000;
+      const size = 2 * 48000 * seconds;
+      const head = new DataView(new ArrayBuffer(44));
+      const text = (at, word) => [...word].forEach((letter, n) => head.setUint8(at + n, letter.charCodeAt(0)));
+      text(0, "RIFF");
+      text(8, "WAVEfmt ");
+      text(36, "data");
+      [[16, 16], [24, 48000], [28, 96000], [40, size]].forEach(([at, value]) => head.setUint32(at, value, true));
+      [[20, 1], [22, 1], [32, 2], [34, 16]].forEach(([at, value]) => head.setUint16(at, value, true));
+      let bytes = 0;
+      const file = {
+        size: 44 + size,
+        slice: (from, to) => {
+          bytes += to - from;
+          return from < 44 ? new Blob([head.buffer.slice(from, Math.min(44, to))]) : new Blob([new Int16Array((to - from) / 2).map((_, n) => 16384 * Math.sin(n))]);
+        },
+      };
+      const found = await wavHead(file);
+      const sketch = await wavSketch(file, found, 0);
+      return { seconds: found.frames / found.rate, columns: sketch.columns.length, greatest: Math.max(...sketch.columns.map(([, high]) => high)), whole: sketch.whole, bytes };
+    });
+    assert.equal(read.seconds, 1000);
+    assert.deepEqual([read.columns, read.whole], [240, false]);
+    assert.ok(Math.abs(read.greatest - 0.5) < 0.01 && read.bytes < 2e6, JSON.stringify(read));
+    await end(opened);
+  },
+
+  "files dropped on the page of the desk are listed there": async (name) => {
+    const opened = await desk();
+    const { page } = opened;
+    await page.getByText("Drop WAV, MCAP or CSV files here").waitFor();
+    await drop(page, { "dropped.wav": wav(1000) });
+    await card(page, "dropped.wav").getByText("4000 Hz").waitFor();
+    assert.equal(await page.locator("dialog[open]").count(), 0);
+    await end(opened, name);
+  },
+
+  "the desk on a phone": async (name) => {
+    const id = await createAsset("import", {});
+    const opened = await open(`#/assets/${id}/import`, PHONE);
+    await opened.page.setInputFiles("#upload-file", [audio("two_20260401_080000.wav", stereo(4000)), table("samples.csv", csv(1000))]);
+    await opened.page.getByRole("button", { name: "Send 2 files" }).waitFor();
+    await noSidewaysScrolling(opened.page);
+    await end({ id, ...opened }, name);
+  },
+};
