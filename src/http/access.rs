@@ -154,7 +154,7 @@ fn needed(method: &Method, path: &str) -> Scope {
     }
     let parts: Vec<&str> = path.trim_matches('/').split('/').collect();
     match parts[..] {
-        ["v1", "session"] => Scope::Read,
+        ["v1", "session" | "preview"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
         ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
         _ => Scope::Write,
@@ -242,6 +242,7 @@ mod tests {
             (Method::DELETE, "/v1/segments/b", Scope::Admin),
             (Method::POST, "/v1/replays", Scope::Write),
             (Method::POST, "/v1/session", Scope::Read),
+            (Method::POST, "/v1/preview", Scope::Read),
             (Method::DELETE, "/v1/session", Scope::Read),
         ] {
             assert_eq!(needed(&method, path), scope, "{method} {path}");

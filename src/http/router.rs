@@ -16,8 +16,8 @@ use super::app::App;
 use super::problem::Problem;
 use super::{
     access, alarms, angle, assets, cepstra, damage, dashboard, drain, etag, events, exclusions, export, head, health, indicators,
-    libraries, library_states, maintenance, matching, metrics, openapi, recomputations, replays, reports, segments, session, traffic, tus,
-    uploads, waterfall, waveforms, wear,
+    libraries, library_states, maintenance, matching, metrics, openapi, pair_presets, preview, recomputations, replays, reports, segments,
+    session, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -66,6 +66,8 @@ fn operations() -> OpenApiRouter<App> {
         .routes(routes!(libraries::state))
         .routes(routes!(library_states::list))
         .routes(routes!(library_states::flank))
+        .routes(routes!(preview::preview))
+        .routes(routes!(pair_presets::list))
         .routes(routes!(events::stream))
         .routes(routes!(session::show, session::begin, session::end))
         .routes(routes!(health::alive))
