@@ -72,6 +72,8 @@ const PAGES = {
   asset: async () => (await import("./asset.js")).AssetPage,
   waterfall: async () => (await import("./waterfall.js")).WaterfallPage,
   match: async () => (await import("./match.js")).MatchPage,
+  wear: async () => (await import("./preview-page.js")).PreviewPage,
+  new: async () => (await import("./setup.js")).SetupPage,
   settings: async () => (await import("./settings.js")).SettingsPage,
   alarms: async () => (await import("./alarms.js")).AlarmsPage,
   libraries: async () => (await import("./libraries.js")).LibrariesPage,
@@ -81,7 +83,7 @@ const PAGES = {
 
 /** Says in the page's header which of its links is the current one. */
 function markNavigation(current) {
-  const section = { fleet: "fleet", alarms: "alarms", libraries: "libraries", library: "libraries" }[current] ?? "";
+  const section = { fleet: "fleet", new: "fleet", alarms: "alarms", libraries: "libraries", library: "libraries" }[current] ?? "";
   for (const link of document.querySelectorAll(".sections a")) {
     if (link.dataset.section === section) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
