@@ -1,10 +1,11 @@
-// A previewed pair to scale: both gears whole, and the teeth in mesh, red where they cannot be. The gear on the left drives, upwards.
+// A previewed pair to scale: both gears whole, and the teeth in mesh, red where they cannot be.
 
 import { h, setChildren, svg } from "./dom.js";
 import { number } from "./format.js";
 import { bodyPath, lostPath, partPath } from "./preview-teeth.js";
 
 const REACH = 6; // teeth on each side of the line of centres
+const ASPECT = 1.65; // width over height of the teeth in mesh
 const MOST_TEETH_DRAWN = 160; // a whole gear with more is drawn as circles
 const degrees = (radians) => (radians * 180) / Math.PI;
 
@@ -75,22 +76,21 @@ export class PairDrawing {
         svg("circle", { class: bad.includes("root_to_bore") ? "wheel-bore drawn-bad" : "wheel-bore", r: gear.bore_radius_mm }),
       );
     };
-    const name = (gear, index, words) => svg("text", { class: "wheel-text", "text-anchor": "middle", x: index ? distance : 0, y: gear.bore_radius_mm + 0.55 * (gear.root_radius_mm - gear.bore_radius_mm), "font-size": (high - low) / 24 }, `${words} ${gear.teeth}`);
     const words = `Driving gear with ${left.teeth} teeth, driven gear with ${right.teeth}, centre distance ${number(distance, 5)} mm, drawn to scale`;
     return h(
       "figure",
       { class: "whole-pair" },
-      svg("svg", { viewBox: `${low - pad} ${-tall - pad} ${high - low + 2 * pad} ${2 * tall + 2 * pad}`, role: "img", "aria-label": words }, wheel(left, 0), wheel(right, 1), name(left, 0, "drives"), name(right, 1, "driven")),
-      h("figcaption", { class: "muted" }, `${number(high - low, 4)} mm from tip to tip, centres ${number(distance, 5)} mm apart`),
+      svg("svg", { viewBox: `${low - pad} ${-tall - pad} ${high - low + 2 * pad} ${2 * tall + 2 * pad}`, role: "img", "aria-label": words }, wheel(left, 0), wheel(right, 1)),
+      h("figcaption", { class: "muted" }, `Left drives with ${left.teeth} teeth, right is driven with ${right.teeth}. ${number(high - low, 4)} mm from tip to tip, centres ${number(distance, 5)} mm apart.`),
     );
   }
 
   #mesh(flanks) {
     const { gears, centre_distance_mm: distance } = this.#geometry;
     const [driving] = gears;
-    const tall = 0.5 * (driving.tip_radius_mm - driving.root_radius_mm) * 4.6;
-    const wide = 1.55 * tall;
-    const middle = driving.pitch_radius_mm;
+    const tall = 1.3 * Math.max(...gears.map((gear) => gear.tip_radius_mm - gear.root_radius_mm));
+    const wide = ASPECT * tall;
+    const middle = -driving.pitch_radius_mm;
     this.#wheels = gears.map((gear, index) => {
       const to = Math.min(REACH, Math.floor((gear.teeth - 1) / 2));
       const from = -to;
@@ -108,21 +108,19 @@ export class PairDrawing {
     const without = this.#bad(1).includes("contact_ratio");
     this.#dots = svg("g", { class: "mesh-dots" });
     const scale = 10 ** Math.floor(Math.log10(wide / 3));
-    const [left, bottom] = [middle - wide + 0.06 * wide, tall - 0.07 * tall];
+    const [left, bottom] = [-0.94 * wide, middle + 0.91 * tall];
     return h(
       "figure",
       { class: "mesh-close" },
       svg(
         "svg",
-        { viewBox: `${middle - wide} ${-tall} ${2 * wide} ${2 * tall}`, role: "img", "aria-label": `Teeth in mesh to scale${flanks ? ", with what wear has taken from the working flanks" : ""}` },
-        pitch,
-        placed,
-        svg("line", { class: without ? "mesh-action drawn-bad" : "mesh-action", x1, y1, x2, y2 }),
-        this.#dots,
+        { viewBox: `${-wide} ${middle - tall} ${2 * wide} ${2 * tall}`, role: "img", "aria-label": `Teeth in mesh to scale${flanks ? ", with what wear has taken from the working flanks" : ""}` },
+        // the line of centres upright, so that teeth stand side by side
+        svg("g", { transform: "matrix(0 -1 -1 0 0 0)" }, placed, pitch, svg("line", { class: without ? "mesh-action drawn-bad" : "mesh-action", x1, y1, x2, y2 }), this.#dots),
         svg("line", { class: "tooth-scale", x1: left, x2: left + scale, y1: bottom, y2: bottom }),
-        svg("text", { class: "tooth-text", x: left, y: bottom - 0.04 * tall, "font-size": tall / 11 }, `${scale} mm`),
+        svg("text", { class: "tooth-text", x: left, y: bottom - 0.05 * tall, "font-size": tall / 10 }, `${scale} mm`),
       ),
-      h("figcaption", { class: "muted" }, "Teeth in mesh, to scale; the left gear drives upwards. Line: path of contact. Dashed: pitch circles."),
+      h("figcaption", { class: "muted" }, "To scale; the lower gear drives to the right. Line: path of contact. Dashed: pitch circles."),
     );
   }
 
