@@ -93,7 +93,7 @@ impl GearPair {
         let root = [0, 1].map(|i| reference[i] - (basic.dedendum[i] - basic.profile_shift[i]) * basic.module_mm);
         let mut gears = Vec::with_capacity(2);
         for i in 0..2 {
-            refusals.note(limits::check_tooth(basic, i, [base[i], tip[i], root[i]], alpha0));
+            limits::check_tooth(basic, i, [base[i], tip[i], root[i]], alpha0, refusals);
             if tip[i] + root[1 - i] > centre_distance_mm + 1e-9 {
                 let most = (centre_distance_mm - root[1 - i] - reference[i]) / basic.module_mm - basic.profile_shift[i];
                 let expected = format!("at most {most:.4}, where the tip of gear {} reaches the other's root", i + 1);

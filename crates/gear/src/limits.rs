@@ -145,20 +145,21 @@ pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError
 }
 
 /// Undercut, tooth height and bore of gear `i` with its `[base, tip, root]` radii.
-pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f64; 3], alpha0: f64) -> Result<(), GearError> {
+pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f64; 3], alpha0: f64, refusals: &mut Refusals) {
     let number = i + 1;
     if tip <= base || tip <= root {
         let expected = format!("more: the tip radius {tip:.4} of gear {number} mm is not above its base and root circles");
-        return Err(GearError::field("geometry.addendum", basic.addendum[i], expected));
+        refusals.add(GearError::field("geometry.addendum", basic.addendum[i], expected));
+        return;
     }
-    check_rack(basic, i, alpha0)?;
+    refusals.note(check_rack(basic, i, alpha0));
     let bore = basic.bore_radius_mm[i];
     if root <= 0.0 || bore * LEAST_ROOT_TO_BORE > root {
         let expected = format!(
             "at most {:.4}: the root radius {root:.4} of gear {number} over {LEAST_ROOT_TO_BORE}",
             root / LEAST_ROOT_TO_BORE
         );
-        return Err(GearError::field("geometry.bore_radius_mm", bore, expected));
+        refusals.add(GearError::field("geometry.bore_radius_mm", bore, expected));
     }
     let least_shift = least_profile_shift(basic, i, alpha0);
     if basic.profile_shift[i] < least_shift - HARMLESS_UNDERCUT_MODULES {
@@ -166,9 +167,8 @@ pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f6
         let expected = format!(
             "at least {least_teeth} teeth on gear {number} or a profile shift of at least {least_shift:.4}, below it the tooth is undercut"
         );
-        return Err(GearError::field("geometry.teeth", basic.teeth[i], expected));
+        refusals.add(GearError::field("geometry.teeth", basic.teeth[i], expected));
     }
-    Ok(())
 }
 
 /// Profile shift of gear `i` in modules below which its teeth are undercut.

@@ -12,6 +12,12 @@ const degrees = (radians) => (radians * 180) / Math.PI;
 /** What is red for a measure that cannot be: a part of the profile of its gear's teeth. */
 const PARTS = { undercut_margin: [0.02, 0.6], interference_margin: [0.02, 0.6], tip_thickness: [0.8, 1], tip_clearance: [0.8, 1], backlash: [0.5, 1] };
 
+/** The greatest of 1, 2 and 5 times a power of ten that is not above a number. */
+function roundBelow(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return [5, 2, 1].map((digit) => Number((digit * power).toPrecision(1))).find((round) => round <= value);
+}
+
 /** Angles at which the unworn teeth touch, by a part of the mesh period from 0 to 1. */
 function unwornAngles({ gears, measures }, start, part) {
   const [driving, driven] = gears;
@@ -107,7 +113,7 @@ export class PairDrawing {
     const [[x1, y1], [x2, y2]] = [at(start), at(end)];
     const without = this.#bad(1).includes("contact_ratio");
     this.#dots = svg("g", { class: "mesh-dots" });
-    const scale = 10 ** Math.floor(Math.log10(wide / 3));
+    const scale = roundBelow(wide / 2);
     const [left, bottom] = [-0.94 * wide, middle + 0.91 * tall];
     return h(
       "figure",

@@ -2,7 +2,9 @@
 
 import { decibels, depth, number } from "./format.js";
 import { palette } from "./plots.js";
+import { translucent } from "./theme.js";
 
+const SHOWN_PERIODS = 16; // mesh periods of the waveform; the file has all of them
 const FLOOR_DB = -60; // below the strongest line nothing is shown
 
 /** Keeps the range of an axis as wide as it was since the last `reset`, so that curves move and not their axes. */
@@ -70,11 +72,17 @@ export function transmissionPlot(model, extents) {
   return overMesh(model, extents, { key: "uste_rad", scale: 1e6, title: "Transmission error", unit: "µrad", sub });
 }
 
+/** Draws what is unworn broad and pale behind what is worn, so that both show where either is greater. */
+function stand([unworn, worn], broad, thin) {
+  Object.assign(unworn.line, { dash: undefined, width: worn ? broad : thin, color: worn ? translucent(unworn.line.color, 0.55) : unworn.line.color });
+  if (worn) worn.line.width = thin;
+}
+
 /** The acceleration that the model expects. */
 export function waveformPlot(model, extents) {
   const read = ({ vibration: { sample_rate_hz: rate, acceleration_m_per_s2: samples } }) => ({ x: samples.map((_, n) => (1000 * n) / rate), y: samples });
   const { traces, legend } = curves(model, read, "%{x:.2f} ms: %{y:.4g} m/s²<extra></extra>");
-  for (const trace of traces) trace.line.dash = undefined;
+  stand(traces, 2.5, 1.3);
   const [before, after] = [model.unworn, model.worn].map(({ vibration }) => vibration.rms_m_per_s2);
   const sub = `RMS ${number(after, 3)} m/s², ${decibels(20 * Math.log10(after / before))} dB to unworn. At the bearings of the driving gear, without a path to a sensor.`;
   return {
@@ -83,7 +91,7 @@ export function waveformPlot(model, extents) {
     sub,
     table: () => [["time_s", traces[0].x.map((ms) => ms / 1000)], ["unworn_m_per_s2", model.unworn.vibration.acceleration_m_per_s2], ["worn_m_per_s2", model.worn.vibration.acceleration_m_per_s2]],
     summary: `Expected acceleration at ${depth(model.wear_um)} µm wear. ${sub}`,
-    layout: { hovermode: "closest", xaxis: { title: { text: "Time (ms)" }, range: [0, traces[0].x.at(-1)] }, yaxis: { title: { text: "Acceleration (m/s²)" }, range: extents.of("waveform", traces.flatMap(({ y }) => y)) } },
+    layout: { hovermode: "closest", xaxis: { title: { text: "Time (ms)" }, range: [0, Math.min(traces[0].x.at(-1), (1000 * SHOWN_PERIODS) / model.mesh_hz)] }, yaxis: { title: { text: "Acceleration (m/s²)" }, range: extents.of("waveform", traces.flatMap(({ y }) => y)) } },
   };
 }
 
@@ -98,8 +106,7 @@ export function spectrumPlot(model, extents) {
   const reference = Math.max(...model.unworn.vibration.spectrum_m_per_s2.slice(1));
   const read = ({ vibration: { order_step: step, spectrum_m_per_s2: amplitudes } }) => ({ x: amplitudes.map((_, n) => n * step * speed), y: levels(amplitudes, reference) });
   const { traces, legend } = curves(model, read, "%{x:.1f} Hz: %{y:.1f} dB<extra></extra>");
-  for (const trace of traces) Object.assign(trace.line, { dash: undefined, width: 1.2 });
-  traces.reverse(); // what is unworn stands before what has grown
+  stand(traces, 4, 1.5);
   const sub = "In dB of the strongest unworn line; shaft sidebands about the mesh harmonics.";
   return {
     traces,

@@ -125,7 +125,7 @@ export class SetupInputs {
   /** Shows a refusal at its field; false where it is of none of them. */
   fail({ field: name, value, expected }) {
     if (!name) return false;
-    const own = [...this.#inputs.values()].filter(({ field }) => [field.path, field.alike].some((path) => path && (path === name || path.startsWith(`${name}.`) || path.endsWith(`.${name}`))));
+    const own = [...this.#inputs.values()].filter(({ field }) => [field.path, field.alike].some((path) => path && (path === name || path.startsWith(`${name}.`) || path.endsWith(`.${name}`) || path.replace(/^points\.\d+/, "points") === name)));
     if (own.length === 0) return false;
     // of two gears' numbers the one that has the refused value
     const typed = own.filter((made) => String(valueOf(made)) === String(value));

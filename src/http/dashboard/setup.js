@@ -18,6 +18,15 @@ const NONE = "none";
 /** An id from a name. */
 const slug = (name) => name.toLowerCase().normalize("NFKD").replaceAll(/[^a-z0-9_]+/g, "-").replaceAll(/^[-_]+|-+$/g, "").slice(0, 64);
 
+/** What a description cannot have, as far as the page can tell by itself. */
+function typedRefusals({ id, limits, points }) {
+  const refusals = [];
+  if (id && !/^[a-z0-9][a-z0-9_-]{0,63}$/.test(id)) refusals.push({ field: "id", value: id, expected: "1 to 64 characters of a–z, 0–9, - and _, the first a letter or digit" });
+  if (limits?.warning_um > limits?.danger_um) refusals.push({ field: "limits.warning_um", value: limits.warning_um, expected: "a depth at or below that of danger" });
+  if (points?.length && !points[0].channel) refusals.push({ field: "points.0.channel", expected: "a name, as something is said of its sensor" });
+  return refusals;
+}
+
 /** The page at `#/new`; `copy` or `edit` in its address name an asset. */
 export class SetupPage {
   #query;
@@ -26,6 +35,8 @@ export class SetupPage {
   #presets = [];
   #asked = false;
   #idTyped = false;
+  /** What is wrong at a field, by who says so: the page itself, the latest preview, the latest attempt to save. */
+  #refusals = { typed: [], previewed: [], saved: [] };
   #title = h("h1", {}, "New asset");
   #pair = h("select", { id: "setup-pair", onchange: () => this.#choosePair() });
   #json = h("textarea", { id: "setup-json", rows: "7", spellcheck: "false", "aria-describedby": "setup-json-error" });
@@ -163,17 +174,14 @@ export class SetupPage {
 
   /** Checks what is typed; a gear pair by the service. */
   #check(wait) {
-    this.#inputs.clearErrors();
+    this.#refusals.saved = [];
     this.#say("", "");
     for (const element of this.#form.querySelectorAll(".setup-field")) element.hidden = !this.#withPair && element.querySelector('[id^="setup-gear-pair-"]') !== null;
     for (const element of this.#form.querySelectorAll(".form-fields > .check")) element.hidden = !this.#withPair && element.htmlFor.startsWith("setup-gear-pair-");
     for (const folded of this.#form.querySelectorAll("fieldset .setup-more")) folded.hidden = !this.#withPair && folded.querySelector(':scope [id^="setup-gear-pair-"]') !== null;
-    const id = this.#inputs.get("id");
-    if (id.value && !/^[a-z0-9][a-z0-9_-]{0,63}$/.test(id.value)) id.fail("expected 1 to 64 characters of a–z, 0–9, - and _, the first a letter or digit");
     const spec = this.#description();
-    const { warning_um: warning, danger_um: danger } = spec?.limits ?? {};
-    if (warning > danger) this.#inputs.get("limits.warning_um").fail("expected a depth at or below that of danger");
-    if (spec?.points?.length && !spec.points[0].channel) this.#inputs.get("points.0.channel").fail("needed where something is said of its sensor");
+    this.#refusals.typed = spec ? typedRefusals(spec) : [];
+    this.#showRefusals();
     if (!spec) return;
     if (!this.#withPair) return this.#blank("Without a gear pair there is nothing to preview: indicators are computed, and no wear is estimated.");
     const lacking = this.#inputs.lacking(true).filter(({ path }) => path !== "id");
@@ -182,6 +190,8 @@ export class SetupPage {
   }
 
   #blank(words) {
+    this.#refusals.previewed = [];
+    this.#showRefusals();
     this.#drawing.say(words);
     this.#panel.lacking(this.#withPair ? "As soon as the gear pair is described, its wear can be tried out here. Or begin with one of the pairs above." : words);
     setChildren(this.#measures);
@@ -189,25 +199,33 @@ export class SetupPage {
   }
 
   #previewed({ refusals, geometry }) {
-    this.#inputs.clearErrors();
     const own = refusals.filter(({ field }) => !["wear_um", "torque_nm", "shaft_speed_hz"].includes(field));
-    const placed = own.filter((refusal) => this.#inputs.fail(refusal));
-    setChildren(this.#faults, own.map(({ detail }, n) => (placed.includes(own[n]) ? null : h("li", {}, detail))));
+    this.#refusals.previewed = own;
+    const placed = this.#showRefusals();
+    setChildren(this.#faults, own.filter((refusal) => !placed.has(refusal)).map(({ detail }) => h("li", {}, detail)));
     if (geometry) this.#drawing.show(geometry);
     else this.#drawing.say("These numbers give no gears that could be drawn.");
     showMeasures(this.#measures, geometry?.measures ?? []);
-    this.#panel.element.toggleAttribute("data-refused", own.length > 0);
   }
 
-  #refused(error) {
-    if (!this.#inputs.fail(error.problem ?? {})) this.#say("bad", `${error.message}.`);
+  #refused({ problem, message }) {
+    this.#refusals.previewed = problem?.field ? [problem] : [];
+    if (!this.#showRefusals().size) this.#say("bad", `${message}.`);
+  }
+
+  /** Shows what is wrong at the fields and gives what has a place there. */
+  #showRefusals() {
+    this.#inputs.clearErrors();
+    const { typed, previewed, saved } = this.#refusals;
+    return new Set([...saved, ...typed, ...previewed].filter((refusal) => this.#inputs.fail(refusal)));
   }
 
   async #submit(event) {
     event.preventDefault();
     const spec = this.#description();
     const lacking = this.#inputs.lacking(this.#withPair);
-    for (const { path } of lacking) this.#inputs.get(path).fail("needed");
+    this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
+    this.#showRefusals();
     if (lacking.length || !spec) {
       this.#say("bad", spec ? `Still needed: ${lacking.map(({ label }) => label).join(", ")}.` : "The JSON cannot be read.");
       return this.#inputs.focusError();
@@ -217,7 +235,9 @@ export class SetupPage {
       const { id } = this.#query.edit ? await api.replaceAsset(this.#query.edit, spec) : await api.createAsset(spec);
       go({ page: "asset", id });
     } catch (error) {
-      const placed = this.#inputs.fail(error.problem ?? {}) || (error.status === 409 && this.#inputs.fail({ field: "id", value: spec.id, expected: "an id that no other asset has" }));
+      const refusal = error.status === 409 ? { field: "id", value: spec.id, expected: "an id that no other asset has" } : error.problem;
+      this.#refusals.saved = refusal ? [refusal] : [];
+      const placed = this.#showRefusals().has(refusal);
       this.#say("bad", placed ? "Not saved: one of the fields cannot be used." : `Not saved: ${error.message}.`);
       if (placed) this.#inputs.focusError();
     } finally {
