@@ -5,6 +5,7 @@ use axum::http::StatusCode;
 use serde::Serialize;
 
 use super::problem::Problem;
+use super::query::Page;
 use crate::gear::PairSpec;
 
 /// Names and pair files.
@@ -24,12 +25,6 @@ pub(super) struct PairPreset {
     pair: PairSpec,
 }
 
-/// All presets.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct PairPresets {
-    items: Vec<PairPreset>,
-}
-
 /// Gear pairs to begin with
 ///
 /// Pairs that are described in full, to start a description of one's own from.
@@ -37,9 +32,9 @@ pub(super) struct PairPresets {
     get,
     path = "/v1/pair-presets",
     tag = "libraries",
-    responses((status = 200, body = PairPresets)),
+    responses((status = 200, body = Page<PairPreset>)),
 )]
-pub(super) async fn list() -> Result<Json<PairPresets>, Problem> {
+pub(super) async fn list() -> Result<Json<Page<PairPreset>>, Problem> {
     let preset = |(name, text)| {
         Ok(PairPreset {
             name,
@@ -48,7 +43,7 @@ pub(super) async fn list() -> Result<Json<PairPresets>, Problem> {
     };
     let items: Result<_, crate::gear::GearError> = PRESETS.into_iter().map(preset).collect();
     let items = items.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
-    Ok(Json(PairPresets { items }))
+    Ok(Json(Page::from_parts(items, None)))
 }
 
 #[cfg(test)]
