@@ -1,9 +1,12 @@
 // The fields of the form for an asset: where each stands in its description, what it is called, its unit, and what holds where it is empty.
 
-/** What a field of the gear pair is for: without the pair these are not asked for. */
+/** Fields of the gear pair: not asked for where there is none. */
 const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
 
-/** Groups of fields, `{ path, label, unit?, kind?, hint?, alike?, needed?, factor? }` each; `more` are those that are folded away. */
+/**
+ * Groups of fields, `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault? }` each: `factor` makes the description's unit of the
+ * one that is typed, `pairDefault` is said where only the other gear has a number. `more` are those that are folded away.
+ */
 export const SETUP_GROUPS = [
   {
     title: "Machine",
@@ -78,8 +81,8 @@ export const SETUP_GROUPS = [
         { path: "points.0.serial", label: "Serial number", kind: "text" },
         { path: "points.0.calibration_due", label: "Calibration due", kind: "date" },
         { path: "sensor.of", label: "Heard by the sensor of another asset", kind: "text", hint: "that asset's id" },
-        { path: "gear.shaft_ratio.0", label: "Ratio to the measured shaft: driving teeth", kind: "integer", hint: "1" },
-        { path: "gear.shaft_ratio.1", label: "Ratio to the measured shaft: driven teeth", kind: "integer", hint: "1" },
+        { path: "gear.shaft_ratio.0", label: "Ratio to the measured shaft: driving teeth", kind: "integer", hint: "1", pairDefault: 1 },
+        { path: "gear.shaft_ratio.1", label: "Ratio to the measured shaft: driven teeth", kind: "integer", hint: "1", pairDefault: 1 },
         { path: "gear.speed_tolerance", label: "Speed is searched within ±", unit: "%", factor: 0.01, hint: "5" },
         { path: "gear.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
       ],

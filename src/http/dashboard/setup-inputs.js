@@ -100,14 +100,14 @@ export class SetupInputs {
       putAt(spec, field.path, value);
       if (field.alike && withPair) putAt(spec, field.alike, value);
     }
-    if (withPair) this.#completeLists(spec);
+    this.#completeLists(spec, withPair);
     return spec;
   }
 
   /** Where one of two gears has a number of its own, the other one's default is said too. */
-  #completeLists(spec) {
+  #completeLists(spec, withPair) {
     for (const { field } of this.#inputs.values()) {
-      if (field.pairDefault === undefined || valueAt(spec, field.path) !== undefined) continue;
+      if (field.pairDefault === undefined || (field.ofPair && !withPair) || valueAt(spec, field.path) !== undefined) continue;
       if (valueAt(spec, field.path.slice(0, -2))) putAt(spec, field.path, field.pairDefault);
     }
   }
