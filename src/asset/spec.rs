@@ -242,20 +242,7 @@ impl AssetSpec {
 
     /// Checks every number; a description that passes can be monitored.
     pub fn validate(&self) -> Result<(), AssetError> {
-        let gear = &self.gear;
-        if gear.teeth.iter().any(|z| !(4..=1000).contains(z)) {
-            return Err(field("gear.teeth", format!("{:?}", gear.teeth), "two tooth numbers from 4 to 1000"));
-        }
-        if !(gear.shaft_speed_hz > 0.0 && gear.shaft_speed_hz <= 10_000.0) {
-            return Err(field(
-                "gear.shaft_speed_hz",
-                gear.shaft_speed_hz,
-                "a number above 0 and at most 10000",
-            ));
-        }
-        if !(0.0..=0.5).contains(&gear.speed_tolerance) {
-            return Err(field("gear.speed_tolerance", gear.speed_tolerance, "a fraction from 0 to 0.5"));
-        }
+        self.gear.check_beside_pair()?;
         other_mesh::validate(self)?;
         place::check_text("name", Some(self.name.as_str()).filter(|name| !name.is_empty()))?;
         place::check_text("sensor.unit", self.sensor.unit.as_deref())?;
@@ -313,17 +300,10 @@ impl AssetSpec {
                 ));
             }
         }
-        if let Some(pair) = &gear.pair {
+        if let Some(pair) = &self.gear.pair {
             pair.check()?;
-            if pair.geometry.teeth != gear.teeth {
-                return Err(field(
-                    "gear.pair.geometry.teeth",
-                    format!("{:?}", pair.geometry.teeth),
-                    "the same tooth numbers as gear.teeth",
-                ));
-            }
         }
-        Ok(())
+        self.gear.check_pair_teeth()
     }
 
     /// The name for people, or the one in addresses where there is none.
@@ -368,6 +348,38 @@ impl AssetSpec {
             tolerance: self.gear.speed_tolerance,
             nominal_is_exact: self.gear.speed_is_exact,
             others: self.gear.others(),
+        }
+    }
+}
+
+impl GearSpec {
+    /// Checks teeth and speed against their limits; the numbers of the pair are left to [`PairSpec::check`].
+    pub fn check_beside_pair(&self) -> Result<(), AssetError> {
+        if self.teeth.iter().any(|z| !(4..=1000).contains(z)) {
+            return Err(field("gear.teeth", format!("{:?}", self.teeth), "two tooth numbers from 4 to 1000"));
+        }
+        if !(self.shaft_speed_hz > 0.0 && self.shaft_speed_hz <= 10_000.0) {
+            return Err(field(
+                "gear.shaft_speed_hz",
+                self.shaft_speed_hz,
+                "a number above 0 and at most 10000",
+            ));
+        }
+        if !(0.0..=0.5).contains(&self.speed_tolerance) {
+            return Err(field("gear.speed_tolerance", self.speed_tolerance, "a fraction from 0 to 0.5"));
+        }
+        Ok(())
+    }
+
+    /// Checks that the pair has the teeth of the mesh.
+    pub fn check_pair_teeth(&self) -> Result<(), AssetError> {
+        match &self.pair {
+            Some(pair) if pair.geometry.teeth != self.teeth => Err(field(
+                "gear.pair.geometry.teeth",
+                format!("{:?}", pair.geometry.teeth),
+                "the same tooth numbers as gear.teeth",
+            )),
+            _ => Ok(()),
         }
     }
 }

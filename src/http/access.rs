@@ -197,7 +197,7 @@ fn needed(method: &Method, path: &str) -> Scope {
     match parts[..] {
         ["v1", "tokens", ..] => Scope::Admin,
         _ if is_safe(method) => Scope::Read,
-        ["v1", "session"] => Scope::Read,
+        ["v1", "session" | "preview"] => Scope::Read,
         ["v1", "assets"] | ["v1", "assets", _] => Scope::Admin,
         ["v1", "assets", _, "segments"] | ["v1", "segments", _] if *method == Method::DELETE => Scope::Admin,
         _ => Scope::Write,
@@ -288,6 +288,7 @@ mod tests {
             (Method::POST, "/v1/tokens", Scope::Admin),
             (Method::DELETE, "/v1/tokens/1f0c77aa", Scope::Admin),
             (Method::POST, "/v1/session", Scope::Read),
+            (Method::POST, "/v1/preview", Scope::Read),
             (Method::DELETE, "/v1/session", Scope::Read),
         ] {
             assert_eq!(needed(&method, path), scope, "{method} {path}");

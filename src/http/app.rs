@@ -8,6 +8,7 @@ use super::event_ring::EventRing;
 use super::limits::HttpLimits;
 use super::line_cache::LineCache;
 use super::measurements::Measurements;
+use super::preview_model::PreviewModels;
 use super::reading_waits::ReadingWaits;
 use crate::service::Service;
 
@@ -22,4 +23,5 @@ pub(super) struct App {
     pub(super) reading_waits: Arc<ReadingWaits>,
     pub(super) uploads: Arc<Path>,
     pub(super) lines: Arc<LineCache>,
+    pub(super) previews: Arc<PreviewModels>,
 }

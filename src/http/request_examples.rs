@@ -60,6 +60,22 @@ pub(super) fn all() -> Vec<(&'static str, &'static str, &'static str, Value)> {
         ),
         ("/v1/alarms/{alarm}/unshelve", "post", JSON, json!({ "by": "Ada" })),
         (
+            "/v1/preview",
+            "post",
+            JSON,
+            json!({
+                "gear": {
+                    "teeth": [20, 40],
+                    "shaft_speed_hz": 25.0,
+                    "pair": {
+                        "geometry": { "teeth": [20, 40], "module_mm": 1.0, "face_width_mm": 8.0, "bore_radius_mm": [3.0, 5.0] },
+                        "operation": { "torque_nm": 5.0, "shaft_speed_hz": 25.0 },
+                    },
+                },
+                "wear_um": 20.0,
+            }),
+        ),
+        (
             "/v1/replays",
             "post",
             JSON,

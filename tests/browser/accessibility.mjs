@@ -16,6 +16,11 @@ const PAGES = {
   import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
   "alarm levels": [`#/assets/${asset}?trend=rms&levels=rms`, (page) => drawn(page, "trends")],
   tokens: ["#/tokens", (page) => page.getByText("Make the token").waitFor()],
+  "new asset": ["#/new", async (page) => {
+    await page.getByLabel("Gear pair, for wear in µm").selectOption("shen2022");
+    await drawn(page, "preview-spectrum");
+  }],
+  "what wear does": [`#/assets/${asset}/wear`, (page) => drawn(page, "preview-spectrum")],
   alarms: [async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`, (page) => page.locator(".alarm-history li").first().waitFor()],
   "no alarm chosen": ["#/alarms", (page) => page.locator(".table-card .alarms, .table-card .notice").first().waitFor()],
   library: [async () => `#/libraries/${(await json("libraries")).items[0].id}`, (page) => drawn(page, "transmission")],

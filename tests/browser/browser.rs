@@ -1,11 +1,12 @@
 //! The dashboard in a real browser, fed by a simulated run.
 
+use std::io::Cursor;
 use std::path::Path;
 use std::process::Command;
 
 use flankwatch::gear::PairSpec;
 use flankwatch::http::{Scope, Tokens};
-use flankwatch::recording::{BlockEncoding, encode_block};
+use flankwatch::recording::{BlockEncoding, WavWriter, encode_block};
 use flankwatch::simulation::{Run, RunPlan};
 use jiff::Timestamp;
 use serde_json::json;
@@ -28,12 +29,17 @@ fn the_dashboard_works_in_a_browser() {
     let pair = PairSpec::from_toml(PAIR).unwrap();
     feed(&service, &pair);
     let (guarded, token) = guarded();
+    let empty = Service::start();
+    let records = tempfile::tempdir().unwrap();
+    write_run(&pair, records.path());
     let output = Command::new("node")
         .arg(folder.join("dashboard.mjs"))
         .env("FLANKWATCH_URL", service.url(""))
         .env("FLANKWATCH_ASSET", "gearbox")
         .env("FLANKWATCH_GUARDED_URL", guarded.url(""))
         .env("FLANKWATCH_TOKEN", token)
+        .env("FLANKWATCH_EMPTY_URL", empty.url(""))
+        .env("FLANKWATCH_RECORDS", records.path())
         .env("FLANKWATCH_CHROMIUM", chromium)
         .output()
         .unwrap();
@@ -46,25 +52,31 @@ fn the_dashboard_works_in_a_browser() {
     println!("{said}");
 }
 
-/// A service that asks for a token, with an asset of its own.
-fn guarded() -> (Service, String) {
-    let service = Service::start();
-    service.plain_asset("pump");
-    let token = Tokens::of(service.folder()).create("desk", Scope::Admin, Timestamp::UNIX_EPOCH);
-    (service, token.unwrap())
+/// Records of a short run to failure as WAV files whose names say when they began.
+fn write_run(pair: &PairSpec, folder: &Path) {
+    let run = Run::new(RunPlan {
+        wear_exponent: 3.0,
+        records: 30,
+        interval_s: 3600.0,
+        ..plan(pair)
+    })
+    .unwrap();
+    for index in 0..run.plan().records {
+        let record = run.record(index).unwrap().record;
+        let mut bytes = Cursor::new(Vec::new());
+        let mut writer = WavWriter::new(&mut bytes, 1, record.sample_rate_hz()).unwrap();
+        for &sample in record.samples() {
+            writer.write_frame(&[sample]).unwrap();
+        }
+        writer.finish().unwrap();
+        let name = format!("run-{}.wav", record.start_time().strftime("%Y-%m-%dT%H-%M-%S"));
+        std::fs::write(folder.join(name), bytes.get_ref()).unwrap();
+    }
 }
 
-/// An asset with records of a run to failure that begins slowly enough for a healthy baseline.
-fn feed(service: &Service, pair: &PairSpec) {
-    let asset = json!({
-        "id": "gearbox",
-        "name": "Gearbox in a test",
-        "gear": { "teeth": pair.geometry.teeth, "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair },
-        "limits": { "warning_um": 120.0, "danger_um": 200.0 },
-    });
-    service.post_json("/v1/assets", &asset).expect(201);
-    service.wait_for("/v1/assets/gearbox", |asset| asset["summary"]["library_state"] == "ready");
-    let run = Run::new(RunPlan {
+/// A run to failure that begins slowly enough for a healthy baseline.
+fn plan(pair: &PairSpec) -> RunPlan {
+    RunPlan {
         pair: pair.clone(),
         records: RECORDS,
         seconds: 1.0,
@@ -78,8 +90,28 @@ fn feed(service: &Service, pair: &PairSpec) {
         torque_variation: 0.02,
         seed: 1,
         channel: "gearbox/x".to_owned(),
-    })
-    .unwrap();
+    }
+}
+
+/// A service that asks for a token, with an asset of its own.
+fn guarded() -> (Service, String) {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let token = Tokens::of(service.folder()).create("desk", Scope::Admin, Timestamp::UNIX_EPOCH);
+    (service, token.unwrap())
+}
+
+/// An asset with records of a run to failure.
+fn feed(service: &Service, pair: &PairSpec) {
+    let asset = json!({
+        "id": "gearbox",
+        "name": "Gearbox in a test",
+        "gear": { "teeth": pair.geometry.teeth, "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair },
+        "limits": { "warning_um": 120.0, "danger_um": 200.0 },
+    });
+    service.post_json("/v1/assets", &asset).expect(201);
+    service.wait_for("/v1/assets/gearbox", |asset| asset["summary"]["library_state"] == "ready");
+    let run = Run::new(plan(pair)).unwrap();
     for index in 0..RECORDS {
         let simulated = run.record(index).unwrap();
         let path = format!("/v1/assets/gearbox/segments?reference_wear_um={}", simulated.wear_um);

@@ -21,8 +21,8 @@ const ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-firs
 
 export const browser = await chromium.launch({ executablePath: process.env.FLANKWATCH_CHROMIUM ?? "/usr/bin/chromium", args: ARGUMENTS });
 
-/** A fresh page and the list of what went wrong in it: errors on the console, exceptions, requests to other hosts. `before` prepares the page. */
-export async function open(path, options = {}, before = async () => {}) {
+/** A fresh page and the list of what went wrong in it: errors on the console, exceptions, requests to other hosts. `before` prepares the page, `host` is another service. */
+export async function open(path, options = {}, before = async () => {}, host = base) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
   const page = await context.newPage();
   const faults = [];
@@ -30,21 +30,21 @@ export async function open(path, options = {}, before = async () => {}) {
   page.on("pageerror", (error) => faults.push(`exception: ${error.stack}`));
   page.on("request", (request) => {
     const url = new URL(request.url());
-    if (/^(https?|wss?):$/.test(url.protocol) && url.origin !== new URL(base).origin) faults.push(`outside host: ${url}`);
+    if (/^(https?|wss?):$/.test(url.protocol) && url.origin !== new URL(host).origin) faults.push(`outside host: ${url}`);
   });
-  if (process.env.FLANKWATCH_PAGES) await fromFolder(context, process.env.FLANKWATCH_PAGES);
+  if (process.env.FLANKWATCH_PAGES) await fromFolder(context, process.env.FLANKWATCH_PAGES, host);
   await before(page);
-  await page.goto(`${base}/${path}`);
+  await page.goto(`${host}/${path}`);
   return { page, faults };
 }
 
 /** Shows the files of a folder instead of those of the server, so that a change of them needs no new build. */
-async function fromFolder(context, folder) {
+async function fromFolder(context, folder, host) {
   await context.route("**/static/*", (route) => {
     const name = basename(new URL(route.request().url()).pathname);
     return name === "plotly.js" ? route.continue() : route.fulfill({ path: join(folder, name) });
   });
-  await context.route(`${base}/`, (route) => route.fulfill({ path: join(folder, "index.html") }));
+  await context.route(`${host}/`, (route) => route.fulfill({ path: join(folder, "index.html") }));
 }
 
 /** Takes a picture where asked for, and fails where something went wrong in the page. */

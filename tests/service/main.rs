@@ -17,6 +17,7 @@ mod gear_indicators;
 mod integrations;
 mod lost_database;
 mod openapi;
+mod preview;
 mod problems;
 mod recomputing;
 mod record_table;

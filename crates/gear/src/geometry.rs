@@ -2,10 +2,11 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
+use super::refusals::Refusals;
 use super::{Errors, GearError, GeometrySpec, PairSpec, Supports, limits};
 
 /// Thinnest tip in modules that does not count as pointed: wear of the usual greatest depth, 0.04 modules, leaves something of each half.
-const LEAST_TIP_THICKNESS_MODULES: f64 = 0.1;
+pub(super) const LEAST_TIP_THICKNESS_MODULES: f64 = 0.1;
 
 /// One gear of a pair. Angles of flank points are the paper's α₁: the angle between the flank's normal there and the tooth's Y axis.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,34 +59,50 @@ pub struct GearPair {
 impl GearPair {
     /// Checks every number of `spec` and works out the geometry.
     pub(super) fn resolve(spec: &PairSpec) -> Result<Self, GearError> {
+        let mut refusals = Refusals::default();
+        let pair = Self::drafted(spec, &mut refusals);
+        refusals
+            .first()
+            .and_then(|()| pair.ok_or_else(|| GearError::field("geometry", "no pair", "two gears that can mesh")))
+    }
+
+    /// Works out the geometry as far as there is one, and notes everything that cannot be, the first reason first.
+    pub(super) fn drafted(spec: &PairSpec, refusals: &mut Refusals) -> Option<Self> {
         let basic = &spec.geometry;
-        limits::check_basic(basic)?;
-        limits::check_physics(spec)?;
+        limits::check_basic(basic, refusals);
+        let is_in_range = refusals.is_empty();
+        limits::check_physics(spec, refusals);
+        if !is_in_range {
+            return None;
+        }
 
         let alpha0 = basic.pressure_angle_deg.to_radians();
         let reference = basic.teeth.map(|z| basic.module_mm * f64::from(z) / 2.0);
         let base = reference.map(|r| r * alpha0.cos());
-        limits::check_load(spec, base)?;
-        let zero_backlash = zero_backlash_angle(basic, alpha0)?;
+        refusals.note(limits::check_load(spec, base));
+        let zero_backlash = refusals.take(zero_backlash_angle(basic, alpha0))?;
         let least_centre_mm = (base[0] + base[1]) / zero_backlash.cos();
         let centre_distance_mm = basic.centre_distance_mm.unwrap_or(least_centre_mm);
-        limits::check_centre(basic, centre_distance_mm, base, least_centre_mm)?;
+        refusals.note(limits::check_centre(basic, centre_distance_mm, base, least_centre_mm));
+        if centre_distance_mm <= base[0] + base[1] {
+            return None;
+        }
         let pressure_angle_rad = ((base[0] + base[1]) / centre_distance_mm).acos();
 
         let tip = [0, 1].map(|i| reference[i] + (basic.addendum[i] + basic.profile_shift[i]) * basic.module_mm);
         let root = [0, 1].map(|i| reference[i] - (basic.dedendum[i] - basic.profile_shift[i]) * basic.module_mm);
         let mut gears = Vec::with_capacity(2);
         for i in 0..2 {
-            limits::check_tooth(basic, i, [base[i], tip[i], root[i]], alpha0)?;
+            limits::check_tooth(basic, i, [base[i], tip[i], root[i]], alpha0, refusals);
             if tip[i] + root[1 - i] > centre_distance_mm + 1e-9 {
                 let most = (centre_distance_mm - root[1 - i] - reference[i]) / basic.module_mm - basic.profile_shift[i];
                 let expected = format!("at most {most:.4}, where the tip of gear {} reaches the other's root", i + 1);
-                return Err(GearError::field("geometry.addendum", basic.addendum[i], expected));
+                refusals.add(GearError::field("geometry.addendum", basic.addendum[i], expected));
             }
             let teeth = f64::from(basic.teeth[i]);
             let base_half_angle_rad = FRAC_PI_2 / teeth + involute(alpha0) + 2.0 * basic.profile_shift[i] * alpha0.tan() / teeth;
             let sap_length_mm = centre_distance_mm * pressure_angle_rad.sin() - flank_length(tip[1 - i], base[1 - i]);
-            limits::check_active_profile(basic, i, sap_length_mm, alpha0)?;
+            refusals.note(limits::check_active_profile(basic, i, sap_length_mm, alpha0));
             gears.push(Gear {
                 teeth: basic.teeth[i],
                 reference_radius_mm: reference[i],
@@ -102,8 +119,8 @@ impl GearPair {
                 inertia_kg_m2: inertia(spec, i, reference[i]),
             });
         }
-        limits::check_reach(centre_distance_mm, tip)?;
-        let gears = <[Gear; 2]>::try_from(gears).expect("the loop made two");
+        refusals.note(limits::check_reach(centre_distance_mm, tip));
+        let gears = <[Gear; 2]>::try_from(gears).ok()?;
         let pair = Self {
             spec: spec.clone(),
             gears,
@@ -112,8 +129,8 @@ impl GearPair {
             supports: spec.supports(),
             errors: spec.errors(),
         };
-        pair.check_tips()?;
-        Ok(pair)
+        pair.check_tips(refusals);
+        Some(pair)
     }
 
     /// Contact ratio of the unworn pair: mesh periods that one pair of teeth stays in contact.
@@ -143,28 +160,26 @@ impl GearPair {
     }
 
     /// Pointed tips and contact ratio, which need the whole geometry.
-    fn check_tips(&self) -> Result<(), GearError> {
+    fn check_tips(&self, refusals: &mut Refusals) {
         for (i, gear) in self.gears.iter().enumerate() {
-            let half_angle = (gear.base_radius_mm / gear.tip_radius_mm).acos() - gear.tip_angle_rad;
-            let thickness = 2.0 * gear.tip_radius_mm * half_angle / self.spec.geometry.module_mm;
+            let thickness = gear.tip_thickness_mm() / self.spec.geometry.module_mm;
             if thickness < LEAST_TIP_THICKNESS_MODULES {
                 let expected = format!(
                     "less: the tip of gear {} would be {thickness:.3} modules thick, below {LEAST_TIP_THICKNESS_MODULES} it is pointed",
                     i + 1
                 );
-                return Err(GearError::field("geometry.addendum", self.spec.geometry.addendum[i], expected));
+                refusals.add(GearError::field("geometry.addendum", self.spec.geometry.addendum[i], expected));
             }
         }
         let ratio = self.contact_ratio();
         if ratio < 1.0 {
             let expected = format!("a longer tooth or more teeth: the contact ratio is {ratio:.4}, at least 1 carries the mesh on");
-            return Err(GearError::field(
+            refusals.add(GearError::field(
                 "geometry.addendum",
                 format!("{:?}", self.spec.geometry.addendum),
                 expected,
             ));
         }
-        Ok(())
     }
 }
 
@@ -172,6 +187,12 @@ impl Gear {
     /// Angle between two teeth, 2π/z, in rad.
     pub fn pitch_angle_rad(&self) -> f64 {
         2.0 * PI / f64::from(self.teeth)
+    }
+
+    /// Thickness of the unworn tip in mm, along its circle.
+    pub fn tip_thickness_mm(&self) -> f64 {
+        let half_angle = (self.base_radius_mm / self.tip_radius_mm).acos() - self.tip_angle_rad;
+        2.0 * self.tip_radius_mm * half_angle
     }
 }
 

@@ -53,6 +53,7 @@ mod accuracy;
 #[cfg(test)]
 mod any_pair;
 mod archard;
+mod assessment;
 #[cfg(test)]
 mod bad_pairs;
 mod band_matrix;
@@ -78,6 +79,7 @@ mod pair_curve;
 mod plane_elasticity;
 #[cfg(test)]
 mod reference;
+mod refusals;
 mod relationship;
 mod response;
 mod ring_sector;
@@ -99,6 +101,7 @@ mod wear;
 mod wear_table;
 
 pub use archard::ArchardWear;
+pub use assessment::{Assessment, GeometryMeasure, MeasuredQuantity, Verdict};
 pub use error::GearError;
 pub use flank::{Flank, FlankPoint};
 pub use geometry::{Gear, GearPair};

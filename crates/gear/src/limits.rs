@@ -3,71 +3,71 @@
 use std::f64::consts::FRAC_PI_4;
 
 use super::error::{positive, within};
+use super::refusals::Refusals;
 use super::{ErrorSpec, GearError, GeometrySpec, MaterialSpec, PairSpec, wear};
 
 /// Greatest bottom clearance of the basic rack in modules (ISO 53, profile A); the rack's flank is straight above it.
 const RACK_CLEARANCE_MODULES: f64 = 0.25;
 /// Undercut that is let pass, in modules: 17 teeth of standard form are cut without harm.
-const HARMLESS_UNDERCUT_MODULES: f64 = 0.01;
+pub(super) const HARMLESS_UNDERCUT_MODULES: f64 = 0.01;
 /// Least ratio of root to bore radius for which the foundation's polynomial was made (Sainsot et al. 2004).
-const LEAST_ROOT_TO_BORE: f64 = 1.4;
+pub(super) const LEAST_ROOT_TO_BORE: f64 = 1.4;
 /// Greatest force on the teeth over Young's modulus, face width and module. A pair of teeth gives way by about 12 times as many modules; steel bears a
 /// thirtieth of it, plastics a third.
 const GREATEST_LOAD: f64 = 0.02;
 /// Tightness of the mesh in modules that counts as the rounding of a centre distance.
-const CENTRE_ROUNDING_MODULES: f64 = 0.01;
+pub(super) const CENTRE_ROUNDING_MODULES: f64 = 0.01;
 
 /// Range of every number of the basic data.
-pub(super) fn check_basic(basic: &GeometrySpec) -> Result<(), GearError> {
+pub(super) fn check_basic(basic: &GeometrySpec, refusals: &mut Refusals) {
     for teeth in basic.teeth {
         if !(5..=2000).contains(&teeth) {
-            return Err(GearError::field("geometry.teeth", teeth, "from 5 to 2000 teeth"));
+            refusals.add(GearError::field("geometry.teeth", teeth, "from 5 to 2000 teeth"));
         }
     }
-    positive("geometry.module_mm", basic.module_mm, 200.0)?;
-    positive("geometry.face_width_mm", basic.face_width_mm, 10_000.0)?;
-    within("geometry.pressure_angle_deg", basic.pressure_angle_deg, 10.0, 40.0)?;
+    refusals.note(positive("geometry.module_mm", basic.module_mm, 200.0));
+    refusals.note(positive("geometry.face_width_mm", basic.face_width_mm, 10_000.0));
+    refusals.note(within("geometry.pressure_angle_deg", basic.pressure_angle_deg, 10.0, 40.0));
     for i in 0..2 {
-        positive("geometry.addendum", basic.addendum[i], 3.0)?;
-        positive("geometry.dedendum", basic.dedendum[i], 4.0)?;
-        positive("geometry.bore_radius_mm", basic.bore_radius_mm[i], 1e6)?;
-        within("geometry.profile_shift", basic.profile_shift[i], -3.0, 3.0)?;
+        refusals.note(positive("geometry.addendum", basic.addendum[i], 3.0));
+        refusals.note(positive("geometry.dedendum", basic.dedendum[i], 4.0));
+        refusals.note(positive("geometry.bore_radius_mm", basic.bore_radius_mm[i], 1e6));
+        refusals.note(within("geometry.profile_shift", basic.profile_shift[i], -3.0, 3.0));
     }
     if let Some(centre) = basic.centre_distance_mm {
-        positive("geometry.centre_distance_mm", centre, 1e7)?;
+        refusals.note(positive("geometry.centre_distance_mm", centre, 1e7));
     }
-    Ok(())
 }
 
 /// Range of every number of material, load, supports, dynamics and errors.
-pub(super) fn check_physics(spec: &PairSpec) -> Result<(), GearError> {
+pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
     let MaterialSpec {
         youngs_modulus_pa,
         poisson_ratio,
         density_kg_per_m3,
     } = spec.material;
-    within("material.youngs_modulus_pa", youngs_modulus_pa, 1e6, 1e13)?;
-    within("material.poisson_ratio", poisson_ratio, 0.0, 0.499)?;
-    within("material.density_kg_per_m3", density_kg_per_m3, 1.0, 1e5)?;
-    positive("operation.torque_nm", spec.operation.torque_nm, 1e9)?;
+    refusals.note(within("material.youngs_modulus_pa", youngs_modulus_pa, 1e6, 1e13));
+    refusals.note(within("material.poisson_ratio", poisson_ratio, 0.0, 0.499));
+    refusals.note(within("material.density_kg_per_m3", density_kg_per_m3, 1.0, 1e5));
+    refusals.note(positive("operation.torque_nm", spec.operation.torque_nm, 1e9));
     if let Some(torque) = spec.operation.output_torque_nm {
-        positive("operation.output_torque_nm", torque, 1e9)?;
+        refusals.note(positive("operation.output_torque_nm", torque, 1e9));
     }
-    positive("operation.shaft_speed_hz", spec.operation.shaft_speed_hz, 1e4)?;
+    refusals.note(positive("operation.shaft_speed_hz", spec.operation.shaft_speed_hz, 1e4));
     if let Some(stiffness) = spec.supports.stiffness_n_per_m {
-        positive("supports.stiffness_n_per_m", stiffness, 1e13)?;
+        refusals.note(positive("supports.stiffness_n_per_m", stiffness, 1e13));
     }
     if let Some(damping) = spec.supports.damping_n_s_per_m {
-        within("supports.damping_n_s_per_m", damping, 0.0, 1e10)?;
+        refusals.note(within("supports.damping_n_s_per_m", damping, 0.0, 1e10));
     }
-    positive("dynamics.mesh_damping_ratio", spec.dynamics.mesh_damping_ratio, 2.0)?;
-    positive("dynamics.contact_threshold_rad", spec.dynamics.contact_threshold_rad, 0.1)?;
+    refusals.note(positive("dynamics.mesh_damping_ratio", spec.dynamics.mesh_damping_ratio, 2.0));
+    refusals.note(positive("dynamics.contact_threshold_rad", spec.dynamics.contact_threshold_rad, 0.1));
     for i in 0..2 {
         if let Some(masses) = spec.dynamics.mass_kg {
-            positive("dynamics.mass_kg", masses[i], 1e8)?;
+            refusals.note(positive("dynamics.mass_kg", masses[i], 1e8));
         }
         if let Some(inertias) = spec.dynamics.inertia_kg_m2 {
-            positive("dynamics.inertia_kg_m2", inertias[i], 1e10)?;
+            refusals.note(positive("dynamics.inertia_kg_m2", inertias[i], 1e10));
         }
     }
     let ErrorSpec {
@@ -84,34 +84,38 @@ pub(super) fn check_physics(spec: &PairSpec) -> Result<(), GearError> {
         ("errors.random_um", random_um),
     ] {
         if let Some(error_um) = error_um {
-            within(field, error_um, 0.0, 1e4)?;
+            refusals.note(within(field, error_um, 0.0, 1e4));
         }
     }
-    within("errors.short_period_phase", short_period_phase, -1.0, 1.0)?;
-    within("errors.random_clock_hz", random_clock_hz, 1.0, 1e7)?;
-    positive("wear.coefficient", spec.wear.coefficient, 1.0)?;
+    refusals.note(within("errors.short_period_phase", short_period_phase, -1.0, 1.0));
+    refusals.note(within("errors.random_clock_hz", random_clock_hz, 1.0, 1e7));
+    refusals.note(positive("wear.coefficient", spec.wear.coefficient, 1.0));
     for hardness in spec.wear.hardness_pa {
-        within("wear.hardness_pa", hardness, 1e6, 1e12)?;
+        refusals.note(within("wear.hardness_pa", hardness, 1e6, 1e12));
     }
-    wear::check_shape(&spec.wear)
+    refusals.note(wear::check_shape(&spec.wear));
 }
 
 /// Both torques against the teeth: the force along the line of action on a piece of rack one module high and as wide as the teeth.
 pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearError> {
-    let basic = &spec.geometry;
-    let bears_n = GREATEST_LOAD * spec.material.youngs_modulus_pa * basic.face_width_mm * basic.module_mm * 1e-6;
     let torques = [
         ("operation.torque_nm", Some(spec.operation.torque_nm)),
         ("operation.output_torque_nm", spec.operation.output_torque_nm),
     ];
     for ((field, torque_nm), base_mm) in torques.into_iter().zip(base) {
-        let most_nm = bears_n * base_mm * 1e-3;
+        let most_nm = most_torque_nm(spec, base_mm);
         if let Some(torque_nm) = torque_nm.filter(|torque| *torque > most_nm) {
             let expected = format!("at most {most_nm:.4}: teeth of this width and material would bend by a quarter of the module");
             return Err(GearError::field(field, torque_nm, expected));
         }
     }
     Ok(())
+}
+
+/// Greatest torque in N·m that teeth of this width and material bear on a gear of this base radius.
+pub(super) fn most_torque_nm(spec: &PairSpec, base_mm: f64) -> f64 {
+    let basic = &spec.geometry;
+    GREATEST_LOAD * spec.material.youngs_modulus_pa * basic.face_width_mm * basic.module_mm * 1e-6 * base_mm * 1e-3
 }
 
 /// The centre distance against the base radii and against `least_mm`, that of zero backlash.
@@ -141,31 +145,41 @@ pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError
 }
 
 /// Undercut, tooth height and bore of gear `i` with its `[base, tip, root]` radii.
-pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f64; 3], alpha0: f64) -> Result<(), GearError> {
+pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f64; 3], alpha0: f64, refusals: &mut Refusals) {
     let number = i + 1;
     if tip <= base || tip <= root {
         let expected = format!("more: the tip radius {tip:.4} of gear {number} mm is not above its base and root circles");
-        return Err(GearError::field("geometry.addendum", basic.addendum[i], expected));
+        refusals.add(GearError::field("geometry.addendum", basic.addendum[i], expected));
+        return;
     }
-    check_rack(basic, i, alpha0)?;
+    refusals.note(check_rack(basic, i, alpha0));
     let bore = basic.bore_radius_mm[i];
     if root <= 0.0 || bore * LEAST_ROOT_TO_BORE > root {
         let expected = format!(
             "at most {:.4}: the root radius {root:.4} of gear {number} over {LEAST_ROOT_TO_BORE}",
             root / LEAST_ROOT_TO_BORE
         );
-        return Err(GearError::field("geometry.bore_radius_mm", bore, expected));
+        refusals.add(GearError::field("geometry.bore_radius_mm", bore, expected));
     }
-    let teeth = f64::from(basic.teeth[i]);
-    let least_shift = rack_depth(basic, i) - teeth * alpha0.sin().powi(2) / 2.0;
+    let least_shift = least_profile_shift(basic, i, alpha0);
     if basic.profile_shift[i] < least_shift - HARMLESS_UNDERCUT_MODULES {
         let least_teeth = (2.0 * (rack_depth(basic, i) - basic.profile_shift[i]) / alpha0.sin().powi(2)).ceil();
         let expected = format!(
             "at least {least_teeth} teeth on gear {number} or a profile shift of at least {least_shift:.4}, below it the tooth is undercut"
         );
-        return Err(GearError::field("geometry.teeth", basic.teeth[i], expected));
+        refusals.add(GearError::field("geometry.teeth", basic.teeth[i], expected));
     }
-    Ok(())
+}
+
+/// Profile shift of gear `i` in modules below which its teeth are undercut.
+pub(super) fn least_profile_shift(basic: &GeometrySpec, i: usize, alpha0: f64) -> f64 {
+    rack_depth(basic, i) - f64::from(basic.teeth[i]) * alpha0.sin().powi(2) / 2.0
+}
+
+/// Length in mm on the line of action from gear `i`'s base circle to the end of its involute.
+pub(super) fn form_length_mm(basic: &GeometrySpec, i: usize, alpha0: f64) -> f64 {
+    let reference = basic.module_mm * f64::from(basic.teeth[i]) / 2.0;
+    (reference * alpha0.sin() - (rack_depth(basic, i) - basic.profile_shift[i]) * basic.module_mm / alpha0.sin()).max(0.0)
 }
 
 /// The rack that cuts gear `i` must have a tooth with a tip: half its thickness is π/4 modules on the rolling line.
@@ -185,14 +199,13 @@ fn rack_depth(basic: &GeometrySpec, i: usize) -> f64 {
 
 /// The mating tip must meet gear `i` on its involute, at or above the form circle where the fillet ends.
 pub(super) fn check_active_profile(basic: &GeometrySpec, i: usize, sap_length_mm: f64, alpha0: f64) -> Result<(), GearError> {
-    let reference = basic.module_mm * f64::from(basic.teeth[i]) / 2.0;
-    let form_length_mm = reference * alpha0.sin() - (rack_depth(basic, i) - basic.profile_shift[i]) * basic.module_mm / alpha0.sin();
-    if sap_length_mm < form_length_mm.max(0.0) - 1e-6 * basic.module_mm {
+    let form_length_mm = form_length_mm(basic, i, alpha0);
+    if sap_length_mm < form_length_mm - 1e-6 * basic.module_mm {
         let expected = format!(
             "less: the tip of gear {} meets gear {} {:.4} mm of line of action below the end of its involute",
             2 - i,
             i + 1,
-            form_length_mm.max(0.0) - sap_length_mm
+            form_length_mm - sap_length_mm
         );
         return Err(GearError::field("geometry.addendum", basic.addendum[1 - i], expected));
     }

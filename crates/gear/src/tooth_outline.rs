@@ -109,6 +109,23 @@ impl ToothOutline {
     }
 }
 
+impl GearPair {
+    /// Half of an unworn tooth of gear `i` (0 drives) in its own coordinates in mm, centre line and half of the thickness: from the root circle in the
+    /// middle of the space up the fillet and the flank, `points` of each, to the tip.
+    pub fn tooth_profile_mm(&self, i: usize, points: usize) -> Vec<[f64; 2]> {
+        let outline = ToothOutline::new(self, i);
+        let middle = 0.5 * outline.pitch_angle_rad;
+        let count = points.max(2) - 1;
+        let part = |place: usize| place as f64 / count as f64;
+        let root = [outline.root_radius_mm * middle.cos(), outline.root_radius_mm * middle.sin()];
+        let fillet = (0..=count).map(|place| outline.fillet(outline.fillet_normal(1.0 - part(place))));
+        let tip = outline.tip_radius_mm;
+        let form = outline.form_radius_mm.min(tip);
+        let flank = (1..=count).map(|place| outline.flank(form + (tip - form) * part(place)));
+        std::iter::once(root).chain(fillet).chain(flank).collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::ToothOutline;
@@ -132,5 +149,10 @@ mod tests {
         let [x, y] = outline.fillet(outline.fillet_normal(1.0));
         assert!((x.hypot(y) - 64.5).abs() < 1e-9);
         assert!((y.atan2(x) - 0.125_536_651_729).abs() < 1e-9);
+        let profile = pair.tooth_profile_mm(0, 8);
+        assert_eq!(profile.len(), 1 + 8 + 7);
+        let radius = |[x, y]: [f64; 2]| x.hypot(y);
+        assert!((radius(profile[0]) - 64.5).abs() < 1e-9 && (radius(profile[15]) - 78.0).abs() < 1e-9);
+        assert!(profile.windows(2).all(|two| two[0][1] > two[1][1]), "it narrows from root to tip");
     }
 }

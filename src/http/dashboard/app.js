@@ -72,6 +72,8 @@ const PAGES = {
   asset: async () => (await import("./asset.js")).AssetPage,
   waterfall: async () => (await import("./waterfall.js")).WaterfallPage,
   match: async () => (await import("./match.js")).MatchPage,
+  wear: async () => (await import("./preview-page.js")).PreviewPage,
+  new: async () => (await import("./setup.js")).SetupPage,
   settings: async () => (await import("./settings.js")).SettingsPage,
   records: async () => (await import("./records.js")).RecordsPage,
   import: async () => (await import("./import.js")).ImportPage,
@@ -84,7 +86,8 @@ const PAGES = {
 
 /** Says in the page's header which of its links is the current one. */
 function markNavigation(current) {
-  const section = { fleet: "fleet", alarms: "alarms", libraries: "libraries", library: "libraries", tokens: "tokens" }[current] ?? "";
+  const sections = { fleet: "fleet", new: "fleet", alarms: "alarms", libraries: "libraries", library: "libraries", tokens: "tokens" };
+  const section = sections[current] ?? "";
   for (const link of document.querySelectorAll(".sections a")) {
     if (link.dataset.section === section) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");

@@ -3,7 +3,7 @@
 import { h, setChildren } from "./dom.js";
 import { format } from "./route.js";
 
-const VIEWS = [["asset", "Overview"], ["records", "Records"], ["import", "Import"], ["waterfall", "Waterfall"], ["match", "Match"], ["settings", "Settings"]];
+const VIEWS = [["asset", "Overview"], ["records", "Records"], ["import", "Import"], ["waterfall", "Waterfall"], ["match", "Match"], ["wear", "What wear does"], ["settings", "Settings"]];
 const KEPT = ["channel", "segment"]; // what is looked at goes along
 
 /** Links between the pages of an asset. */

@@ -2,6 +2,7 @@
 
 import { h } from "./dom.js";
 
+/** A command below what it does, with a button that copies it. */
 function command(title, text) {
   const button = h("button", { type: "button", class: "quiet" }, "Copy");
   button.addEventListener("click", async () => {
@@ -12,7 +13,7 @@ function command(title, text) {
       button.textContent = "Select and copy by hand";
     }
   });
-  return h("li", {}, h("div", { class: "command-head" }, h("h3", {}, title), button), h("pre", { tabindex: "0" }, h("code", {}, text)));
+  return [h("div", { class: "command-head" }, title, button), h("pre", { tabindex: "0" }, h("code", {}, text))];
 }
 
 /** The steps from nothing to a first wear estimate, with this server's own address in them. */
@@ -33,9 +34,9 @@ export function firstSteps() {
     h(
       "ol",
       {},
-      command("Describe the gear mesh", asset),
-      command("Send a vibration record", record),
-      command("Or watch a simulated gear wear out", "flankwatch demo"),
+      h("li", {}, h("h3", {}, "Describe the gear mesh"), h("p", { class: "first-step" }, h("a", { class: "button primary", href: "#/new" }, "New asset"), " with its gear pair drawn and previewed as you type."), command(h("span", {}, "Or by the API:"), asset)),
+      h("li", {}, command(h("h3", {}, "Send a vibration record"), record)),
+      h("li", {}, command(h("h3", {}, "Or watch a simulated gear wear out"), "flankwatch demo")),
     ),
     h("p", { class: "muted" }, "Teeth are those of the driving and the driven gear; the shaft speed is the driving shaft's, in Hz. For a wear estimate in µm the asset also needs its gear pair (gear.pair); without it indicators are computed. This page shows the asset as soon as it exists."),
   );

@@ -42,7 +42,11 @@ function tooth({ teeth, root_radius_mm: root, tip_radius_mm: tip, pitch_radius_m
 export class FlankCard {
   #sub = h("p", { class: "muted plot-sub" });
   #teeth = h("div", { class: "teeth" });
-  element = h("figure", { class: "card plot-card", "data-plot": "flank" }, h("figcaption", {}, h("h2", {}, "Flanks at the estimated wear"), this.#sub), this.#teeth);
+  element;
+
+  constructor(title = "Flanks at the estimated wear") {
+    this.element = h("figure", { class: "card plot-card", "data-plot": "flank" }, h("figcaption", {}, h("h2", {}, title), this.#sub), this.#teeth);
+  }
 
   /** Shows the flanks of an answer, or its error. */
   show(flank, match) {

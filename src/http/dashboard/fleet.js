@@ -58,12 +58,13 @@ export class FleetPage {
       this.#states,
       this.#total,
     );
-    const head = h("thead", { role: "rowgroup" }, h("tr", { role: "row", "aria-rowindex": "1" }, COLUMNS.map((column) => this.#header(column))));
+    const columns = h("thead", { role: "rowgroup" }, h("tr", { role: "row", "aria-rowindex": "1" }, COLUMNS.map((column) => this.#header(column))));
     // the roles are said although the elements have them: cards on a narrow screen would lose them
-    this.#table = h("table", { role: "table", "aria-label": "Assets", "aria-colcount": String(COLUMNS.length) }, head, this.#body);
+    this.#table = h("table", { role: "table", "aria-label": "Assets", "aria-colcount": String(COLUMNS.length) }, columns, this.#body);
     this.#window = new RowWindow(this.#table, this.#body, (item, known) => this.#rowOf(item, known), (item) => (item.members ? "group" : "asset"));
     this.#list.append(tools, this.#table);
-    setChildren(root, h("h1", {}, "Fleet"), this.#loading, this.#empty, this.#list);
+    const head = h("header", { class: "fleet-head" }, h("h1", {}, "Fleet"), h("a", { class: "button primary", href: "#/new" }, "New asset"));
+    setChildren(root, head, this.#loading, this.#empty, this.#list);
     document.title = "Fleet · flankwatch";
   }
 

@@ -7,6 +7,7 @@ import { assetName } from "./fleet-row.js";
 import { drawPair } from "./gear-drawing.js";
 import { SettingLists } from "./settings-lists.js";
 import { GROUPS, putAt, valueAt } from "./settings-fields.js";
+import { removalCard } from "./settings-removal.js";
 
 const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"]; // shown with an asset, not part of its description
 
@@ -53,10 +54,10 @@ export class SettingsPage {
 
   #build() {
     const groups = GROUPS.filter((group) => !group.pair || this.#asset.gear.pair).map((group) => h("fieldset", { class: "card" }, h("legend", {}, group.title), h("div", { class: "form-fields" }, group.fields.map((field) => this.#field(field)))));
-    const note = this.#asset.gear.pair ? null : h("p", { class: "notice" }, "No gear pair is described for this asset, so wear in µm is not estimated. Add gear.pair through the API to have a library built.");
+    const note = this.#asset.gear.pair ? null : h("p", { class: "notice" }, "No gear pair is described for this asset, so wear in µm is not estimated. ", h("a", { href: `#/new?edit=${encodeURIComponent(this.#id)}` }, "Describe its gears"));
     const buttons = h("div", { class: "form-buttons" }, this.#save, this.#undo, h("span", { class: "muted" }, "A changed gear pair or baseline estimates the whole history anew."));
     this.#form = h("form", { class: "settings", novalidate: true, onsubmit: (event) => this.#submit(event), oninput: () => this.#typed() }, groups, this.#lists.elements, note, this.#result, buttons);
-    setChildren(this.#root, this.#frame.element, h("div", { class: "settings-grid" }, this.#form, this.#asset.gear.pair ? this.#pair : null));
+    setChildren(this.#root, this.#frame.element, h("div", { class: "settings-grid" }, this.#form, h("div", { class: "column" }, this.#asset.gear.pair ? this.#pair : null, removalCard(this.#id))));
   }
 
   #field(field) {

@@ -1,0 +1,52 @@
+// What wear does to an asset's gear pair, by the model alone.
+
+import * as api from "./api.js";
+import { AssetFrame, refusal } from "./asset-frame.js";
+import { h, setChildren } from "./dom.js";
+import { assetName } from "./fleet-row.js";
+import { PreviewPanel } from "./preview-panel.js";
+
+/** The page of an asset where its wear is tried out. */
+export class PreviewPage {
+  #id;
+  #root;
+  #query;
+  #frame;
+  #asset;
+  #panel = new PreviewPanel();
+
+  constructor(root, route) {
+    [this.#root, this.#id, this.#query] = [root, route.id, route.query];
+    this.#frame = new AssetFrame(route.id, "wear");
+    setChildren(root, this.#frame.element, h("p", { class: "muted" }, "What the model expects of this gear pair at any wear depth, torque and speed: no measurement goes into it."), this.#panel.element);
+    this.#frame.update(route.id, route.query);
+  }
+
+  update(route) {
+    this.#query = route.query;
+    return false;
+  }
+
+  /** Asks for the asset and previews it where its pair has changed. */
+  async refresh(signal) {
+    const asset = await api.answer(api.asset(this.#id, signal));
+    if (asset instanceof Error) return refusal(this.#root, this.#id, asset);
+    const same = JSON.stringify(asset.gear) === JSON.stringify(this.#asset?.gear);
+    this.#asset = asset;
+    this.#frame.update(assetName(asset), this.#query);
+    if (same) return;
+    if (asset.gear.pair) this.#panel.describe(asset.gear);
+    else this.#panel.lacking("This asset has no gear pair. Describe one in its settings to see what wear does to it.");
+  }
+
+  /** Draws in a changed theme. */
+  redraw() {
+    return this.#panel.redraw();
+  }
+
+  tick() {}
+
+  dispose() {
+    this.#panel.dispose();
+  }
+}

@@ -1,0 +1,102 @@
+// The fields of the form for an asset: where each stands in its description, what it is called, its unit, and what holds where it is empty.
+
+/** Fields of the gear pair: not asked for where there is none. */
+const pair = (fields) => fields.map((field) => ({ ...field, ofPair: true }));
+
+/**
+ * Groups of fields, `{ path, label, unit?, kind?, hint?, alike?, needed?, factor?, pairDefault? }` each: `factor` makes the description's unit of the
+ * one that is typed, `pairDefault` is said where only the other gear has a number. `more` are those that are folded away.
+ */
+export const SETUP_GROUPS = [
+  {
+    title: "Machine",
+    fields: [
+      { path: "name", label: "Name", kind: "text", hint: "Pump north" },
+      { path: "id", label: "Id", kind: "id", needed: true, hint: "pump-north", about: "In addresses and topics: a–z, 0–9, - and _." },
+    ],
+    more: {
+      title: "Where it is",
+      fields: [
+        { path: "location.site", label: "Site", kind: "text" },
+        { path: "location.machine", label: "Machine", kind: "text" },
+        { path: "location.gearbox", label: "Gearbox", kind: "text" },
+        { path: "location.mesh", label: "Mesh, where the gearbox has several", kind: "text", hint: "second stage" },
+      ],
+    },
+  },
+  {
+    title: "Gears",
+    pairChoice: true,
+    fields: [
+      { path: "gear.teeth.0", label: "Teeth, driving", kind: "integer", needed: true, alike: "gear.pair.geometry.teeth.0" },
+      { path: "gear.teeth.1", label: "Teeth, driven", kind: "integer", needed: true, alike: "gear.pair.geometry.teeth.1" },
+      { path: "gear.shaft_speed_hz", label: "Speed of the driving shaft", unit: "rpm", factor: 1 / 60, needed: true, alike: "gear.pair.operation.shaft_speed_hz" },
+      ...pair([
+        { path: "gear.pair.operation.torque_nm", label: "Torque on the driving gear", unit: "N·m", needed: true },
+        { path: "gear.pair.geometry.module_mm", label: "Module", unit: "mm", needed: true },
+        { path: "gear.pair.geometry.face_width_mm", label: "Face width", unit: "mm", needed: true },
+        { path: "gear.pair.geometry.bore_radius_mm.0", label: "Bore radius, driving", unit: "mm", needed: true },
+        { path: "gear.pair.geometry.bore_radius_mm.1", label: "Bore radius, driven", unit: "mm", needed: true },
+        { path: "gear.pair.geometry.centre_distance_mm", label: "Centre distance", unit: "mm", hint: "without backlash" },
+        { path: "gear.pair.geometry.pressure_angle_deg", label: "Pressure angle", unit: "°", hint: "20" },
+        { path: "gear.pair.geometry.profile_shift.0", label: "Profile shift, driving", unit: "modules", hint: "0", pairDefault: 0 },
+        { path: "gear.pair.geometry.profile_shift.1", label: "Profile shift, driven", unit: "modules", hint: "0", pairDefault: 0 },
+      ]),
+    ],
+    more: {
+      title: "Tooth form, material, bearings, wear",
+      fields: pair([
+        { path: "gear.pair.name", label: "Name of the pair", kind: "text" },
+        { path: "gear.pair.geometry.addendum.0", label: "Addendum, driving", unit: "modules", hint: "1", pairDefault: 1 },
+        { path: "gear.pair.geometry.addendum.1", label: "Addendum, driven", unit: "modules", hint: "1", pairDefault: 1 },
+        { path: "gear.pair.geometry.dedendum.0", label: "Dedendum, driving", unit: "modules", hint: "1.25", pairDefault: 1.25 },
+        { path: "gear.pair.geometry.dedendum.1", label: "Dedendum, driven", unit: "modules", hint: "1.25", pairDefault: 1.25 },
+        { path: "gear.pair.material.youngs_modulus_pa", label: "Young's modulus", unit: "GPa", factor: 1e9, hint: "205, steel" },
+        { path: "gear.pair.material.poisson_ratio", label: "Poisson's ratio", hint: "0.3" },
+        { path: "gear.pair.material.density_kg_per_m3", label: "Density", unit: "kg/m³", hint: "7850" },
+        { path: "gear.pair.supports.stiffness_n_per_m", label: "Bearing stiffness", unit: "N/µm", factor: 1e6, hint: "in proportion to the teeth" },
+        { path: "gear.pair.supports.damping_n_s_per_m", label: "Bearing damping", unit: "N·s/m", hint: "in proportion to the gears" },
+        { path: "gear.pair.dynamics.mesh_damping_ratio", label: "Mesh damping ratio", hint: "0.5" },
+        { path: "gear.pair.dynamics.contact", label: "Contact rule", kind: "choice", choices: [["", "Loaded: teeth share the load elastically"], ["loaded", "Loaded"], ["threshold", "Threshold: the paper's rule"]] },
+        { path: "gear.pair.errors.long_period_um", label: "Error once a turn", unit: "µm", hint: "5 a mm of module" },
+        { path: "gear.pair.errors.short_period_um", label: "Error once a tooth", unit: "µm", hint: "2.5 a mm of module" },
+        { path: "gear.pair.wear.shape", label: "Shape of the wear", kind: "choice", choices: [["", "Parabolic: least at the pitch point"], ["parabolic", "Parabolic"], ["floor", "The same depth everywhere"], ["archard", "After Archard's law"]] },
+        { path: "gear.pair.wear.measured", label: "The shape of the wear was measured", kind: "check" },
+      ]),
+    },
+  },
+  {
+    title: "Sensor",
+    fields: [
+      { path: "sensor.unit", label: "Unit of samples that come without one", kind: "text", hint: "m/s2" },
+      { path: "points.0.channel", label: "Channel", kind: "text", hint: "any" },
+      { path: "points.0.sensitivity", label: "Sensitivity, for the record", hint: "10.2" },
+      { path: "points.0.sensitivity_unit", label: "Unit of the sensitivity", kind: "text", hint: "mV/(m/s2)" },
+    ],
+    more: {
+      title: "Place, serial number, shared sensor, speed search",
+      fields: [
+        { path: "points.0.place", label: "Place on the machine", kind: "text" },
+        { path: "points.0.axis", label: "Direction", kind: "text" },
+        { path: "points.0.serial", label: "Serial number", kind: "text" },
+        { path: "points.0.calibration_due", label: "Calibration due", kind: "date" },
+        { path: "sensor.of", label: "Heard by the sensor of another asset", kind: "text", hint: "that asset's id" },
+        { path: "gear.shaft_ratio.0", label: "Ratio to the measured shaft: driving teeth", kind: "integer", hint: "1", pairDefault: 1 },
+        { path: "gear.shaft_ratio.1", label: "Ratio to the measured shaft: driven teeth", kind: "integer", hint: "1", pairDefault: 1 },
+        { path: "gear.speed_tolerance", label: "Speed is searched within ±", unit: "%", factor: 0.01, hint: "5" },
+        { path: "gear.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
+      ],
+    },
+  },
+  {
+    title: "Limits on wear depth and baseline",
+    fields: [
+      { path: "limits.warning_um", label: "Warning", unit: "µm" },
+      { path: "limits.danger_um", label: "Danger", unit: "µm" },
+      { path: "baseline.records", label: "Baseline records", kind: "integer", hint: "20" },
+    ],
+  },
+];
+
+/** All fields in their order. */
+export const SETUP_FIELDS = SETUP_GROUPS.flatMap(({ fields, more }) => [...fields, ...(more?.fields ?? [])]);

@@ -1,0 +1,164 @@
+// The inputs of a setup form: what is typed as a description, a description as what is typed, and errors at the fields.
+
+import { h, setText } from "./dom.js";
+import { putAt, valueAt } from "./settings-fields.js";
+
+const TYPES = { text: "text", id: "text", check: "checkbox", date: "date" };
+
+/** A number without the noise of its unit's factor. */
+const tidy = (value) => Number(value.toPrecision(12));
+
+/** One field with its label, its input and the place for what is wrong with it. */
+class FieldInput {
+  field;
+  input;
+  element;
+  #error;
+  #label;
+
+  constructor(field) {
+    this.field = field;
+    const { path, label, unit, kind = "number", hint, about } = field;
+    const id = `setup-${path.replaceAll(/[._]/g, "-")}`;
+    this.#error = h("span", { class: "field-error", id: `${id}-error`, hidden: true });
+    this.#label = label;
+    if (kind === "choice") this.input = h("select", { id }, field.choices.map(([value, words]) => h("option", { value }, words)));
+    else this.input = h("input", { id, type: TYPES[kind] ?? "number", step: kind === "integer" ? "1" : "any", placeholder: hint, autocomplete: "off", spellcheck: "false", required: field.needed });
+    this.input.setAttribute("aria-describedby", `${id}-error`);
+    const words = unit ? `${label} (${unit})` : label;
+    if (kind === "check") this.element = h("label", { class: "check", for: id }, this.input, words);
+    else this.element = h("div", { class: "setup-field" }, h("label", { class: "field", for: id }, h("span", {}, words), this.input), about && h("span", { class: "muted field-about" }, about), this.#error);
+  }
+
+  /** What is typed, undefined where nothing is. */
+  get value() {
+    const { kind = "number", factor = 1 } = this.field;
+    if (kind === "check") return this.input.checked || undefined;
+    const text = this.input.value.trim();
+    if (text === "") return undefined;
+    return kind === "number" || kind === "integer" ? tidy(Number(text) * factor) : text;
+  }
+
+  set value(value) {
+    const { kind = "number", factor = 1 } = this.field;
+    if (kind === "check") this.input.checked = Boolean(value);
+    else this.input.value = value === undefined || value === null ? "" : typeof value === "number" ? String(tidy(value / factor)) : value;
+  }
+
+  /** Whether something stands there that is no number. */
+  get isBroken() {
+    return this.input.validity.badInput;
+  }
+
+  /** Says what is wrong, in the label's words; nothing where `words` are empty. */
+  fail(words) {
+    this.#error.hidden = !words;
+    setText(this.#error, words ? `${this.#label}: ${words}` : "");
+    if (words) this.input.setAttribute("aria-invalid", "true");
+    else this.input.removeAttribute("aria-invalid");
+  }
+
+  get isFailed() {
+    return this.input.hasAttribute("aria-invalid");
+  }
+}
+
+/** All inputs of a form. */
+export class SetupInputs {
+  #inputs = new Map();
+
+  /** The element of a field. */
+  make(field) {
+    const made = new FieldInput(field);
+    this.#inputs.set(field.path, made);
+    return made.element;
+  }
+
+  get(path) {
+    return this.#inputs.get(path);
+  }
+
+  /** Puts a description's values into the fields and gives what no field has, null where nothing is left. */
+  fill(description) {
+    const rest = structuredClone(description);
+    for (const [path, made] of this.#inputs) {
+      made.value = valueAt(rest, path);
+      putAt(rest, path, undefined);
+      if (made.field.alike && valueAt(rest, made.field.alike) !== undefined) putAt(rest, made.field.alike, undefined);
+      made.fail("");
+    }
+    return pruned(rest);
+  }
+
+  /** The description as it is typed, over what no field has; `withPair` whether the gear pair belongs to it. */
+  description(rest, withPair) {
+    const spec = structuredClone(rest ?? {});
+    if (!withPair && spec.gear) delete spec.gear.pair;
+    for (const { field, value } of this.#inputs.values()) {
+      if (field.ofPair && !withPair) continue;
+      if (value === undefined) continue;
+      putAt(spec, field.path, value);
+      if (field.alike && withPair) putAt(spec, field.alike, value);
+    }
+    this.#completeLists(spec, withPair);
+    return spec;
+  }
+
+  /** Where one of two gears has a number of its own, the other one's default is said too. */
+  #completeLists(spec, withPair) {
+    for (const { field } of this.#inputs.values()) {
+      if (field.pairDefault === undefined || (field.ofPair && !withPair) || valueAt(spec, field.path) !== undefined) continue;
+      if (valueAt(spec, field.path.slice(0, -2))) putAt(spec, field.path, field.pairDefault);
+    }
+  }
+
+  /** Fields that are needed and empty. */
+  lacking(withPair) {
+    return [...this.#inputs.values()].filter(({ field, value, isBroken }) => field.needed && (withPair || !field.ofPair) && value === undefined && !isBroken).map(({ field }) => field);
+  }
+
+  /** Takes all errors away; those of inputs without a number stay. */
+  clearErrors() {
+    for (const made of this.#inputs.values()) made.fail(made.isBroken ? "expected a number" : "");
+  }
+
+  /** Shows a refusal at its field; false where it is of none of them. */
+  fail({ field: name, value, expected }) {
+    if (!name) return false;
+    const own = [...this.#inputs.values()].filter(({ field }) => [field.path, field.alike].some((path) => path && (path === name || path.startsWith(`${name}.`) || path.endsWith(`.${name}`) || path.replace(/^points\.\d+/, "points") === name)));
+    if (own.length === 0) return false;
+    // of two gears' numbers the one that has the refused value
+    const typed = own.filter((made) => String(valueOf(made)) === String(value));
+    const gear = /\bgear ([12])\b/.exec(expected ?? "")?.[1];
+    const meant = typed.length === 1 ? typed : own.length === 2 && gear && !typed.length ? [own[gear - 1]] : typed.length ? typed : own;
+    for (const made of meant) if (!made.isFailed) made.fail(expected ? `expected ${worded(expected, made.field)}` : "needed");
+    return true;
+  }
+
+  /** Puts the keyboard where the first error is. */
+  focusError() {
+    const first = [...this.#inputs.values()].find((made) => made.isFailed);
+    const folded = first?.input.closest("details");
+    if (folded) folded.open = true;
+    first?.input.focus();
+  }
+}
+
+function valueOf({ value, field }) {
+  return value === undefined ? field.pairDefault : value;
+}
+
+/** What was expected, with the description's unit where the field is typed in another one. */
+function worded(expected, { factor, path }) {
+  const unit = /_(hz|pa|n_per_m)$/.exec(path)?.[1];
+  return factor && unit ? `${expected} (in ${{ hz: "Hz", pa: "Pa", n_per_m: "N/m" }[unit]})` : expected;
+}
+
+/** An object without what is empty; null where nothing is left. */
+function pruned(value) {
+  if (value === null || value === undefined) return null;
+  if (Array.isArray(value)) return value.some((each) => pruned(each) !== null) ? value : null;
+  if (typeof value !== "object") return value;
+  const kept = Object.entries(value).map(([key, inner]) => [key, pruned(inner)]).filter(([, inner]) => inner !== null);
+  return kept.length ? Object.fromEntries(kept) : null;
+}

@@ -1,0 +1,277 @@
+// The form that describes an asset: a new one, a copy, or one that is there, with its gear pair drawn and previewed as it is typed.
+
+import * as api from "./api.js";
+import { crumbs } from "./asset-frame.js";
+import { h, setChildren, setText } from "./dom.js";
+import { PairDrawing } from "./preview-drawing.js";
+import { PreviewPanel } from "./preview-panel.js";
+import { format, go } from "./route.js";
+import { SETUP_GROUPS } from "./setup-fields.js";
+import { SetupInputs } from "./setup-inputs.js";
+import { showMeasures } from "./setup-measures.js";
+
+const TYPED_MS = 250; // so long nothing is typed before a preview is asked for
+const FROM_SERVER = ["summary", "created_at", "updated_at"];
+const NUMBERS = "numbers";
+const NONE = "none";
+
+/** An id from a name. */
+const slug = (name) => name.toLowerCase().normalize("NFKD").replaceAll(/[^a-z0-9_]+/g, "-").replaceAll(/^[-_]+|-+$/g, "").slice(0, 64);
+
+/** What a description cannot have, as far as the page can tell by itself. */
+function typedRefusals({ id, limits, points }) {
+  const refusals = [];
+  if (id && !/^[a-z0-9][a-z0-9_-]{0,63}$/.test(id)) refusals.push({ field: "id", value: id, expected: "1 to 64 characters of a–z, 0–9, - and _, the first a letter or digit" });
+  if (limits?.warning_um > limits?.danger_um) refusals.push({ field: "limits.warning_um", value: limits.warning_um, expected: "a depth at or below that of danger" });
+  if (points?.length && !points[0].channel) refusals.push({ field: "points.0.channel", expected: "a name, as something is said of its sensor" });
+  return refusals;
+}
+
+/** The page at `#/new`; `copy` or `edit` in its address name an asset. */
+export class SetupPage {
+  #query;
+  #root;
+  #inputs = new SetupInputs();
+  #presets = [];
+  #asked = false;
+  #idTyped = false;
+  /** What is wrong at a field, by who says so: the page itself, the latest preview, the latest attempt to save. */
+  #refusals = { typed: [], previewed: [], saved: [] };
+  #title = h("h1", {}, "New asset");
+  #pair = h("select", { id: "setup-pair", onchange: () => this.#choosePair() });
+  #json = h("textarea", { id: "setup-json", rows: "7", spellcheck: "false", "aria-describedby": "setup-json-error" });
+  #jsonError = h("span", { class: "field-error", id: "setup-json-error", hidden: true });
+  #result = h("p", { class: "result", role: "status" });
+  #save = h("button", { type: "submit", class: "primary" }, "Create asset");
+  #drawing = new PairDrawing();
+  #measures = h("ul", { class: "measures", "aria-label": "Geometry of the pair" });
+  #faults = h("ul", { class: "setup-faults", role: "status" });
+  #panel = new PreviewPanel({ onPreview: (preview) => this.#previewed(preview), onError: (error) => this.#refused(error) });
+  #form;
+
+  constructor(root, route) {
+    this.#root = root;
+    this.#query = route.query;
+    this.#form = h("form", { class: "settings setup-form", novalidate: true, onsubmit: (event) => this.#submit(event), oninput: (event) => this.#typed(event) }, SETUP_GROUPS.map((group) => this.#group(group)), this.#jsonEditor(), this.#result, h("div", { class: "form-buttons" }, this.#save, h("a", { class: "button", href: this.#wayBack() }, "Cancel")));
+    const side = h("aside", { class: "setup-side" }, h("section", { class: "card" }, h("h2", {}, "Gear pair to scale"), this.#drawing.element, this.#faults, this.#measures));
+    const title = h("header", { class: "asset-header" }, crumbs(["#/", "Fleet"]), this.#title, h("p", { class: "muted" }, "One gear mesh seen by one or more accelerometers. Teeth and speed suffice for indicators; the gear pair adds wear in µm."));
+    setChildren(root, title, h("div", { class: "settings-grid setup-grid" }, this.#form, side), h("h2", { class: "preview-title" }, "What wear does to this pair"), this.#panel.element);
+    this.#fillChoices();
+    this.#check(0);
+    this.#name();
+  }
+
+  #wayBack() {
+    const id = this.#query.edit ?? this.#query.copy;
+    return id ? format({ page: "settings", id }) : "#/";
+  }
+
+  #name() {
+    const { edit, copy } = this.#query;
+    const words = edit ? `Edit ${edit}` : copy ? `Copy of ${copy}` : "New asset";
+    setText(this.#title, words);
+    setText(this.#save, edit ? "Save asset" : "Create asset");
+    document.title = `${words} · flankwatch`;
+  }
+
+  #group({ title, fields, more, pairChoice }) {
+    const box = (list) => h("div", { class: "form-fields" }, list.map((field) => this.#inputs.make(field)));
+    const choice = pairChoice && h("label", { class: "field setup-choice", for: "setup-pair" }, h("span", {}, "Gear pair, for wear in µm"), this.#pair);
+    const folded = more && h("details", { class: "setup-more" }, h("summary", {}, more.title), box(more.fields));
+    return h("fieldset", { class: "card" }, h("legend", {}, title), choice, box(fields), folded);
+  }
+
+  #jsonEditor() {
+    const words = "What no field above has, as JSON as the API takes it: alarm rules, operating bins, bands, further measuring points. The fields above count where both say something.";
+    return h("details", { class: "card setup-more" }, h("summary", {}, "All other fields as JSON"), h("label", { class: "field", for: "setup-json" }, h("span", {}, words), this.#json), this.#jsonError);
+  }
+
+  #fillChoices() {
+    const options = [[NUMBERS, "By its numbers"], ...this.#presets.map(({ name, pair }) => [name, `Begin with: ${pair.name || name}`]), [NONE, "None: indicators only"]];
+    setChildren(this.#pair, options.map(([value, words]) => h("option", { value }, words)));
+  }
+
+  /** Asks once for presets and for the asset to begin with. */
+  async refresh(signal) {
+    if (this.#asked) return;
+    const id = this.#query.edit ?? this.#query.copy;
+    const [presets, asset] = await Promise.all([api.answer(api.pairPresets(signal)), id ? api.answer(api.asset(id, signal)) : null]);
+    this.#asked = true;
+    if (!(presets instanceof Error)) this.#presets = presets.items;
+    const chosen = this.#pair.value;
+    this.#fillChoices();
+    this.#pair.value = chosen;
+    if (asset instanceof Error) return this.#say("bad", `${asset.message}.`);
+    if (asset) this.#begin(asset);
+  }
+
+  #begin(asset) {
+    const description = structuredClone(asset);
+    for (const name of FROM_SERVER) delete description[name];
+    if (!this.#query.edit) {
+      description.id = `${asset.id}-copy`.slice(0, 64);
+      if (asset.name) description.name = `${asset.name}, copy`;
+    }
+    this.#idTyped = true;
+    this.#pair.value = description.gear.pair ? NUMBERS : NONE;
+    this.#fill(description);
+    this.#inputs.get("id").input.readOnly = Boolean(this.#query.edit);
+    this.#check(0);
+  }
+
+  #fill(description) {
+    const rest = this.#inputs.fill(description);
+    this.#json.value = rest ? JSON.stringify(rest, null, 2) : "";
+    this.#json.closest("details").open = false;
+  }
+
+  get #withPair() {
+    return this.#pair.value !== NONE;
+  }
+
+  #choosePair() {
+    const preset = this.#presets.find(({ name }) => name === this.#pair.value);
+    if (preset) {
+      const { pair } = structuredClone(preset);
+      const before = this.#description() ?? {};
+      this.#fill({ ...before, gear: { ...before.gear, teeth: pair.geometry.teeth, shaft_speed_hz: pair.operation.shaft_speed_hz, pair } });
+    }
+    this.#check(0);
+  }
+
+  /** What the JSON editor holds, null where it cannot be read. */
+  #rest() {
+    const text = this.#json.value.trim();
+    let words = "";
+    let rest = {};
+    try {
+      rest = text ? JSON.parse(text) : {};
+      if (typeof rest !== "object" || Array.isArray(rest) || rest === null) words = "expected an object, in braces";
+    } catch (error) {
+      words = error.message;
+    }
+    this.#jsonError.hidden = !words;
+    setText(this.#jsonError, words && `Other fields as JSON: ${words}`);
+    this.#json.toggleAttribute("aria-invalid", false);
+    if (words) this.#json.setAttribute("aria-invalid", "true");
+    return words ? null : rest;
+  }
+
+  /** The description as it stands, null where the JSON cannot be read. */
+  #description() {
+    const rest = this.#rest();
+    return rest && this.#inputs.description(rest, this.#withPair);
+  }
+
+  #typed({ target }) {
+    if (target === this.#pair) return;
+    const [name, id] = [this.#inputs.get("name").input, this.#inputs.get("id").input];
+    if (target === id) this.#idTyped = id.value !== "";
+    if (target === name && !this.#idTyped) id.value = slug(name.value);
+    if (target.closest(".preview")) return;
+    this.#check(TYPED_MS);
+  }
+
+  /** Checks what is typed; a gear pair by the service. */
+  #check(wait) {
+    this.#refusals.saved = [];
+    this.#say("", "");
+    for (const element of this.#form.querySelectorAll(".setup-field")) element.hidden = !this.#withPair && element.querySelector('[id^="setup-gear-pair-"]') !== null;
+    for (const element of this.#form.querySelectorAll(".form-fields > .check")) element.hidden = !this.#withPair && element.htmlFor.startsWith("setup-gear-pair-");
+    for (const folded of this.#form.querySelectorAll("fieldset .setup-more")) folded.hidden = !this.#withPair && folded.querySelector(':scope [id^="setup-gear-pair-"]') !== null;
+    const spec = this.#description();
+    this.#refusals.typed = spec ? typedRefusals(spec) : [];
+    this.#showRefusals();
+    if (!spec) return;
+    if (!this.#withPair) return this.#blank("Without a gear pair there is nothing to preview: indicators are computed, and no wear is estimated.");
+    const lacking = this.#inputs.lacking(true).filter(({ path }) => path !== "id");
+    if (lacking.length) return this.#blank(`Still needed: ${lacking.map(({ label }) => label.charAt(0).toLowerCase() + label.slice(1)).join(", ")}.`);
+    this.#panel.describe(spec.gear, wait);
+  }
+
+  #blank(words) {
+    this.#refusals.previewed = [];
+    this.#showRefusals();
+    this.#drawing.say(words);
+    this.#panel.lacking(this.#withPair ? "As soon as the gear pair is described, its wear can be tried out here. Or begin with one of the pairs above." : words);
+    setChildren(this.#measures);
+    setChildren(this.#faults);
+  }
+
+  #previewed({ refusals, geometry }) {
+    const own = refusals.filter(({ field }) => !["wear_um", "torque_nm", "shaft_speed_hz"].includes(field));
+    this.#refusals.previewed = own;
+    const placed = this.#showRefusals();
+    setChildren(this.#faults, own.filter((refusal) => !placed.has(refusal)).map(({ detail }) => h("li", {}, detail)));
+    if (geometry) this.#drawing.show(geometry);
+    else this.#drawing.say("These numbers give no gears that could be drawn.");
+    showMeasures(this.#measures, geometry?.measures ?? []);
+  }
+
+  #refused({ problem, message }) {
+    this.#refusals.previewed = problem?.field ? [problem] : [];
+    if (!this.#showRefusals().size) this.#say("bad", `${message}.`);
+  }
+
+  /** Shows what is wrong at the fields and gives what has a place there. */
+  #showRefusals() {
+    this.#inputs.clearErrors();
+    const { typed, previewed, saved } = this.#refusals;
+    return new Set([...saved, ...typed, ...previewed].filter((refusal) => this.#inputs.fail(refusal)));
+  }
+
+  async #submit(event) {
+    event.preventDefault();
+    const spec = this.#description();
+    const lacking = this.#inputs.lacking(this.#withPair);
+    this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
+    this.#showRefusals();
+    if (lacking.length || !spec) {
+      this.#say("bad", spec ? `Still needed: ${lacking.map(({ label }) => label).join(", ")}.` : "The JSON cannot be read.");
+      return this.#inputs.focusError();
+    }
+    this.#save.disabled = true;
+    try {
+      const { id } = this.#query.edit ? await api.replaceAsset(this.#query.edit, spec) : await api.createAsset(spec);
+      go({ page: "asset", id });
+    } catch (error) {
+      const refusal = error.status === 409 ? { field: "id", value: spec.id, expected: "an id that no other asset has" } : error.problem;
+      this.#refusals.saved = refusal ? [refusal] : [];
+      const placed = this.#showRefusals().has(refusal);
+      this.#say("bad", placed ? "Not saved: one of the fields cannot be used." : `Not saved: ${error.message}.`);
+      if (placed) this.#inputs.focusError();
+    } finally {
+      this.#save.disabled = false;
+    }
+  }
+
+  #say(kind, words) {
+    this.#result.dataset.kind = kind;
+    setText(this.#result, words);
+  }
+
+  /** Another asset to begin with is another form. */
+  update({ query }) {
+    if (query.copy === this.#query.copy && query.edit === this.#query.edit) return false;
+    this.#query = query;
+    this.#asked = false;
+    this.#inputs.fill({});
+    this.#json.value = "";
+    this.#pair.value = NUMBERS;
+    this.#inputs.get("id").input.readOnly = false;
+    this.#name();
+    this.#check(0);
+    return true;
+  }
+
+  /** Draws in a changed theme. */
+  redraw() {
+    return this.#panel.redraw();
+  }
+
+  tick() {}
+
+  dispose() {
+    this.#panel.dispose();
+  }
+}

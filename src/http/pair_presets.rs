@@ -1,0 +1,60 @@
+//! `/v1/pair-presets`: described gear pairs to begin with.
+
+use axum::Json;
+use axum::http::StatusCode;
+use serde::Serialize;
+
+use super::problem::Problem;
+use super::query::Page;
+use crate::gear::PairSpec;
+
+/// Names and pair files.
+const PRESETS: [(&str, &str); 4] = [
+    ("steel-module-1", include_str!("../../fixtures/pairs/steel-module-1.toml")),
+    ("shen2022", include_str!("../../fixtures/pairs/shen2022.toml")),
+    ("steel-module-12", include_str!("../../fixtures/pairs/steel-module-12.toml")),
+    ("plastic-module-0.5", include_str!("../../fixtures/pairs/plastic-module-0.5.toml")),
+];
+
+/// A described gear pair.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct PairPreset {
+    /// Its name.
+    name: &'static str,
+    /// The pair, as `gear.pair` of an asset takes it.
+    pair: PairSpec,
+}
+
+/// Gear pairs to begin with
+///
+/// Pairs that are described in full, to start a description of one's own from.
+#[utoipa::path(
+    get,
+    path = "/v1/pair-presets",
+    tag = "libraries",
+    responses((status = 200, body = Page<PairPreset>)),
+)]
+pub(super) async fn list() -> Result<Json<Page<PairPreset>>, Problem> {
+    let preset = |(name, text)| {
+        Ok(PairPreset {
+            name,
+            pair: PairSpec::from_toml(text)?,
+        })
+    };
+    let items: Result<_, crate::gear::GearError> = PRESETS.into_iter().map(preset).collect();
+    let items = items.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    Ok(Json(Page::from_parts(items, None)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_can_be_modelled() {
+        for (name, text) in PRESETS {
+            let checked = PairSpec::from_toml(text).unwrap().check();
+            assert!(checked.is_ok(), "{name}: {}", checked.unwrap_err());
+        }
+    }
+}
