@@ -20,6 +20,9 @@ const MAX_UNACKNOWLEDGED: usize = 1024;
 /// twice.
 const REMEMBERED: Duration = Duration::from_secs(600);
 
+/// How long is kept what is known of a record's deliveries, where nobody takes it away.
+const ATTEMPTS_KEPT: Duration = Duration::from_secs(30 * 24 * 3600);
+
 /// Where NATS is and who asks.
 #[derive(Clone)]
 pub struct NatsSettings {
@@ -172,9 +175,19 @@ impl Connection {
             retention: RetentionPolicy::Limits,
             discard: DiscardPolicy::Old,
             max_messages: settings.events_kept,
+            ..common.clone()
+        };
+        let attempts = StreamConfig {
+            name: self.attempts_stream(),
+            subjects: vec![format!("{}.*", self.attempts_subject())],
+            retention: RetentionPolicy::Limits,
+            discard: DiscardPolicy::Old,
+            max_messages: settings.max_records,
+            max_messages_per_subject: 1,
+            max_age: ATTEMPTS_KEPT,
             ..common
         };
-        for stream in [work, dead, events] {
+        for stream in [work, dead, events, attempts] {
             let made = self.jetstream.create_or_update_stream(stream).await;
             made.map_err(|error| ClusterError::jetstream("make a stream")(error.into()))?;
         }
@@ -213,6 +226,14 @@ impl Connection {
 
     pub(super) fn dead_subject(&self) -> String {
         format!("{}.dead", self.settings.name)
+    }
+
+    pub(super) fn attempts_stream(&self) -> String {
+        format!("{}_attempts", self.settings.name)
+    }
+
+    pub(super) fn attempts_subject(&self) -> String {
+        format!("{}.attempts", self.settings.name)
     }
 
     pub(super) fn events_stream(&self) -> String {

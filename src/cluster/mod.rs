@@ -9,10 +9,12 @@
 //! What is done with a record is the code of [`service`](crate::service); here is only what joins the
 //! processes.
 
+mod attempts;
 mod connection;
 mod dead_letters;
 mod error;
 mod events;
+mod fault;
 mod message;
 pub mod mqtt;
 mod queue;

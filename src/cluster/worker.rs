@@ -8,8 +8,10 @@ use async_nats::jetstream::{AckKind, Message};
 use futures_util::StreamExt;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
+use super::attempts::Attempts;
 use super::connection::Connection;
 use super::dead_letters;
+use super::fault::Fault;
 use super::{ClusterError, message};
 use crate::asset::AssetId;
 use crate::service::{Accepted, QueuedRecord, Service, ServiceError};
@@ -24,15 +26,18 @@ const ASKED_FOR: Duration = Duration::from_secs(2);
 const FIRST_WAIT: Duration = Duration::from_millis(200);
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
-/// When a record that may be at fault itself is tried again.
+/// When a record that could not be dealt with is given out again.
 const TRIED_AGAIN: Duration = Duration::from_secs(10);
+
+/// How often a record is tried that may be at fault itself.
+const DOUBTFUL_TRIES: u32 = 5;
 
 /// What one worker does.
 #[derive(Debug, Clone)]
 pub struct WorkerLimits {
     /// Records worked on at once.
     pub at_once: usize,
-    /// A record that was given out so often without being finished goes to the dead letters.
+    /// A record that was given out so often without a worker coming back from it goes to the dead letters.
     pub max_deliveries: u32,
 }
 
@@ -54,15 +59,15 @@ pub(super) struct Worker {
     stop: watch::Receiver<bool>,
 }
 
-/// How a record that could not be stored is to be treated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Fault {
-    /// Something else is away: it is held until that is back.
-    Elsewhere,
-    /// Perhaps the record's own: it is given out again, but not for ever.
-    Doubtful,
-    /// The record's own: it never will be.
-    Own,
+/// What became of a record.
+#[derive(Debug)]
+enum Outcome {
+    /// It is stored, or its asset is gone.
+    Stored,
+    /// It can never be stored, for this reason.
+    GivenUp(String),
+    /// It could not be stored now: another delivery follows, after this wait.
+    GivenBack(Option<Duration>),
 }
 
 impl Worker {
@@ -146,28 +151,38 @@ impl Worker {
 
     async fn treat(self, message: Message, turn: OwnedSemaphorePermit) {
         let _turn = turn;
+        // A record that was never given out before, and met no error, is not noted anywhere.
+        let mut is_noted = deliveries(&message) > 1;
         let treated = tokio::select! {
-            treated = self.store(&message) => treated,
+            treated = self.store(&message, &mut is_noted) => treated,
             () = keep_alive(&message, self.connection.settings().ack_wait / 3) => return,
         };
         let kind = match treated {
-            Ok(()) => AckKind::Ack,
-            Err((Fault::Own, reason)) => match self.give_up(&message, &reason).await {
+            Outcome::Stored => AckKind::Ack,
+            Outcome::GivenUp(reason) => match self.give_up(&message, &reason).await {
                 Ok(()) => AckKind::Ack,
                 Err(error) => {
                     tracing::warn!(%error, reason, "failed to put a record among the dead letters: trying again later");
+                    self.excuse(&message, &reason).await;
                     AckKind::Nak(Some(TRIED_AGAIN))
                 }
             },
-            Err((Fault::Doubtful, reason)) => {
-                tracing::warn!(reason, "failed to store a record: giving it back to the queue");
-                AckKind::Nak(Some(TRIED_AGAIN))
-            }
-            Err((Fault::Elsewhere, _)) => AckKind::Nak(None),
+            Outcome::GivenBack(wait) => AckKind::Nak(wait),
         };
+        let is_done = matches!(kind, AckKind::Ack);
         // Where the acknowledgement is lost the record comes again, and is found stored.
         if let Err(error) = message.double_ack_with(kind).await {
             tracing::debug!(%error, "failed to confirm an acknowledgement");
+        } else if is_done && is_noted {
+            Attempts::forget(&self.connection, &message).await;
+        }
+    }
+
+    /// Notes that this delivery says nothing against the record. Where that cannot be noted it counts as one
+    /// from which no worker came back.
+    async fn excuse(&self, message: &Message, error: &str) {
+        if let Err(error) = Attempts::excuse(&self.connection, message, error).await {
+            tracing::warn!(%error, "failed to note the error of a record");
         }
     }
 
@@ -183,40 +198,74 @@ impl Worker {
     }
 
     /// Has the record of a message stored; holds it as long as something else is away.
-    async fn store(&self, message: &Message) -> Result<(), (Fault, String)> {
-        let record = message::decode(&message.payload).map_err(|error| (Fault::Own, error.to_string()))?;
-        let delivered = message.info().map_or(1, |info| info.delivered);
-        if delivered > i64::from(self.limits.max_deliveries) {
-            let reason = format!(
-                "given out {} times and never finished: it may be what ends its workers",
-                delivered - 1
-            );
-            return Err((Fault::Own, reason));
+    /// `is_noted` becomes true where an error was noted with it.
+    async fn store(&self, message: &Message, is_noted: &mut bool) -> Outcome {
+        let record = match message::decode(&message.payload) {
+            Ok(record) => record,
+            Err(error) => return Outcome::GivenUp(error.to_string()),
+        };
+        match self.crashed_too_often(message).await {
+            Ok(None) => {}
+            Ok(Some(reason)) => return Outcome::GivenUp(format!("segment {} of {}: {reason}", record.id, record.asset_id)),
+            Err(error) => {
+                tracing::warn!(%error, "failed to count the deliveries of a record: giving it back to the queue");
+                return Outcome::GivenBack(Some(TRIED_AGAIN));
+            }
         }
-        let mut wait = FIRST_WAIT;
+        let (mut wait, mut doubted, mut is_excused) = (FIRST_WAIT, 0, false);
         let mut stop = self.stop.clone();
         loop {
             let error = match self.store_once(&record).await {
-                Ok(Some(_)) => return Ok(()),
+                Ok(Some(_)) => return Outcome::Stored,
                 Ok(None) => {
                     tracing::info!(segment = %record.id, asset = %record.asset_id, "dropped a record whose asset was removed");
-                    return Ok(());
+                    return Outcome::Stored;
                 }
                 Err(error) => error,
             };
-            let fault = fault_of(&error);
-            if fault != Fault::Elsewhere {
-                return Err((fault, format!("segment {} of {}: {error}", record.id, record.asset_id)));
+            let reason = format!("segment {} of {}: {error}", record.id, record.asset_id);
+            match Fault::from(&error) {
+                Fault::Own => return Outcome::GivenUp(reason),
+                Fault::Doubtful => {
+                    doubted += 1;
+                    if doubted == DOUBTFUL_TRIES {
+                        return Outcome::GivenUp(format!("{reason} (tried {doubted} times)"));
+                    }
+                }
+                Fault::Elsewhere => {}
             }
-            if wait == FIRST_WAIT {
+            if !is_excused {
+                (is_excused, *is_noted) = (true, true);
                 tracing::warn!(segment = %record.id, %error, "failed to store a record: holding it");
+                self.excuse(message, &reason).await;
             }
             tokio::select! {
-                _ = stop.wait_for(|stop| *stop) => return Err((fault, error.to_string())),
+                _ = stop.wait_for(|stop| *stop) => return Outcome::GivenBack(None),
                 () = tokio::time::sleep(wait) => {}
             }
             wait = (2 * wait).min(LONGEST_WAIT);
         }
+    }
+
+    /// Why a record is not tried again: it was given out too often without a worker coming back from it.
+    async fn crashed_too_often(&self, message: &Message) -> Result<Option<String>, ClusterError> {
+        let (before, most) = (deliveries(message) - 1, i64::from(self.limits.max_deliveries));
+        if before < most {
+            return Ok(None);
+        }
+        let known = Attempts::of(&self.connection, message).await?;
+        let crashes = before - known.excused;
+        if crashes < most {
+            return Ok(None);
+        }
+        let last = if known.last_error.is_empty() {
+            String::new()
+        } else {
+            format!("; its last error: {}", known.last_error)
+        };
+        Ok(Some(format!(
+            "given out {crashes} times and never finished: it may be what ends its workers{last}"
+        )))
     }
 
     async fn store_once(&self, record: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
@@ -246,6 +295,11 @@ impl Worker {
     }
 }
 
+/// How often a message was given out, this time included.
+fn deliveries(message: &Message) -> i64 {
+    message.info().map_or(1, |info| info.delivered)
+}
+
 /// Says again and again that a message is worked on; never returns.
 async fn keep_alive(message: &Message, every: Duration) {
     loop {
@@ -253,14 +307,5 @@ async fn keep_alive(message: &Message, every: Duration) {
         if let Err(error) = message.ack_with(AckKind::Progress).await {
             tracing::debug!(%error, "failed to extend the time of a record");
         }
-    }
-}
-
-fn fault_of(error: &ServiceError) -> Fault {
-    match error {
-        ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) => Fault::Elsewhere,
-        ServiceError::Store(error) if error.is_unavailable() || error.is_conflict() => Fault::Elsewhere,
-        ServiceError::Recording(_) | ServiceError::Field { .. } | ServiceError::QueuedOtherwise { .. } => Fault::Own,
-        _ => Fault::Doubtful,
     }
 }

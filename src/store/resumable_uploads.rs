@@ -102,6 +102,7 @@ impl Store {
 
     /// An upload that has not expired.
     pub async fn resumable(&self, id: &str, now: Timestamp) -> Result<Option<StoredUpload>, StoreError> {
+        let now = self.now(now).await?;
         let row = sqlx::query("SELECT * FROM resumable_uploads WHERE id = $1 AND expires_at_ns >= $2")
             .bind(id)
             .bind(to_ns(now)?)
@@ -170,6 +171,7 @@ impl Store {
 
     /// Uploads that are whole and that nobody reads.
     pub async fn unread_uploads(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
+        let now = self.now(now).await?;
         let text = format!("SELECT id FROM resumable_uploads WHERE {UNREAD} ORDER BY expires_at_ns LIMIT $2");
         let rows = sqlx::query(&text)
             .bind(to_ns(now)?)
@@ -181,6 +183,7 @@ impl Store {
 
     /// The right to read an upload that is whole; false where another process has it, or it is read.
     pub async fn begin_reading(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
+        let now = self.now(now).await?;
         let text = format!("UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3 WHERE id = $2 AND {UNREAD}");
         let begun = sqlx::query(&text)
             .bind(to_ns(now)?)
@@ -193,6 +196,7 @@ impl Store {
 
     /// Says that an upload is still being read.
     pub async fn go_on_reading(&self, id: &str, now: Timestamp) -> Result<(), StoreError> {
+        let now = self.now(now).await?;
         sqlx::query("UPDATE resumable_uploads SET reader_until_ns = $2 WHERE id = $1 AND progress = 'reading'")
             .bind(id)
             .bind(alive_until(now)?)
@@ -229,6 +233,7 @@ impl Store {
     /// Forgets an upload; false where it is being read, unless the caller is the reader. Its objects are the
     /// caller's to remove.
     pub async fn give_up_resumable(&self, id: &str, is_reader: bool, now: Timestamp) -> Result<bool, StoreError> {
+        let now = self.now(now).await?;
         let gone = sqlx::query(
             "DELETE FROM resumable_uploads WHERE id = $1 AND (progress <> 'reading' OR reader_until_ns IS NULL OR reader_until_ns < $2)",
         )
@@ -242,6 +247,7 @@ impl Store {
     /// Forgets up to `limit` uploads that nobody went on with, and returns which. Their objects are the
     /// caller's to remove.
     pub async fn expire_resumable(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
+        let now = self.now(now).await?;
         let rows = sqlx::query("SELECT id FROM resumable_uploads WHERE expires_at_ns < $1 LIMIT $2")
             .bind(to_ns(now)?)
             .bind(i64::from(limit))

@@ -58,6 +58,14 @@ impl TestDatabase {
         }
     }
 
+    /// Has all resumable uploads expire earlier by `age`.
+    pub(crate) fn age_uploads(&self, age: Duration) {
+        let (schema, age_ns) = (&self.schema, age.as_nanos());
+        self.run(&format!(
+            "UPDATE {schema}.resumable_uploads SET expires_at_ns = expires_at_ns - {age_ns}"
+        ));
+    }
+
     /// Runs statements beside the service's.
     pub(crate) fn run(&self, statements: &str) {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
