@@ -10,6 +10,9 @@ use async_nats::{Client, ConnectOptions, Event};
 
 use super::ClusterError;
 
+/// The consumer that all workers share.
+pub(super) const CONSUMER: &str = "workers";
+
 /// How long JetStream has for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -143,6 +146,20 @@ impl Connection {
         })
     }
 
+    /// Waits for the connection; where there is none soon, that is said.
+    pub(super) async fn wait_until_connected(&self) -> Result<(), ClusterError> {
+        let connected = async {
+            while self.fault().is_some() {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        };
+        let waited = tokio::time::timeout(ANSWER_TIMEOUT, connected).await;
+        waited.map_err(|_| {
+            let urls = self.settings.urls.join(", ");
+            ClusterError::jetstream("be reached")(format!("no server answers at {urls}").into())
+        })
+    }
+
     /// Makes what is missing on the server and brings its limits up to the settings.
     pub(super) async fn prepare(&self) -> Result<(), ClusterError> {
         let settings = &self.settings;
@@ -199,6 +216,19 @@ impl Connection {
         (self.client.connection_state() != State::Connected).then_some("not connected")
     }
 
+    /// Writes something small to JetStream, kept as a record is: where its disk is full, this fails too.
+    pub(super) async fn check_writable(&self) -> Result<(), ClusterError> {
+        let failed = || ClusterError::jetstream("write");
+        let sent = self
+            .jetstream
+            .publish(format!("{}.probe", self.attempts_subject()), "".into())
+            .await;
+        sent.map_err(|error| failed()(error.into()))?
+            .await
+            .map_err(|error| failed()(error.into()))?;
+        Ok(())
+    }
+
     /// The queue's stream as it is.
     pub(super) async fn work_state(&self) -> Result<jetstream::stream::State, ClusterError> {
         let failed = ClusterError::jetstream("look at the queue");
@@ -242,6 +272,11 @@ impl Connection {
 
     pub(super) fn events_subject(&self) -> String {
         format!("{}.events", self.settings.name)
+    }
+
+    /// Where workers are asked for.
+    pub(super) fn workers_subject(&self) -> String {
+        format!("{}.workers", self.settings.name)
     }
 
     pub(super) fn changes_subject(&self) -> String {

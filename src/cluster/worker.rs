@@ -1,6 +1,7 @@
 //! A worker: takes records from the queue, has them analysed and stored, and only then acknowledges them.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
@@ -9,15 +10,12 @@ use futures_util::StreamExt;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 use super::attempts::Attempts;
-use super::connection::Connection;
+use super::connection::{CONSUMER, Connection};
 use super::dead_letters;
 use super::fault::Fault;
-use super::{ClusterError, message};
+use super::{ClusterError, message, overview};
 use crate::asset::AssetId;
-use crate::service::{Accepted, QueuedRecord, Service, ServiceError};
-
-/// The consumer that all workers share.
-const CONSUMER: &str = "workers";
+use crate::service::{Accepted, QueuedRecord, Service, ServiceError, WorkerOverview};
 
 /// How long one question for records waits for some.
 const ASKED_FOR: Duration = Duration::from_secs(2);
@@ -57,6 +55,8 @@ pub(super) struct Worker {
     service: Arc<Service>,
     limits: WorkerLimits,
     stop: watch::Receiver<bool>,
+    /// Records that it works on.
+    in_work: Arc<AtomicU64>,
 }
 
 /// What became of a record.
@@ -79,6 +79,7 @@ impl Worker {
             service,
             limits,
             stop,
+            in_work: Arc::default(),
         }
     }
 
@@ -90,6 +91,7 @@ impl Worker {
         }
         let changes = tokio::spawn(self.clone().follow_changes());
         let turns = Arc::new(Semaphore::new(self.limits.at_once));
+        let answers = tokio::spawn(self.answer());
         let mut stop = self.stop.clone();
         while !*stop.borrow() {
             let worked = tokio::select! {
@@ -108,6 +110,20 @@ impl Worker {
         let all = u32::try_from(self.limits.at_once).unwrap_or(u32::MAX);
         let _ = turns.acquire_many(all).await;
         changes.abort();
+        answers.abort();
+    }
+
+    /// Tells of this worker whoever asks.
+    fn answer(&self) -> impl Future<Output = ()> + use<> {
+        let (service, in_work, at_once) = (Arc::clone(&self.service), Arc::clone(&self.in_work), self.limits.at_once);
+        let name = overview::worker_name();
+        overview::answer(self.connection.clone(), move || WorkerOverview {
+            name: name.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            in_work: in_work.load(Ordering::Relaxed),
+            at_once: at_once as u64,
+            stored: service.tally.stored(),
+        })
     }
 
     /// Takes records until something fails.
@@ -144,7 +160,13 @@ impl Worker {
                     // More than were asked for; it comes again.
                     continue;
                 };
-                tokio::spawn(self.clone().treat(message, turn));
+                let worker = self.clone();
+                tokio::spawn(async move {
+                    let in_work = Arc::clone(&worker.in_work);
+                    in_work.fetch_add(1, Ordering::Relaxed);
+                    worker.treat(message, turn).await;
+                    in_work.fetch_sub(1, Ordering::Relaxed);
+                });
             }
         }
     }
@@ -236,8 +258,9 @@ impl Worker {
             }
             if !is_excused {
                 (is_excused, *is_noted) = (true, true);
-                tracing::warn!(segment = %record.id, %error, "failed to store a record: holding it");
+                // Before anybody can learn of it and end this worker.
                 self.excuse(message, &reason).await;
+                tracing::warn!(segment = %record.id, %error, "failed to store a record: holding it");
             }
             tokio::select! {
                 _ = stop.wait_for(|stop| *stop) => return Outcome::GivenBack(None),

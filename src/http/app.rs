@@ -8,7 +8,9 @@ use super::event_ring::EventRing;
 use super::limits::HttpLimits;
 use super::line_cache::LineCache;
 use super::measurements::Measurements;
+use super::queue_metrics::QueueWatch;
 use super::reading_waits::ReadingWaits;
+use super::write_probe::WriteProbe;
 use crate::service::Service;
 
 /// The service and what the API keeps beside it; a clone is another handle.
@@ -22,4 +24,6 @@ pub(super) struct App {
     pub(super) reading_waits: Arc<ReadingWaits>,
     pub(super) uploads: Arc<Path>,
     pub(super) lines: Arc<LineCache>,
+    pub(super) write_probe: Arc<WriteProbe>,
+    pub(super) queue_watch: Arc<QueueWatch>,
 }

@@ -183,6 +183,8 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
         measurements: Arc::new(Measurements::default()),
         uploads: uploads.into(),
         lines: Arc::default(),
+        write_probe: Arc::default(),
+        queue_watch: Arc::default(),
     };
     resumable::start(&app).await?;
     let (stop, stopped) = oneshot::channel();

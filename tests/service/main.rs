@@ -14,6 +14,7 @@ mod durability;
 mod envelopes;
 mod events;
 mod gear_indicators;
+mod image;
 mod integrations;
 mod lost_database;
 mod openapi;
