@@ -10,6 +10,7 @@ use super::line_cache::LineCache;
 use super::measurements::Measurements;
 use super::queue_metrics::QueueWatch;
 use super::reading_waits::ReadingWaits;
+use super::shares::Shares;
 use super::write_probe::WriteProbe;
 use crate::service::Service;
 
@@ -24,6 +25,7 @@ pub(super) struct App {
     pub(super) reading_waits: Arc<ReadingWaits>,
     pub(super) uploads: Arc<Path>,
     pub(super) lines: Arc<LineCache>,
+    pub(super) event_streams: Shares,
     pub(super) write_probe: Arc<WriteProbe>,
     pub(super) queue_watch: Arc<QueueWatch>,
 }

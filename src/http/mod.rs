@@ -57,6 +57,7 @@ mod segments;
 mod server;
 mod session;
 mod shared_tokens;
+mod shares;
 mod start_error;
 mod table;
 mod tokens;

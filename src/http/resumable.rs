@@ -16,6 +16,7 @@ use super::body::BodySource;
 use super::piece_reader::PieceReader;
 use super::problem::Problem;
 use super::resumable_upload::ResumableUpload;
+use super::shares::Client;
 use super::uploads::{self, UploadAnswer};
 use crate::asset::AssetId;
 use crate::service::{ServiceError, blocking, detached};
@@ -62,20 +63,25 @@ async fn kept_until(app: &App) -> Result<Timestamp, ServiceError> {
 }
 
 /// Begins an upload for an asset that is there.
-pub(super) async fn begin(app: &App, asset: AssetId, length: u64) -> Result<ResumableUpload, Problem> {
+pub(super) async fn begin(app: &App, client: &Client, asset: AssetId, length: u64) -> Result<ResumableUpload, Problem> {
     app.service.uploads.expire().await?;
     let mut random = [0; 12];
     getrandom::fill(&mut random).map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
     let new = NewUpload {
-        id: hex::encode(random),
+        id: format!("{}{}", client.mark(), hex::encode(random)),
         asset,
         length,
         expires_at: kept_until(app).await?,
     };
-    if app.service.store.begin_resumable(&new, app.limits.uploads_at_once).await? {
+    // One client leaves a quarter to the others.
+    let most = app.limits.uploads_at_once;
+    if app.service.store.begin_resumable(&new, most, most - most / 4).await? {
         find(app, &new.id).await
     } else {
-        Err(Problem::busy("too many uploads are under way", 60))
+        Err(Problem::busy(
+            "too many uploads are under way, of this client or of all together",
+            60,
+        ))
     }
 }
 

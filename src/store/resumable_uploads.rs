@@ -13,6 +13,9 @@ use crate::asset::AssetId;
 /// How long a process that reads an upload counts as alive after it last said so.
 const READER_ALIVE: SignedDuration = SignedDuration::from_secs(20);
 
+/// Characters of an identifier that are the same for all uploads of one client.
+const CLIENT_MARK: usize = 8;
+
 /// What an upload is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UploadProgress {
@@ -40,7 +43,7 @@ impl UploadProgress {
 /// An upload that begins.
 #[derive(Debug, Clone)]
 pub struct NewUpload {
-    /// Identifier.
+    /// Identifier; its first eight characters say whose it is.
     pub id: String,
     /// The asset whose records it will hold.
     pub asset: AssetId,
@@ -83,18 +86,22 @@ pub struct UploadPiece {
 }
 
 impl Store {
-    /// Begins an upload; false where `most` are under way.
-    pub async fn begin_resumable(&self, upload: &NewUpload, most: u32) -> Result<bool, StoreError> {
+    /// Begins an upload; false where `most` are under way, or `most_of_client` whose identifiers begin with
+    /// the same `CLIENT_MARK` characters.
+    pub async fn begin_resumable(&self, upload: &NewUpload, most: u32, most_of_client: u32) -> Result<bool, StoreError> {
         let begun = sqlx::query(
             "INSERT INTO resumable_uploads (id, asset_id, length, received, progress, expires_at_ns)
              SELECT $1, $2, $3, 0, 'receiving', $4
-             WHERE (SELECT COUNT(*) FROM resumable_uploads WHERE progress IN ('receiving', 'reading')) < $5",
+             WHERE (SELECT COUNT(*) FROM resumable_uploads WHERE progress IN ('receiving', 'reading')) < $5
+             AND (SELECT COUNT(*) FROM resumable_uploads WHERE progress IN ('receiving', 'reading') AND SUBSTR(id, 1, 8) = $6) < $7",
         )
         .bind(upload.id.as_str())
         .bind(upload.asset.as_str())
         .bind(i64::try_from(upload.length).unwrap_or(i64::MAX))
         .bind(to_ns(upload.expires_at)?)
         .bind(i64::from(most))
+        .bind(upload.id.get(..CLIENT_MARK).unwrap_or(&upload.id))
+        .bind(i64::from(most_of_client))
         .execute(self.write())
         .await?;
         Ok(begun.rows_affected() > 0)

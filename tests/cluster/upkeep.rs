@@ -121,7 +121,7 @@ fn a_right_goes_by_the_databases_clock_and_an_upload_stays_whatever_a_process_ta
             length: 10,
             expires_at: now + jiff::SignedDuration::from_hours(24),
         };
-        assert!(store.begin_resumable(&upload, 256).await.unwrap());
+        assert!(store.begin_resumable(&upload, 256, 64).await.unwrap());
         assert!(store.expire_resumable(ahead, 10).await.unwrap().is_empty());
         assert!(store.resumable("upload", ahead).await.unwrap().is_some());
     });
