@@ -5,6 +5,7 @@ mod access;
 mod alarms;
 mod assets;
 mod backups;
+mod clients;
 mod corrections;
 mod damaged_store;
 mod dashboard;
