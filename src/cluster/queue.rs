@@ -189,7 +189,8 @@ async fn objects_of(connection: &Connection, stream: String, subject: &str) -> R
 impl Queue {
     async fn full_or_away(&self) -> Option<String> {
         match self.connection.work_state().await {
-            Err(error) => Some(error.to_string()),
+            // Where the stream is missing, making it says why it cannot be made.
+            Err(_) => self.connection.prepare().await.err().map(|error| error.to_string()),
             Ok(state) => {
                 let settings = self.connection.settings();
                 let (most, most_bytes) = (settings.max_records, settings.max_bytes);
