@@ -2,7 +2,9 @@
 
 mod analyze;
 mod backup;
+mod cluster;
 mod convert;
+mod dead_letters;
 mod demo;
 mod error;
 mod evaluate;
@@ -55,6 +57,10 @@ enum Command {
     Serve(serve::ServeArgs),
     /// Analyse what the API nodes of a cluster take
     Work(work::WorkArgs),
+    /// How a cluster is: its queue and its workers
+    Cluster(cluster::ClusterArgs),
+    /// Records of a cluster that could not be stored
+    DeadLetters(dead_letters::DeadLettersArgs),
     /// Indicators and wear of recordings, without a server
     Analyze(analyze::AnalyzeArgs),
     /// Send recordings to a server
@@ -113,6 +119,8 @@ pub fn run() -> ExitCode {
         Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve::run(args).map_err(CliError::from),
         Command::Work(args) => work::run(args).map_err(CliError::from),
+        Command::Cluster(args) => cluster::run(args),
+        Command::DeadLetters(args) => dead_letters::run(args),
         Command::Analyze(args) => analyze::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Delete(args) => records::run(args, records::Change::Delete),

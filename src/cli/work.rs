@@ -16,7 +16,7 @@ pub(super) struct WorkArgs {
     /// Cache of libraries and files under way [default: ./flankwatch-data].
     #[arg(long, value_name = "DIR")]
     pub data_dir: Option<PathBuf>,
-    /// Address at which /healthz and /readyz are answered; nowhere where not given.
+    /// Address at which /healthz, /readyz and /metrics are answered; nowhere where not given.
     #[arg(long, value_name = "ADDR")]
     pub health: Option<SocketAddr>,
 }

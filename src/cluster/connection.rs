@@ -10,6 +10,9 @@ use async_nats::{Client, ConnectOptions, Event};
 
 use super::ClusterError;
 
+/// The consumer that all workers share.
+pub(super) const CONSUMER: &str = "workers";
+
 /// How long JetStream has for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -19,6 +22,9 @@ const MAX_UNACKNOWLEDGED: usize = 1024;
 /// How long JetStream remembers a record's name: the same one handed over again meanwhile is not queued
 /// twice.
 const REMEMBERED: Duration = Duration::from_secs(600);
+
+/// How long is kept what is known of a record's deliveries, where nobody takes it away.
+const ATTEMPTS_KEPT: Duration = Duration::from_secs(30 * 24 * 3600);
 
 /// Where NATS is and who asks.
 #[derive(Clone)]
@@ -140,6 +146,20 @@ impl Connection {
         })
     }
 
+    /// Waits for the connection; where there is none soon, that is said.
+    pub(super) async fn wait_until_connected(&self) -> Result<(), ClusterError> {
+        let connected = async {
+            while self.fault().is_some() {
+                tokio::time::sleep(Duration::from_millis(20)).await;
+            }
+        };
+        let waited = tokio::time::timeout(ANSWER_TIMEOUT, connected).await;
+        waited.map_err(|_| {
+            let urls = self.settings.urls.join(", ");
+            ClusterError::jetstream("be reached")(format!("no server answers at {urls}").into())
+        })
+    }
+
     /// Makes what is missing on the server and brings its limits up to the settings.
     pub(super) async fn prepare(&self) -> Result<(), ClusterError> {
         let settings = &self.settings;
@@ -172,9 +192,19 @@ impl Connection {
             retention: RetentionPolicy::Limits,
             discard: DiscardPolicy::Old,
             max_messages: settings.events_kept,
+            ..common.clone()
+        };
+        let attempts = StreamConfig {
+            name: self.attempts_stream(),
+            subjects: vec![format!("{}.*", self.attempts_subject())],
+            retention: RetentionPolicy::Limits,
+            discard: DiscardPolicy::Old,
+            max_messages: settings.max_records,
+            max_messages_per_subject: 1,
+            max_age: ATTEMPTS_KEPT,
             ..common
         };
-        for stream in [work, dead, events] {
+        for stream in [work, dead, events, attempts] {
             let made = self.jetstream.create_or_update_stream(stream).await;
             made.map_err(|error| ClusterError::jetstream("make a stream")(error.into()))?;
         }
@@ -184,6 +214,19 @@ impl Connection {
     /// Why nothing can be asked of NATS now; none where it is connected.
     pub(super) fn fault(&self) -> Option<&'static str> {
         (self.client.connection_state() != State::Connected).then_some("not connected")
+    }
+
+    /// Writes something small to JetStream, kept as a record is: where its disk is full, this fails too.
+    pub(super) async fn check_writable(&self) -> Result<(), ClusterError> {
+        let failed = || ClusterError::jetstream("write");
+        let sent = self
+            .jetstream
+            .publish(format!("{}.probe", self.attempts_subject()), "".into())
+            .await;
+        sent.map_err(|error| failed()(error.into()))?
+            .await
+            .map_err(|error| failed()(error.into()))?;
+        Ok(())
     }
 
     /// The queue's stream as it is.
@@ -215,12 +258,25 @@ impl Connection {
         format!("{}.dead", self.settings.name)
     }
 
+    pub(super) fn attempts_stream(&self) -> String {
+        format!("{}_attempts", self.settings.name)
+    }
+
+    pub(super) fn attempts_subject(&self) -> String {
+        format!("{}.attempts", self.settings.name)
+    }
+
     pub(super) fn events_stream(&self) -> String {
         format!("{}_events", self.settings.name)
     }
 
     pub(super) fn events_subject(&self) -> String {
         format!("{}.events", self.settings.name)
+    }
+
+    /// Where workers are asked for.
+    pub(super) fn workers_subject(&self) -> String {
+        format!("{}.workers", self.settings.name)
     }
 
     pub(super) fn changes_subject(&self) -> String {

@@ -9,12 +9,15 @@
 //! What is done with a record is the code of [`service`](crate::service); here is only what joins the
 //! processes.
 
+mod attempts;
 mod connection;
 mod dead_letters;
 mod error;
 mod events;
+mod fault;
 mod message;
 pub mod mqtt;
+mod overview;
 mod queue;
 mod settings;
 mod worker;
@@ -24,10 +27,11 @@ use std::sync::Arc;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-use crate::service::{Service, WorkQueue};
+use crate::service::{QueueOverview, Service, WorkQueue};
 use connection::Connection;
 
 pub use connection::{NatsCredentials, NatsSettings};
+pub use dead_letters::DeadLetter;
 pub use error::ClusterError;
 pub use events::Subscription;
 pub use queue::Queue;
@@ -58,6 +62,15 @@ impl Cluster {
         Ok(Self { connection })
     }
 
+    /// Connects to NATS to look at a cluster; nothing is made there.
+    ///
+    /// Errors: credentials that cannot be read; a server that refuses.
+    pub async fn look_at(settings: NatsSettings) -> Result<Self, ClusterError> {
+        let connection = Connection::open(settings).await?;
+        connection.wait_until_connected().await?;
+        Ok(Self { connection })
+    }
+
     /// The queue of an API node.
     pub fn queue_of_node(&self) -> Arc<dyn WorkQueue> {
         Arc::new(Queue::new(self.connection.clone(), true))
@@ -66,6 +79,31 @@ impl Cluster {
     /// The queue of a worker.
     pub fn queue_of_worker(&self) -> Arc<dyn WorkQueue> {
         Arc::new(Queue::new(self.connection.clone(), false))
+    }
+
+    /// What waits in the queue, and which workers answer.
+    pub async fn overview(&self) -> Result<QueueOverview, ClusterError> {
+        overview::look(&self.connection).await
+    }
+
+    /// The records that could not be stored.
+    pub async fn dead_letters(&self) -> Result<Vec<DeadLetter>, ClusterError> {
+        dead_letters::list(&self.connection).await
+    }
+
+    /// One of the records that could not be stored.
+    pub async fn dead_letter(&self, number: u64) -> Result<DeadLetter, ClusterError> {
+        dead_letters::letter(&self.connection, number).await
+    }
+
+    /// Puts the record of a dead letter back into the queue.
+    pub async fn retry_dead_letter(&self, number: u64) -> Result<(), ClusterError> {
+        dead_letters::retry(&self.connection, number).await
+    }
+
+    /// Takes a dead letter away; its raw bytes go where nothing else refers to them.
+    pub async fn drop_dead_letter(&self, number: u64) -> Result<(), ClusterError> {
+        dead_letters::drop_letter(&self.connection, number).await
     }
 
     /// Publishes to all nodes what a process announces, until it ends.

@@ -1,6 +1,7 @@
 //! The queue between API nodes and workers: a JetStream work-queue stream.
 
 use std::collections::HashSet;
+use std::time::Duration;
 
 use async_nats::jetstream::context::{PublishAckFuture, PublishError, PublishErrorKind};
 use async_nats::jetstream::message::PublishMessage;
@@ -10,9 +11,9 @@ use sha2::{Digest, Sha256};
 
 use super::ClusterError;
 use super::connection::Connection;
-use super::message;
+use super::{message, overview};
 use crate::asset::AssetId;
-use crate::service::{PartHealth, QueuedRecord, ServiceError, WorkQueue};
+use crate::service::{PartHealth, QueueOverview, QueuedRecord, ServiceError, WorkQueue};
 
 const FULL: ServiceError = ServiceError::Busy {
     what: "the workers' queue is full",
@@ -23,6 +24,12 @@ const AWAY: ServiceError = ServiceError::Busy {
     what: "the workers' queue cannot be reached",
     retry_after_s: 2,
 };
+
+/// How long the queue's server has to say that it works.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// What a message takes of the queue at most, as it usually is.
+const MESSAGE_BYTES: u64 = 512;
 
 /// The queue, and the notices of changed assets.
 pub struct Queue {
@@ -131,11 +138,23 @@ impl WorkQueue for Queue {
         });
     }
 
+    fn overview(&self) -> BoxFuture<'_, Result<QueueOverview, ServiceError>> {
+        Box::pin(async {
+            overview::look(&self.connection).await.map_err(|error| {
+                tracing::debug!(%error, "failed to look at the queue");
+                AWAY
+            })
+        })
+    }
+
     fn health(&self) -> BoxFuture<'_, Vec<PartHealth>> {
         Box::pin(async {
             let fault = match self.connection.fault() {
                 Some(fault) => Some(fault.to_owned()),
-                None => self.full_or_away().await,
+                None => {
+                    let looked = tokio::time::timeout(ANSWER_TIMEOUT, self.full_or_away()).await;
+                    looked.unwrap_or_else(|_| Some("does not answer".to_owned()))
+                }
             };
             vec![PartHealth {
                 part: "queue_server",
@@ -170,11 +189,19 @@ async fn objects_of(connection: &Connection, stream: String, subject: &str) -> R
 impl Queue {
     async fn full_or_away(&self) -> Option<String> {
         match self.connection.work_state().await {
-            Err(error) => Some(error.to_string()),
+            // Where the stream is missing, making it says why it cannot be made.
+            Err(_) => self.connection.prepare().await.err().map(|error| error.to_string()),
             Ok(state) => {
-                let most = self.connection.settings().max_records;
-                let is_full = self.fills && state.messages >= most.unsigned_abs();
-                is_full.then(|| format!("full: {} of {most} records wait", state.messages))
+                let settings = self.connection.settings();
+                let (most, most_bytes) = (settings.max_records, settings.max_bytes);
+                if self.fills && state.messages >= most.unsigned_abs() {
+                    return Some(format!("full: {} of {most} records wait", state.messages));
+                }
+                if self.fills && state.bytes.saturating_add(MESSAGE_BYTES) > most_bytes.unsigned_abs() {
+                    return Some(format!("full: {} of {most_bytes} bytes of messages wait", state.bytes));
+                }
+                let written = self.connection.check_writable().await;
+                written.err().map(|error| error.to_string())
             }
         }
     }

@@ -1,6 +1,7 @@
 //! A worker: takes records from the queue, has them analysed and stored, and only then acknowledges them.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
@@ -8,14 +9,13 @@ use async_nats::jetstream::{AckKind, Message};
 use futures_util::StreamExt;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
-use super::connection::Connection;
+use super::attempts::Attempts;
+use super::connection::{CONSUMER, Connection};
 use super::dead_letters;
-use super::{ClusterError, message};
+use super::fault::Fault;
+use super::{ClusterError, message, overview};
 use crate::asset::AssetId;
-use crate::service::{Accepted, QueuedRecord, Service, ServiceError};
-
-/// The consumer that all workers share.
-const CONSUMER: &str = "workers";
+use crate::service::{Accepted, QueuedRecord, Service, ServiceError, WorkerOverview};
 
 /// How long one question for records waits for some.
 const ASKED_FOR: Duration = Duration::from_secs(2);
@@ -24,15 +24,18 @@ const ASKED_FOR: Duration = Duration::from_secs(2);
 const FIRST_WAIT: Duration = Duration::from_millis(200);
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
-/// When a record that may be at fault itself is tried again.
+/// When a record that could not be dealt with is given out again.
 const TRIED_AGAIN: Duration = Duration::from_secs(10);
+
+/// How often a record is tried that may be at fault itself.
+const DOUBTFUL_TRIES: u32 = 5;
 
 /// What one worker does.
 #[derive(Debug, Clone)]
 pub struct WorkerLimits {
     /// Records worked on at once.
     pub at_once: usize,
-    /// A record that was given out so often without being finished goes to the dead letters.
+    /// A record that was given out so often without a worker coming back from it goes to the dead letters.
     pub max_deliveries: u32,
 }
 
@@ -52,17 +55,19 @@ pub(super) struct Worker {
     service: Arc<Service>,
     limits: WorkerLimits,
     stop: watch::Receiver<bool>,
+    /// Records that it works on.
+    in_work: Arc<AtomicU64>,
 }
 
-/// How a record that could not be stored is to be treated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Fault {
-    /// Something else is away: it is held until that is back.
-    Elsewhere,
-    /// Perhaps the record's own: it is given out again, but not for ever.
-    Doubtful,
-    /// The record's own: it never will be.
-    Own,
+/// What became of a record.
+#[derive(Debug)]
+enum Outcome {
+    /// It is stored, or its asset is gone.
+    Stored,
+    /// It can never be stored, for this reason.
+    GivenUp(String),
+    /// It could not be stored now: another delivery follows, after this wait.
+    GivenBack(Option<Duration>),
 }
 
 impl Worker {
@@ -74,6 +79,7 @@ impl Worker {
             service,
             limits,
             stop,
+            in_work: Arc::default(),
         }
     }
 
@@ -85,6 +91,7 @@ impl Worker {
         }
         let changes = tokio::spawn(self.clone().follow_changes());
         let turns = Arc::new(Semaphore::new(self.limits.at_once));
+        let answers = tokio::spawn(self.answer());
         let mut stop = self.stop.clone();
         while !*stop.borrow() {
             let worked = tokio::select! {
@@ -103,6 +110,20 @@ impl Worker {
         let all = u32::try_from(self.limits.at_once).unwrap_or(u32::MAX);
         let _ = turns.acquire_many(all).await;
         changes.abort();
+        answers.abort();
+    }
+
+    /// Tells of this worker whoever asks.
+    fn answer(&self) -> impl Future<Output = ()> + use<> {
+        let (service, in_work, at_once) = (Arc::clone(&self.service), Arc::clone(&self.in_work), self.limits.at_once);
+        let name = overview::worker_name();
+        overview::answer(self.connection.clone(), move || WorkerOverview {
+            name: name.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            in_work: in_work.load(Ordering::Relaxed),
+            at_once: at_once as u64,
+            stored: service.tally.stored(),
+        })
     }
 
     /// Takes records until something fails.
@@ -139,35 +160,51 @@ impl Worker {
                     // More than were asked for; it comes again.
                     continue;
                 };
-                tokio::spawn(self.clone().treat(message, turn));
+                let worker = self.clone();
+                tokio::spawn(async move {
+                    let in_work = Arc::clone(&worker.in_work);
+                    in_work.fetch_add(1, Ordering::Relaxed);
+                    worker.treat(message, turn).await;
+                    in_work.fetch_sub(1, Ordering::Relaxed);
+                });
             }
         }
     }
 
     async fn treat(self, message: Message, turn: OwnedSemaphorePermit) {
         let _turn = turn;
+        // A record that was never given out before, and met no error, is not noted anywhere.
+        let mut is_noted = deliveries(&message) > 1;
         let treated = tokio::select! {
-            treated = self.store(&message) => treated,
+            treated = self.store(&message, &mut is_noted) => treated,
             () = keep_alive(&message, self.connection.settings().ack_wait / 3) => return,
         };
         let kind = match treated {
-            Ok(()) => AckKind::Ack,
-            Err((Fault::Own, reason)) => match self.give_up(&message, &reason).await {
+            Outcome::Stored => AckKind::Ack,
+            Outcome::GivenUp(reason) => match self.give_up(&message, &reason).await {
                 Ok(()) => AckKind::Ack,
                 Err(error) => {
                     tracing::warn!(%error, reason, "failed to put a record among the dead letters: trying again later");
+                    self.excuse(&message, &reason).await;
                     AckKind::Nak(Some(TRIED_AGAIN))
                 }
             },
-            Err((Fault::Doubtful, reason)) => {
-                tracing::warn!(reason, "failed to store a record: giving it back to the queue");
-                AckKind::Nak(Some(TRIED_AGAIN))
-            }
-            Err((Fault::Elsewhere, _)) => AckKind::Nak(None),
+            Outcome::GivenBack(wait) => AckKind::Nak(wait),
         };
+        let is_done = matches!(kind, AckKind::Ack);
         // Where the acknowledgement is lost the record comes again, and is found stored.
         if let Err(error) = message.double_ack_with(kind).await {
             tracing::debug!(%error, "failed to confirm an acknowledgement");
+        } else if is_done && is_noted {
+            Attempts::forget(&self.connection, &message).await;
+        }
+    }
+
+    /// Notes that this delivery says nothing against the record. Where that cannot be noted it counts as one
+    /// from which no worker came back.
+    async fn excuse(&self, message: &Message, error: &str) {
+        if let Err(error) = Attempts::excuse(&self.connection, message, error).await {
+            tracing::warn!(%error, "failed to note the error of a record");
         }
     }
 
@@ -183,40 +220,75 @@ impl Worker {
     }
 
     /// Has the record of a message stored; holds it as long as something else is away.
-    async fn store(&self, message: &Message) -> Result<(), (Fault, String)> {
-        let record = message::decode(&message.payload).map_err(|error| (Fault::Own, error.to_string()))?;
-        let delivered = message.info().map_or(1, |info| info.delivered);
-        if delivered > i64::from(self.limits.max_deliveries) {
-            let reason = format!(
-                "given out {} times and never finished: it may be what ends its workers",
-                delivered - 1
-            );
-            return Err((Fault::Own, reason));
+    /// `is_noted` becomes true where an error was noted with it.
+    async fn store(&self, message: &Message, is_noted: &mut bool) -> Outcome {
+        let record = match message::decode(&message.payload) {
+            Ok(record) => record,
+            Err(error) => return Outcome::GivenUp(error.to_string()),
+        };
+        match self.crashed_too_often(message).await {
+            Ok(None) => {}
+            Ok(Some(reason)) => return Outcome::GivenUp(format!("segment {} of {}: {reason}", record.id, record.asset_id)),
+            Err(error) => {
+                tracing::warn!(%error, "failed to count the deliveries of a record: giving it back to the queue");
+                return Outcome::GivenBack(Some(TRIED_AGAIN));
+            }
         }
-        let mut wait = FIRST_WAIT;
+        let (mut wait, mut doubted, mut is_excused) = (FIRST_WAIT, 0, false);
         let mut stop = self.stop.clone();
         loop {
             let error = match self.store_once(&record).await {
-                Ok(Some(_)) => return Ok(()),
+                Ok(Some(_)) => return Outcome::Stored,
                 Ok(None) => {
                     tracing::info!(segment = %record.id, asset = %record.asset_id, "dropped a record whose asset was removed");
-                    return Ok(());
+                    return Outcome::Stored;
                 }
                 Err(error) => error,
             };
-            let fault = fault_of(&error);
-            if fault != Fault::Elsewhere {
-                return Err((fault, format!("segment {} of {}: {error}", record.id, record.asset_id)));
+            let reason = format!("segment {} of {}: {error}", record.id, record.asset_id);
+            match Fault::from(&error) {
+                Fault::Own => return Outcome::GivenUp(reason),
+                Fault::Doubtful => {
+                    doubted += 1;
+                    if doubted == DOUBTFUL_TRIES {
+                        return Outcome::GivenUp(format!("{reason} (tried {doubted} times)"));
+                    }
+                }
+                Fault::Elsewhere => {}
             }
-            if wait == FIRST_WAIT {
+            if !is_excused {
+                (is_excused, *is_noted) = (true, true);
+                // Before anybody can learn of it and end this worker.
+                self.excuse(message, &reason).await;
                 tracing::warn!(segment = %record.id, %error, "failed to store a record: holding it");
             }
             tokio::select! {
-                _ = stop.wait_for(|stop| *stop) => return Err((fault, error.to_string())),
+                _ = stop.wait_for(|stop| *stop) => return Outcome::GivenBack(None),
                 () = tokio::time::sleep(wait) => {}
             }
             wait = (2 * wait).min(LONGEST_WAIT);
         }
+    }
+
+    /// Why a record is not tried again: it was given out too often without a worker coming back from it.
+    async fn crashed_too_often(&self, message: &Message) -> Result<Option<String>, ClusterError> {
+        let (before, most) = (deliveries(message) - 1, i64::from(self.limits.max_deliveries));
+        if before < most {
+            return Ok(None);
+        }
+        let known = Attempts::of(&self.connection, message).await?;
+        let crashes = before - known.excused;
+        if crashes < most {
+            return Ok(None);
+        }
+        let last = if known.last_error.is_empty() {
+            String::new()
+        } else {
+            format!("; its last error: {}", known.last_error)
+        };
+        Ok(Some(format!(
+            "given out {crashes} times and never finished: it may be what ends its workers{last}"
+        )))
     }
 
     async fn store_once(&self, record: &QueuedRecord) -> Result<Option<Accepted>, ServiceError> {
@@ -246,6 +318,11 @@ impl Worker {
     }
 }
 
+/// How often a message was given out, this time included.
+fn deliveries(message: &Message) -> i64 {
+    message.info().map_or(1, |info| info.delivered)
+}
+
 /// Says again and again that a message is worked on; never returns.
 async fn keep_alive(message: &Message, every: Duration) {
     loop {
@@ -253,14 +330,5 @@ async fn keep_alive(message: &Message, every: Duration) {
         if let Err(error) = message.ack_with(AckKind::Progress).await {
             tracing::debug!(%error, "failed to extend the time of a record");
         }
-    }
-}
-
-fn fault_of(error: &ServiceError) -> Fault {
-    match error {
-        ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) => Fault::Elsewhere,
-        ServiceError::Store(error) if error.is_unavailable() || error.is_conflict() => Fault::Elsewhere,
-        ServiceError::Recording(_) | ServiceError::Field { .. } | ServiceError::QueuedOtherwise { .. } => Fault::Own,
-        _ => Fault::Doubtful,
     }
 }

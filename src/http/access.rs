@@ -174,6 +174,16 @@ pub(super) fn unreadable(error: &TokenError) -> Problem {
     )
 }
 
+impl Access {
+    /// Whether a token that opened something still does. Where that cannot be asked, it does.
+    pub(super) async fn still_takes(&self, caller: &Caller) -> bool {
+        match self.tokens.list().await {
+            Ok(tokens) => tokens.is_some_and(|tokens| find(&tokens, &caller.presented).is_some()),
+            Err(_) => true,
+        }
+    }
+}
+
 /// The token of the `authorization` header.
 fn bearer(headers: &HeaderMap) -> Option<&str> {
     let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;

@@ -9,7 +9,10 @@ use super::limits::HttpLimits;
 use super::line_cache::LineCache;
 use super::measurements::Measurements;
 use super::preview_model::PreviewModels;
+use super::queue_metrics::QueueWatch;
 use super::reading_waits::ReadingWaits;
+use super::shares::Shares;
+use super::write_probe::WriteProbe;
 use crate::service::Service;
 
 /// The service and what the API keeps beside it; a clone is another handle.
@@ -24,4 +27,7 @@ pub(super) struct App {
     pub(super) uploads: Arc<Path>,
     pub(super) lines: Arc<LineCache>,
     pub(super) previews: Arc<PreviewModels>,
+    pub(super) event_streams: Shares,
+    pub(super) write_probe: Arc<WriteProbe>,
+    pub(super) queue_watch: Arc<QueueWatch>,
 }

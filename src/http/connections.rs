@@ -1,11 +1,17 @@
 //! Connections: how many at once, how long a client may take, and TLS.
 
+use std::convert::Infallible;
+use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
+use axum::http::{HeaderValue, Request, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use hyper_util::service::TowerToHyperService;
@@ -19,10 +25,18 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::{self, ServerConfig};
 
 use super::limits::HttpLimits;
+use super::problem::Problem;
+use super::shares::{Client, PeerAddress, Shares};
 use super::start_error::StartError;
 
 /// Header fields of one request.
 const MAX_HEADERS: usize = 100;
+
+/// Connections beyond the limit, each for one request: health is answered, everything else is refused.
+const RESERVE: usize = 32;
+
+/// How long a client may take to send its request's head over a connection of the reserve.
+const RESERVE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Wait after the system refused a connection, most often because it has no file descriptors left.
 const AFTER_REFUSAL: Duration = Duration::from_millis(100);
@@ -64,21 +78,23 @@ pub(super) async fn serve(
     limits: Arc<HttpLimits>,
     mut stop: oneshot::Receiver<()>,
 ) {
-    // Those beyond wait in the system's queue.
-    let places = Arc::new(Semaphore::new(limits.connections));
+    // One client leaves a quarter to the others.
+    let places = Shares::new(limits.connections, limits.connections.saturating_mul(3) / 4);
+    // Those beyond it wait in the system's queue.
+    let reserve = Arc::new(Semaphore::new(RESERVE));
     let graceful = GracefulShutdown::new();
     loop {
         let accept = async {
-            let place = Arc::clone(&places).acquire_owned().await;
-            (place, listener.accept().await)
+            let reserved = Arc::clone(&reserve).acquire_owned().await;
+            (reserved, listener.accept().await)
         };
-        let (place, accepted) = tokio::select! {
+        let (reserved, accepted) = tokio::select! {
             // An error says that the handle is gone, which also ends the service.
             _ = &mut stop => break,
             accepted = accept => accepted,
         };
-        let stream = match accepted {
-            Ok((stream, _)) => stream,
+        let (stream, from) = match accepted {
+            Ok((stream, from)) => (stream, from.ip().to_canonical()),
             Err(error) => {
                 tracing::warn!(%error, "failed to accept a connection");
                 tokio::time::sleep(AFTER_REFUSAL).await;
@@ -86,14 +102,21 @@ pub(super) async fn serve(
             }
         };
         let (router, tls, limits, watcher) = (router.clone(), tls.clone(), Arc::clone(&limits), graceful.watcher());
+        let place = places.take(Client::Address(Some(from)));
+        let peer = Peer {
+            address: from,
+            is_in_reserve: place.is_none(),
+        };
+        // A connection that has a place leaves the reserve to others.
+        let reserved = place.is_none().then_some(reserved);
         tokio::spawn(async move {
-            let _place = place;
+            let _held = (place, reserved);
             let _ = stream.set_nodelay(true);
             let Some(tls) = tls else {
-                return talk(stream, router, &limits, watcher).await;
+                return talk(stream, router, &limits, peer, watcher).await;
             };
-            match tokio::time::timeout(limits.header_timeout, tls.accept(stream)).await {
-                Ok(Ok(stream)) => talk(stream, router, &limits, watcher).await,
+            match tokio::time::timeout(peer.header_timeout(&limits), tls.accept(stream)).await {
+                Ok(Ok(stream)) => talk(stream, router, &limits, peer, watcher).await,
                 Ok(Err(error)) => tracing::debug!(%error, "TLS handshake failed"),
                 Err(_) => tracing::debug!("TLS handshake timed out"),
             }
@@ -103,17 +126,61 @@ pub(super) async fn serve(
     graceful.shutdown().await;
 }
 
+/// Who is at the other end of a connection.
+#[derive(Debug, Clone, Copy)]
+struct Peer {
+    address: IpAddr,
+    /// There was no place: one request is answered, and only about health.
+    is_in_reserve: bool,
+}
+
+impl Peer {
+    fn header_timeout(self, limits: &HttpLimits) -> Duration {
+        if self.is_in_reserve {
+            limits.header_timeout.min(RESERVE_TIMEOUT)
+        } else {
+            limits.header_timeout
+        }
+    }
+
+    /// Why a request is not answered here.
+    fn refusal(self, path: &str) -> Option<Response> {
+        let is_refused = self.is_in_reserve && !matches!(path, "/healthz" | "/readyz");
+        is_refused.then(|| Problem::busy("all connections that one client or all together may have are taken", 1).into_response())
+    }
+}
+
+/// Has the connection end after an answer.
+pub(super) fn closing(mut response: Response) -> Response {
+    response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    response
+}
+
 /// Serves the requests of one connection.
-async fn talk(stream: impl AsyncRead + AsyncWrite + Send + 'static, router: Router, limits: &HttpLimits, watcher: Watcher) {
+async fn talk(stream: impl AsyncRead + AsyncWrite + Send + 'static, router: Router, limits: &HttpLimits, peer: Peer, watcher: Watcher) {
     // A client that does not read its answer gives its place free.
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.write_timeout));
+    let router = TowerToHyperService::new(router);
+    let answer = move |mut request: Request<Incoming>| {
+        let refusal = peer.refusal(request.uri().path());
+        request.extensions_mut().insert(PeerAddress(peer.address));
+        let answered = refusal.is_none().then(|| router.call(request));
+        async move {
+            let response = match (refusal, answered) {
+                (Some(refusal), _) => refusal,
+                (None, Some(answered)) => answered.await?,
+                (None, None) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
+            };
+            Ok::<_, Infallible>(if peer.is_in_reserve { closing(response) } else { response })
+        }
+    };
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
-        .header_read_timeout(limits.header_timeout)
+        .header_read_timeout(peer.header_timeout(limits))
         .max_buf_size(limits.header_bytes)
         .max_headers(MAX_HEADERS)
-        .serve_connection(TokioIo::new(Box::pin(stream)), TowerToHyperService::new(router));
+        .serve_connection(TokioIo::new(Box::pin(stream)), service_fn(answer));
     if let Err(error) = watcher.watch(connection).await {
         tracing::debug!(%error, "connection ended");
     }

@@ -7,26 +7,35 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::sse::{Event, KeepAlive, Sse};
-use futures_util::Stream;
+use axum::response::{IntoResponse, Response};
 use futures_util::stream::unfold;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use tokio::sync::watch;
+use tokio::time::Instant;
 
 use super::alarms::AlarmView;
 use super::app::App;
+use super::connections::closing;
 use super::event_ring::{EventRing, Next};
 use super::maintenance::EventView;
-use super::problem::Problem;
+use super::problem::{Details, Problem};
 use super::query::Parameters;
+use super::session::Caller;
+use super::shares::{Client, Share};
 use crate::asset::AssetId;
 use crate::service::{LiveEvent, NumberedEvent, SegmentPlace};
 use crate::store::AlarmNotice;
 
 /// How often a quiet connection is kept from being taken for dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// How often is looked whether the token that opened a stream is still taken.
+const TOKEN_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The name of an event, and its data.
 fn named(event: &LiveEvent) -> (&'static str, Value) {
@@ -96,52 +105,104 @@ pub(super) struct EventParameters {
         EventParameters,
         ("last-event-id" = Option<String>, Header, description = "The id of the last event seen"),
     ),
-    responses((status = 200, body = ServerEvent, content_type = "text/event-stream")),
+    responses(
+        (status = 200, body = ServerEvent, content_type = "text/event-stream"),
+        (status = 503, body = Details, content_type = "application/problem+json", description = "Too many are open"),
+    ),
 )]
 pub(super) async fn stream(
     State(app): State<App>,
     Parameters(asked): Parameters<EventParameters>,
+    client: Client,
+    caller: Option<Extension<Caller>>,
     headers: HeaderMap,
-) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
+) -> Result<Response, Problem> {
     if let Some(asset) = &asked.asset {
         app.service.store.asset(asset).await?;
     }
-    let events = Arc::clone(&app.events);
-    let (latest, over) = events.subscribe();
+    let Some(share) = app.event_streams.take(client) else {
+        // The connection would only wait; others need its place.
+        return Ok(closing(
+            Problem::busy("too many event streams are open, of this client or of all together", 30).into_response(),
+        ));
+    };
     let last = headers.get("last-event-id").and_then(|last| last.to_str().ok());
-    let known = last.map(|last| events.position(last));
-    // Without a position of this run it begins with what happens now; a client that had one is told that it
-    // missed something.
-    let position = known.flatten().unwrap_or_else(|| events.end_position());
-    let restarted = matches!(known, Some(None));
-    let from = (events, latest, over, position, restarted);
-    let stream = unfold(from, move |(events, mut latest, mut over, mut position, restarted)| {
-        let asset = asked.asset.clone();
-        async move {
-            if restarted {
-                let event = Event::default().event("lost").id(events.id(position)).data("{\"events\":null}");
-                return Some((Ok(event), (events, latest, over, position, false)));
+    let follower = Follower::new(app, asked.asset, caller.map(|Extension(caller)| caller), last, share);
+    let stream = unfold(follower, async |mut follower| {
+        let event = follower.next().await?;
+        Some((Ok::<_, Infallible>(event), follower))
+    });
+    Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+}
+
+/// Who follows what happens.
+struct Follower {
+    app: App,
+    asset: Option<AssetId>,
+    /// Whose token opened the stream; it ends when that is revoked.
+    caller: Option<Caller>,
+    position: u64,
+    /// It had a position of another run, and is told that it missed something.
+    is_restarted: bool,
+    latest: watch::Receiver<u64>,
+    over: watch::Receiver<bool>,
+    token_seen_at: Instant,
+    _share: Share,
+}
+
+impl Follower {
+    fn new(app: App, asset: Option<AssetId>, caller: Option<Caller>, last: Option<&str>, share: Share) -> Self {
+        let (latest, over) = app.events.subscribe();
+        let known = last.map(|last| app.events.position(last));
+        Self {
+            // Without a position of this run it begins with what happens now.
+            position: known.flatten().unwrap_or_else(|| app.events.end_position()),
+            is_restarted: matches!(known, Some(None)),
+            app,
+            asset,
+            caller,
+            latest,
+            over,
+            token_seen_at: Instant::now(),
+            _share: share,
+        }
+    }
+
+    /// What happens next; none at the end of the service, and where the token was revoked.
+    async fn next(&mut self) -> Option<Event> {
+        let events = Arc::clone(&self.app.events);
+        if std::mem::take(&mut self.is_restarted) {
+            return Some(
+                Event::default()
+                    .event("lost")
+                    .id(events.id(self.position))
+                    .data("{\"events\":null}"),
+            );
+        }
+        loop {
+            if self.token_seen_at.elapsed() >= TOKEN_INTERVAL {
+                self.token_seen_at = Instant::now();
+                if let Some(caller) = &self.caller
+                    && !self.app.access.still_takes(caller).await
+                {
+                    return None;
+                }
             }
-            loop {
-                // Seen before it is looked for, so that nothing slips in between.
-                latest.mark_unchanged();
-                let event = match events.next(&mut position, asset.as_ref()) {
-                    Next::Event(event) => server_event(&events, &event),
-                    Next::Lost(count) => Event::default()
-                        .event("lost")
-                        .id(events.id(position))
-                        .data(json!({ "events": count }).to_string()),
-                    Next::Nothing => {
-                        tokio::select! {
-                            _ = over.wait_for(|over| *over) => return None,
-                            changed = latest.changed() => changed.ok()?,
-                        }
-                        continue;
-                    }
-                };
-                return Some((Ok(event), (events, latest, over, position, false)));
+            // Seen before it is looked for, so that nothing slips in between.
+            self.latest.mark_unchanged();
+            match events.next(&mut self.position, self.asset.as_ref()) {
+                Next::Event(event) => return Some(server_event(&events, &event)),
+                Next::Lost(count) => {
+                    let lost = Event::default().event("lost").id(events.id(self.position));
+                    return Some(lost.data(json!({ "events": count }).to_string()));
+                }
+                Next::Nothing => {}
+            }
+            tokio::select! {
+                _ = self.over.wait_for(|over| *over) => return None,
+                changed = self.latest.changed() => changed.ok()?,
+                () = tokio::time::sleep_until(self.token_seen_at + TOKEN_INTERVAL), if self.caller.is_some() => {}
             }
         }
-    });
-    Ok(Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)))
+    }
 }

@@ -1,24 +1,25 @@
-//! Whether the service lives and whether it can work.
+//! Whether the service lives, whether it can be read, and whether it can take records.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::Duration;
 
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tokio::net::TcpListener;
 
 use super::app::App;
+use super::metrics;
+use super::problem::Problem;
+use super::query::Parameters;
+use super::queue_metrics::QueueWatch;
 use super::start_error::StartError;
-use crate::service::{PartHealth, Service};
-
-/// How long the database has to answer before it counts as away.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
+use super::write_probe::{ANSWER_TIMEOUT, WriteProbe};
+use crate::service::Service;
 
 /// That the process lives.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -29,20 +30,46 @@ pub(super) struct Alive {
     version: &'static str,
 }
 
-/// Whether the service can take records.
+/// What the service is to be ready for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+enum Purpose {
+    /// To show what is stored: the database answers.
+    Reading,
+    /// To take records too: everything that keeps a part of one can be written, and the queue has room.
+    #[default]
+    Records,
+}
+
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ReadyParameters {
+    /// For what: `reading` what is stored, or taking `records` too, which is what is meant where it is not
+    /// given.
+    #[serde(default, rename = "for")]
+    #[param(value_type = Option<Purpose>, example = "reading")]
+    purpose: Purpose,
+}
+
+/// Whether the service is ready for what was asked.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Ready {
     /// `ok` or `unavailable`.
     status: &'static str,
-    /// `ok`, or why the database does not answer, or what is damaged of it.
+    /// What was asked for.
+    #[serde(rename = "for")]
+    purpose: Purpose,
+    /// `ok`, or why the database does not answer or takes nothing, or what is damaged of it.
     database: String,
     /// `ok`, or why nothing is removed from the raw recordings: the database does not know them.
     raw_recordings: String,
-    /// `ok`, or why a record cannot be kept: the disk is full, for example.
-    room: String,
+    /// Asked for records: `ok`, or why a record cannot be kept: the disk is full, for example.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    room: Option<String>,
     /// Records being processed or waiting.
     queue: Queue,
-    /// Of a node of a cluster: `ok`, or why another part that it needs cannot be used.
+    /// Asked for records, of a process of a cluster: `ok`, or why another part that it needs cannot be used.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     parts: BTreeMap<&'static str, String>,
     /// Connections over which records come besides requests; absent where there are none. Requests are taken
@@ -83,97 +110,73 @@ pub(super) async fn alive() -> Json<Alive> {
     })
 }
 
-/// Whether the service can take records
+/// Whether the service can be read, or can take records
+///
+/// Taking records is found out by writing: to the database and, in a cluster, to the object store and the
+/// queue, at most every 2 s.
 #[utoipa::path(
     get,
     path = "/readyz",
     tag = "service",
+    params(ReadyParameters),
     responses((status = 200, body = Ready), (status = 503, body = Ready, description = "Not now")),
 )]
-pub(super) async fn ready(State(app): State<App>) -> Response {
-    let (status, ready) = readiness(&app.service).await;
-    let mut response = (status, ready).into_response();
-    if status == StatusCode::SERVICE_UNAVAILABLE {
-        response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(5));
-    }
-    response
+pub(super) async fn ready(State(app): State<App>, Parameters(asked): Parameters<ReadyParameters>) -> Response {
+    readiness(&app.service, &app.write_probe, asked.purpose).await
 }
 
-async fn readiness(service: &Service) -> (StatusCode, Json<Ready>) {
+async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose) -> Response {
     let database = tokio::time::timeout(ANSWER_TIMEOUT, service.store.check()).await;
-    let database = match database {
+    let mut database = match database {
         Ok(Ok(())) => None,
         Ok(Err(error)) => Some(error.to_string()),
         Err(_) => Some("does not answer".to_owned()),
     };
-    let room = room(service).await;
     let (used, limit) = service.workers.queue();
-    let mut health = match service.role.queue() {
-        Some(queue) => queue.health().await,
-        None => Vec::new(),
-    };
-    if service.store.is_shared() {
-        health.push(object_store(service).await);
-    }
-    let is_ready = database.is_none() && room.is_none() && used < limit && health.iter().all(|part| part.fault.is_none());
-    let status = if is_ready {
-        StatusCode::OK
-    } else {
-        StatusCode::SERVICE_UNAVAILABLE
-    };
+    let mut is_ready = database.is_none();
     let or_ok = |fault: Option<String>| fault.unwrap_or_else(|| "ok".to_owned());
-    let parts = Ready {
+    let (mut room, mut parts) = (None, BTreeMap::new());
+    if purpose == Purpose::Records {
+        let found = probe.ask(service).await;
+        is_ready &= found.is_whole() && used < limit;
+        database = database.or(found.database);
+        room = Some(or_ok(found.room));
+        parts.extend(found.parts.into_iter().map(|part| (part.part, or_ok(part.fault))));
+    }
+    let ready = Ready {
         status: if is_ready { "ok" } else { "unavailable" },
+        purpose,
         database: or_ok(database),
         raw_recordings: or_ok(service.store.held()),
-        room: or_ok(room),
+        room,
         queue: Queue { used, limit },
-        parts: health.into_iter().map(|part| (part.part, or_ok(part.fault))).collect(),
+        parts,
         feeds: feeds(service),
     };
-    (status, Json(parts))
+    if is_ready {
+        return Json(ready).into_response();
+    }
+    let mut response = (StatusCode::SERVICE_UNAVAILABLE, Json(ready)).into_response();
+    response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(5));
+    response
 }
 
-/// Why a record cannot be kept; none where it can.
-async fn room(service: &Service) -> Option<String> {
-    // What is damaged is not written to, and is told by itself.
-    if service.store.damage().is_some() {
-        return None;
-    }
-    let store = service.store.clone();
-    let look = tokio::task::spawn_blocking(move || store.objects().check_room());
-    match tokio::time::timeout(ANSWER_TIMEOUT, look).await {
-        Ok(Ok(Ok(()))) => None,
-        Ok(Ok(Err(error))) => Some(error.to_string()),
-        Ok(Err(error)) => Some(error.to_string()),
-        Err(_) => Some("the disk does not answer".to_owned()),
-    }
-}
-
-async fn object_store(service: &Service) -> PartHealth {
-    let store = service.store.clone();
-    // Whether it is there does not matter.
-    let look = tokio::task::spawn_blocking(move || store.objects().written_at(&"0".repeat(64)));
-    let fault = match tokio::time::timeout(ANSWER_TIMEOUT, look).await {
-        Ok(Ok(Ok(_))) => None,
-        Ok(Ok(Err(error))) => Some(error.to_string()),
-        Ok(Err(error)) => Some(error.to_string()),
-        Err(_) => Some("does not answer".to_owned()),
-    };
-    PartHealth {
-        part: "object_store",
-        fault,
-    }
-}
-
-/// Tells of a process that answers nothing else whether it lives and can work.
+/// Tells of a process that answers nothing else whether it lives and can work, and what it measures.
 pub struct HealthServer {
     address: SocketAddr,
     task: tokio::task::JoinHandle<()>,
 }
 
+/// What is told about.
+#[derive(Clone)]
+struct Watched {
+    service: Arc<Service>,
+    write_probe: Arc<WriteProbe>,
+    queue: Arc<QueueWatch>,
+}
+
 impl HealthServer {
-    /// Answers `/healthz` and `/readyz` on an address.
+    /// Answers `/healthz`, `/readyz` and `/metrics` on an address.
     ///
     /// Error: it cannot be listened on.
     pub async fn start(address: SocketAddr, service: Arc<Service>) -> Result<Self, StartError> {
@@ -182,11 +185,13 @@ impl HealthServer {
         let bound = listener.local_addr().map_err(failed)?;
         let router = axum::Router::new()
             .route("/healthz", get(alive))
-            .route(
-                "/readyz",
-                get(|State(service): State<Arc<Service>>| async move { readiness(&service).await }),
-            )
-            .with_state(service);
+            .route("/readyz", get(ready_of_worker))
+            .route("/metrics", get(metrics_of_worker))
+            .with_state(Watched {
+                service,
+                write_probe: Arc::default(),
+                queue: Arc::default(),
+            });
         let task = tokio::spawn(async move {
             if let Err(error) = axum::serve(listener, router).await {
                 tracing::error!(%error, "the health server stopped");
@@ -199,6 +204,14 @@ impl HealthServer {
     pub fn address(&self) -> SocketAddr {
         self.address
     }
+}
+
+async fn ready_of_worker(State(watched): State<Watched>, Parameters(asked): Parameters<ReadyParameters>) -> Response {
+    readiness(&watched.service, &watched.write_probe, asked.purpose).await
+}
+
+async fn metrics_of_worker(State(watched): State<Watched>) -> Result<impl IntoResponse, Problem> {
+    metrics::of_worker(&watched.service, &watched.queue).await
 }
 
 impl Drop for HealthServer {

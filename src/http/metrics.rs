@@ -10,7 +10,8 @@ use super::asset_metrics::{alarms, assets};
 use super::metrics_text::MetricsText;
 use super::problem::Problem;
 use super::query::Parameters;
-use crate::service::FeedCount;
+use super::queue_metrics::QueueWatch;
+use crate::service::{FeedCount, Service};
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -33,21 +34,33 @@ pub(super) struct MetricsParameters {
 pub(super) async fn show(State(app): State<App>, Parameters(asked): Parameters<MetricsParameters>) -> Result<impl IntoResponse, Problem> {
     let wanted: Option<Vec<&str>> = asked.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
     let mut text = MetricsText::default();
-    service(&app, &mut text).await?;
+    process(&app.service, &mut text).await?;
+    app.measurements.write(&mut text);
+    app.queue_watch.write(&app.service, &mut text).await;
     assets(&app, wanted.as_deref(), &mut text).await?;
     alarms(&app, &mut text).await?;
-    Ok((
-        [(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")],
-        text.into_string(),
-    ))
+    Ok(page(text))
 }
 
-async fn service(app: &App, text: &mut MetricsText) -> Result<(), Problem> {
+/// What a worker measures: nothing of single assets, which API nodes show.
+pub(super) async fn of_worker(service: &Service, queue: &QueueWatch) -> Result<impl IntoResponse + use<>, Problem> {
+    let mut text = MetricsText::default();
+    process(service, &mut text).await?;
+    queue.write(service, &mut text).await;
+    Ok(page(text))
+}
+
+fn page(text: MetricsText) -> impl IntoResponse + use<> {
+    let content_type = [(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")];
+    (content_type, text.into_string())
+}
+
+async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Problem> {
     text.head("flankwatch_build_info", "gauge", "The running version.");
     text.line("flankwatch_build_info", &[("version", env!("CARGO_PKG_VERSION"))], 1);
-    let segments = app.service.store.segment_count().await?;
+    let segments = service.store.segment_count().await?;
     text.single("flankwatch_segments", "gauge", "Segments in the store.", segments);
-    let tally = &app.service.tally;
+    let tally = &service.tally;
     text.head(
         "flankwatch_records_total",
         "counter",
@@ -62,7 +75,7 @@ async fn service(app: &App, text: &mut MetricsText) -> Result<(), Problem> {
     for (outcome, count) in outcomes {
         text.line("flankwatch_records_total", &[("outcome", outcome)], count);
     }
-    let (used, most) = app.service.workers.queue();
+    let (used, most) = service.workers.queue();
     text.single("flankwatch_ingest_queue_used", "gauge", "Uploads being processed or waiting.", used);
     text.single(
         "flankwatch_ingest_queue_limit",
@@ -70,13 +83,12 @@ async fn service(app: &App, text: &mut MetricsText) -> Result<(), Problem> {
         "Uploads beyond which further ones are refused.",
         most,
     );
-    feeds(app, text);
-    app.measurements.write(text);
+    feeds(service, text);
     Ok(())
 }
 
-fn feeds(app: &App, text: &mut MetricsText) {
-    let feeds = app.service.feeds.all();
+fn feeds(service: &Service, text: &mut MetricsText) {
+    let feeds = service.feeds.all();
     if feeds.is_empty() {
         return;
     }

@@ -9,13 +9,14 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::StatusCode;
-use jiff::SignedDuration;
+use jiff::{SignedDuration, Timestamp};
 
 use super::app::App;
 use super::body::BodySource;
 use super::piece_reader::PieceReader;
 use super::problem::Problem;
 use super::resumable_upload::ResumableUpload;
+use super::shares::Client;
 use super::uploads::{self, UploadAnswer};
 use crate::asset::AssetId;
 use crate::service::{ServiceError, blocking, detached};
@@ -49,28 +50,38 @@ pub(super) async fn start(app: &App) -> Result<(), ServiceError> {
         return Ok(());
     }
     if !app.service.store.is_shared() {
-        app.service.store.resume_resumable(app.service.now() + KEPT).await?;
+        app.service.store.resume_resumable(kept_until(app).await?).await?;
         app.service.uploads.remove_forgotten().await?;
     }
     tokio::spawn(watch(app.clone()));
     Ok(())
 }
 
+/// When an upload goes that does not go on from now, by the clock of the store.
+async fn kept_until(app: &App) -> Result<Timestamp, ServiceError> {
+    Ok(app.service.store.now(app.service.now()).await? + KEPT)
+}
+
 /// Begins an upload for an asset that is there.
-pub(super) async fn begin(app: &App, asset: AssetId, length: u64) -> Result<ResumableUpload, Problem> {
+pub(super) async fn begin(app: &App, client: &Client, asset: AssetId, length: u64) -> Result<ResumableUpload, Problem> {
     app.service.uploads.expire().await?;
     let mut random = [0; 12];
     getrandom::fill(&mut random).map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
     let new = NewUpload {
-        id: hex::encode(random),
+        id: format!("{}{}", client.mark(), hex::encode(random)),
         asset,
         length,
-        expires_at: app.service.now() + KEPT,
+        expires_at: kept_until(app).await?,
     };
-    if app.service.store.begin_resumable(&new, app.limits.uploads_at_once).await? {
+    // One client leaves a quarter to the others.
+    let most = app.limits.uploads_at_once;
+    if app.service.store.begin_resumable(&new, most, most - most / 4).await? {
         find(app, &new.id).await
     } else {
-        Err(Problem::busy("too many uploads are under way", 60))
+        Err(Problem::busy(
+            "too many uploads are under way, of this client or of all together",
+            60,
+        ))
     }
 }
 
@@ -163,14 +174,14 @@ async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<R
 async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) -> Result<(), Problem> {
     let (store, id, count) = (app.service.store.clone(), upload.id.clone(), bytes.len() as u64);
     let object = blocking("store an upload", move || store.objects().put_piece(&id, bytes.into())).await??;
-    let (store, now) = (&app.service.store, app.service.now());
+    let (store, expires_at) = (&app.service.store, kept_until(app).await?);
     let piece = UploadPiece { bytes: count, object };
-    if store.add_piece(&upload.id, upload.offset, &piece, now + KEPT).await? {
+    if store.add_piece(&upload.id, upload.offset, &piece, expires_at).await? {
         upload.offset += count;
-        upload.expires_at = now + KEPT;
+        upload.expires_at = expires_at;
         return Ok(());
     }
-    if store.resumable(&upload.id, now).await?.is_none() {
+    if store.resumable(&upload.id, app.service.now()).await?.is_none() {
         // It was given up meanwhile, and nobody else removes what came after that.
         app.service.uploads.remove(vec![upload.id.clone()]).await?;
         return Err(unknown(&upload.id));
@@ -230,7 +241,7 @@ async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer
             return None;
         }
         match taken {
-            Err(problem) if problem.may_pass() && app.service.now() < upload.expires_at => {
+            Err(problem) if problem.may_pass() && is_kept(app, upload).await => {
                 tracing::debug!(
                     upload = upload.id,
                     problem = problem.detail(),
@@ -245,6 +256,12 @@ async fn read(app: &App, upload: &ResumableUpload) -> Option<Result<UploadAnswer
         }
     }
     None
+}
+
+/// Whether an upload is still kept; while nobody can say, it is.
+async fn is_kept(app: &App, upload: &ResumableUpload) -> bool {
+    let now = app.service.store.now(app.service.now()).await;
+    now.map_or(true, |now| now < upload.expires_at)
 }
 
 async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, Problem> {
@@ -267,7 +284,7 @@ async fn end(app: &App, upload: &ResumableUpload, taken: &Result<UploadAnswer, P
         Ok(Err(_)) => Err("its result cannot be written down"),
         Err(problem) => Err(problem.detail()),
     };
-    let expires_at = app.service.now() + KEPT;
+    let expires_at = kept_until(app).await?;
     match app.service.store.finish_reading(&upload.id, result, expires_at).await {
         Err(error) if error.is_full() => {
             // There is room once its pieces are gone: all of it is read.

@@ -17,6 +17,7 @@ use super::measurements::Measurements;
 use super::resumable;
 use super::router::router;
 use super::shared_tokens::SharedTokens;
+use super::shares::Shares;
 use super::start_error::StartError;
 use super::tokens::Tokens;
 use crate::library::GridSettings;
@@ -184,6 +185,9 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
         uploads: uploads.into(),
         lines: Arc::default(),
         previews: Arc::default(),
+        event_streams: Shares::new(limits.connections / 2, limits.connections / 4),
+        write_probe: Arc::default(),
+        queue_watch: Arc::default(),
     };
     resumable::start(&app).await?;
     let (stop, stopped) = oneshot::channel();

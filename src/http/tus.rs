@@ -16,6 +16,7 @@ use super::problem::{Details, Problem};
 use super::query::NameInPath;
 use super::resumable;
 use super::resumable_upload::ResumableUpload;
+use super::shares::Client;
 use crate::asset::AssetId;
 
 const VERSION: &str = "1.0.0";
@@ -112,7 +113,7 @@ fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, Str
         (status = 507, body = Details, content_type = "application/problem+json", description = "There is no room"),
     ),
 )]
-pub(super) async fn create(State(app): State<App>, headers: HeaderMap) -> Result<Response, Problem> {
+pub(super) async fn create(State(app): State<App>, client: Client, headers: HeaderMap) -> Result<Response, Problem> {
     check_version(&headers)?;
     let length = number(&headers, &LENGTH)?;
     let most = app.limits.recording_bytes;
@@ -129,7 +130,7 @@ pub(super) async fn create(State(app): State<App>, headers: HeaderMap) -> Result
         )
     })?;
     app.service.store.asset(&asset).await?;
-    let upload = resumable::begin(&app, asset, length).await?;
+    let upload = resumable::begin(&app, &client, asset, length).await?;
     let location = format!("/v1/uploads/{}", upload.id);
     Ok(answer(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))
 }

@@ -77,6 +77,6 @@ pub use replay::{Pace, Replay, ReplayRequest, ReplayState};
 pub use replays::Replays;
 pub use simulations::{Readiness, Simulation, SimulationProgress, SimulationStage, Simulations};
 pub use tally::Tally;
-pub use work_queue::{PartHealth, QueuedRecord, Role, WorkQueue};
+pub use work_queue::{PartHealth, QueueOverview, QueuedRecord, Role, WorkQueue, WorkerOverview};
 pub use workers::{Ticket, Workers};
 pub(crate) use workers::{blocking, detached};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use futures_util::future::BoxFuture;
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::error::ServiceError;
 use crate::asset::{AssetId, RawReference, SegmentId};
@@ -89,6 +89,38 @@ pub struct PartHealth {
     pub fault: Option<String>,
 }
 
+/// What waits between API nodes and workers, and who works on it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct QueueOverview {
+    /// Records that wait or are worked on.
+    pub records: u64,
+    /// Of these, those that a worker has and has not acknowledged.
+    pub in_work: u64,
+    /// When the oldest of these came into the queue.
+    pub oldest_at: Option<Timestamp>,
+    /// Messages that are acknowledged and that the server still keeps: they are no work.
+    pub leftovers: u64,
+    /// Records that could not be stored.
+    pub dead_letters: u64,
+    /// The workers that answer.
+    pub workers: Vec<WorkerOverview>,
+}
+
+/// A worker as it tells of itself.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WorkerOverview {
+    /// Its name, which tells it from others: the machine's and a number by chance.
+    pub name: String,
+    /// The running version.
+    pub version: String,
+    /// Records that it works on.
+    pub in_work: u64,
+    /// Records that it works on at most.
+    pub at_once: u64,
+    /// Records that it stored since its start.
+    pub stored: u64,
+}
+
 /// The queue between API nodes and workers, and the notice of changed assets.
 pub trait WorkQueue: Send + Sync + 'static {
     /// Puts records into the queue; they are safe once this returns without an error.
@@ -104,7 +136,10 @@ pub trait WorkQueue: Send + Sync + 'static {
     /// the notice finds out by itself later.
     fn notify_changed(&self, asset: &AssetId);
 
-    /// Whether the queue works.
+    /// What waits and who works on it. Takes a moment, in which workers answer.
+    fn overview(&self) -> BoxFuture<'_, Result<QueueOverview, ServiceError>>;
+
+    /// Whether the queue works, found out by writing to its server.
     fn health(&self) -> BoxFuture<'_, Vec<PartHealth>>;
 }
 

@@ -142,6 +142,20 @@ impl StoreError {
         }
     }
 
+    /// Whether what failed may be a record's own fault: its values, or its raw object. What is said of disks,
+    /// connections, locks, rights and tables is not.
+    pub fn may_be_of_record(&self) -> bool {
+        match self {
+            Self::Database(error) => match error {
+                sqlx::Error::Database(error) => error.code().is_some_and(|code| says_of_values(&code)),
+                sqlx::Error::Encode(_) | sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => true,
+                _ => false,
+            },
+            Self::File { .. } | Self::Bucket { .. } | Self::Outdated(_) | Self::DatabaseDamaged { .. } => false,
+            _ => true,
+        }
+    }
+
     /// Whether the database says that its file is not what it wrote (SQLITE_CORRUPT, SQLITE_NOTADB).
     pub fn is_damage(&self) -> bool {
         match self {
@@ -177,10 +191,21 @@ impl StoreError {
     }
 }
 
-/// PostgreSQL's states of a connection that was lost, of a server that starts or stops, that has no more room
-/// for connections, or that ended a statement that took too long.
+/// PostgreSQL's states of a connection that was lost (08), of a server without disk, memory or connections
+/// (53), that starts, stops or ended a statement that took too long (57), whose disk fails (58), or that only
+/// reads.
 fn says_unavailable(code: &str) -> bool {
-    code.len() == 5 && (code.starts_with("08") || code.starts_with("57") || code == "53300" || code == "25P03" || code == "25006")
+    let is_of_class = |class| code.starts_with(class);
+    code.len() == 5 && (["08", "53", "57", "58"].into_iter().any(is_of_class) || ["25P03", "25006"].contains(&code))
+}
+
+/// PostgreSQL's states of values that do not fit (22), break a rule (23), or are too large for a row or an
+/// index (54); SQLite's of the same kinds: SQLITE_TOOBIG, SQLITE_CONSTRAINT, SQLITE_MISMATCH.
+fn says_of_values(code: &str) -> bool {
+    if code.len() == 5 {
+        return ["22", "23", "54"].into_iter().any(|class| code.starts_with(class)) && !says_conflict(code);
+    }
+    code.parse::<u32>().is_ok_and(|code| [18, 19, 20].contains(&(code & 0xff)))
 }
 
 /// SQLite's codes, whose lower byte says which kind; PostgreSQL's states have five characters.
@@ -191,5 +216,33 @@ fn says_damaged(code: &str) -> bool {
 /// PostgreSQL's states of transactions that stood in each other's way; the same key at the same time among
 /// them.
 fn says_conflict(code: &str) -> bool {
-    ["40001", "40P01", "55P03", "23505"].contains(&code)
+    code.len() == 5 && (code.starts_with("40") || ["55P03", "23505"].contains(&code))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn states_of_databases_are_told_apart() {
+        for code in [
+            "08006", "53000", "53100", "53200", "53300", "57014", "57P01", "57P03", "58000", "58030", "25006", "25P03",
+        ] {
+            assert!(says_unavailable(code), "{code}");
+            assert!(!says_of_values(code) && !says_conflict(code), "{code}");
+        }
+        for code in ["40001", "40003", "40P01", "55P03", "23505"] {
+            assert!(says_conflict(code), "{code}");
+            assert!(!says_of_values(code) && !says_unavailable(code), "{code}");
+        }
+        // Values, a rule, a row that is too large; SQLite's SQLITE_TOOBIG and a kind of SQLITE_CONSTRAINT.
+        for code in ["22003", "22021", "23502", "23503", "54000", "18", "1299"] {
+            assert!(says_of_values(code), "{code}");
+            assert!(!says_conflict(code) && !says_unavailable(code), "{code}");
+        }
+        // A right, a table, an extension's error; SQLite: busy, read-only, I/O error, full.
+        for code in ["42501", "42P01", "XX000", "P0001", "5", "8", "10", "13"] {
+            assert!(!says_of_values(code), "{code}");
+        }
+    }
 }

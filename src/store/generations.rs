@@ -56,6 +56,7 @@ impl Store {
     /// Begins to make a channel's history again: a new generation of estimates. None where another process is
     /// at it.
     pub async fn begin_making(&self, channel: &ChannelSummary, now: Timestamp) -> Result<Option<WearGeneration>, StoreError> {
+        let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
         let is_made_elsewhere = channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
@@ -174,6 +175,7 @@ impl Store {
         analyses: &[(SegmentId, Analysed)],
         now: Timestamp,
     ) -> Result<(), StoreError> {
+        let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let channel = commit.made_channel(channel, wear).await?;
         let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
@@ -205,6 +207,7 @@ impl Store {
         (after, states): (u64, &[FoldState]),
         now: Timestamp,
     ) -> Result<(), StoreError> {
+        let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let channel = commit.made_channel(channel, generation).await?;
         let wears = wears.iter().map(|(key, result)| WearRow {
@@ -281,6 +284,7 @@ impl Store {
         limit: u32,
         now: Timestamp,
     ) -> Result<Option<SegmentKey>, StoreError> {
+        let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
         if self.is_shared() && channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until) {

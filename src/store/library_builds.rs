@@ -11,6 +11,7 @@ const BUILDER_ALIVE: SignedDuration = SignedDuration::from_secs(60);
 impl Store {
     /// The right to build a library; false where another process has it.
     pub async fn begin_building(&self, library: &str, now: Timestamp) -> Result<bool, StoreError> {
+        let now = self.now(now).await?;
         let begun = sqlx::query(
             "INSERT INTO library_builds (library_id, builder_until_ns) VALUES ($1, $2)
              ON CONFLICT (library_id) DO UPDATE SET builder_until_ns = excluded.builder_until_ns WHERE library_builds.builder_until_ns < $3",
@@ -25,6 +26,7 @@ impl Store {
 
     /// Says that a library is still being built.
     pub async fn go_on_building(&self, library: &str, now: Timestamp) -> Result<(), StoreError> {
+        let now = self.now(now).await?;
         sqlx::query("UPDATE library_builds SET builder_until_ns = $2 WHERE library_id = $1")
             .bind(library)
             .bind(alive_until(now)?)

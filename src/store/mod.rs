@@ -46,7 +46,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 
-use jiff::SignedDuration;
+use jiff::{SignedDuration, Timestamp};
 
 use database::Database;
 use recent_wear::CurveCache;
@@ -160,6 +160,18 @@ impl Store {
     pub async fn check(&self) -> Result<(), StoreError> {
         self.check_whole()?;
         sqlx::query("SELECT COUNT(*) FROM _sqlx_migrations").fetch_one(self.read()).await?;
+        Ok(())
+    }
+
+    /// Whether the database takes what is written to it, found out by a small committed change.
+    pub async fn check_writable(&self, local: Timestamp) -> Result<(), StoreError> {
+        self.check_whole()?;
+        sqlx::query(
+            "INSERT INTO counters (name, value) VALUES ('write_probe_ns', $1) ON CONFLICT (name) DO UPDATE SET value = excluded.value",
+        )
+        .bind(rows::to_ns(local)?)
+        .execute(self.write())
+        .await?;
         Ok(())
     }
 

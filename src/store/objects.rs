@@ -21,6 +21,9 @@ pub use mark::StoreMark;
 pub use notes::{AssetNote, RecordNote, RemovalNote};
 pub use quarantine::Quarantined;
 
+/// Written to find out whether there can be written. It is always the same file, and nothing reads it.
+const WRITE_PROBE: &str = "probes/write";
+
 /// Immutable objects named by the SHA-256 of their bytes.
 ///
 /// Every method blocks on the disk or the network: call from a worker thread, not from an async one.
@@ -127,6 +130,11 @@ impl Objects {
             #[cfg(feature = "cluster")]
             Backend::Bucket(_) => Ok(()),
         }
+    }
+
+    /// Whether a file can be written beside the objects.
+    pub fn check_writable(&self) -> Result<(), StoreError> {
+        self.put_file(WRITE_PROBE, Bytes::new())
     }
 
     /// Removes an object; one that is not there is no error.

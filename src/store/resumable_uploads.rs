@@ -13,6 +13,9 @@ use crate::asset::AssetId;
 /// How long a process that reads an upload counts as alive after it last said so.
 const READER_ALIVE: SignedDuration = SignedDuration::from_secs(20);
 
+/// Characters of an identifier that are the same for all uploads of one client.
+const CLIENT_MARK: usize = 8;
+
 /// What an upload is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UploadProgress {
@@ -40,7 +43,7 @@ impl UploadProgress {
 /// An upload that begins.
 #[derive(Debug, Clone)]
 pub struct NewUpload {
-    /// Identifier.
+    /// Identifier; its first eight characters say whose it is.
     pub id: String,
     /// The asset whose records it will hold.
     pub asset: AssetId,
@@ -83,18 +86,22 @@ pub struct UploadPiece {
 }
 
 impl Store {
-    /// Begins an upload; false where `most` are under way.
-    pub async fn begin_resumable(&self, upload: &NewUpload, most: u32) -> Result<bool, StoreError> {
+    /// Begins an upload; false where `most` are under way, or `most_of_client` whose identifiers begin with
+    /// the same `CLIENT_MARK` characters.
+    pub async fn begin_resumable(&self, upload: &NewUpload, most: u32, most_of_client: u32) -> Result<bool, StoreError> {
         let begun = sqlx::query(
             "INSERT INTO resumable_uploads (id, asset_id, length, received, progress, expires_at_ns)
              SELECT $1, $2, $3, 0, 'receiving', $4
-             WHERE (SELECT COUNT(*) FROM resumable_uploads WHERE progress IN ('receiving', 'reading')) < $5",
+             WHERE (SELECT COUNT(*) FROM resumable_uploads WHERE progress IN ('receiving', 'reading')) < $5
+             AND (SELECT COUNT(*) FROM resumable_uploads WHERE progress IN ('receiving', 'reading') AND SUBSTR(id, 1, 8) = $6) < $7",
         )
         .bind(upload.id.as_str())
         .bind(upload.asset.as_str())
         .bind(i64::try_from(upload.length).unwrap_or(i64::MAX))
         .bind(to_ns(upload.expires_at)?)
         .bind(i64::from(most))
+        .bind(upload.id.get(..CLIENT_MARK).unwrap_or(&upload.id))
+        .bind(i64::from(most_of_client))
         .execute(self.write())
         .await?;
         Ok(begun.rows_affected() > 0)
@@ -102,6 +109,7 @@ impl Store {
 
     /// An upload that has not expired.
     pub async fn resumable(&self, id: &str, now: Timestamp) -> Result<Option<StoredUpload>, StoreError> {
+        let now = self.now(now).await?;
         let row = sqlx::query("SELECT * FROM resumable_uploads WHERE id = $1 AND expires_at_ns >= $2")
             .bind(id)
             .bind(to_ns(now)?)
@@ -170,6 +178,7 @@ impl Store {
 
     /// Uploads that are whole and that nobody reads.
     pub async fn unread_uploads(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
+        let now = self.now(now).await?;
         let text = format!("SELECT id FROM resumable_uploads WHERE {UNREAD} ORDER BY expires_at_ns LIMIT $2");
         let rows = sqlx::query(&text)
             .bind(to_ns(now)?)
@@ -181,6 +190,7 @@ impl Store {
 
     /// The right to read an upload that is whole; false where another process has it, or it is read.
     pub async fn begin_reading(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
+        let now = self.now(now).await?;
         let text = format!("UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3 WHERE id = $2 AND {UNREAD}");
         let begun = sqlx::query(&text)
             .bind(to_ns(now)?)
@@ -193,6 +203,7 @@ impl Store {
 
     /// Says that an upload is still being read.
     pub async fn go_on_reading(&self, id: &str, now: Timestamp) -> Result<(), StoreError> {
+        let now = self.now(now).await?;
         sqlx::query("UPDATE resumable_uploads SET reader_until_ns = $2 WHERE id = $1 AND progress = 'reading'")
             .bind(id)
             .bind(alive_until(now)?)
@@ -229,6 +240,7 @@ impl Store {
     /// Forgets an upload; false where it is being read, unless the caller is the reader. Its objects are the
     /// caller's to remove.
     pub async fn give_up_resumable(&self, id: &str, is_reader: bool, now: Timestamp) -> Result<bool, StoreError> {
+        let now = self.now(now).await?;
         let gone = sqlx::query(
             "DELETE FROM resumable_uploads WHERE id = $1 AND (progress <> 'reading' OR reader_until_ns IS NULL OR reader_until_ns < $2)",
         )
@@ -242,6 +254,7 @@ impl Store {
     /// Forgets up to `limit` uploads that nobody went on with, and returns which. Their objects are the
     /// caller's to remove.
     pub async fn expire_resumable(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
+        let now = self.now(now).await?;
         let rows = sqlx::query("SELECT id FROM resumable_uploads WHERE expires_at_ns < $1 LIMIT $2")
             .bind(to_ns(now)?)
             .bind(i64::from(limit))

@@ -8,7 +8,7 @@ use flankwatch::signal::Record;
 use serde_json::{Value, json};
 
 use crate::broker::{Broker, LONGEST, Listener, Sender, unique};
-use crate::running::{Service, record};
+use crate::running::{Service, plain_asset, record};
 use flankwatch_test_support::needed;
 
 /// Takes records from a broker; `more` are further lines of the settings.
@@ -221,6 +221,35 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
     // They are acknowledged: nothing comes again over the same session.
     service.run(feed.stop(LONGEST));
     assert_eq!(times(&service, "pump").len(), 1);
+}
+
+#[test]
+#[ignore = "needs mosquitto"]
+fn a_publisher_that_is_misaddressed_does_not_stop_the_others() {
+    let broker = Broker::start();
+    let service = Service::start();
+    service.plain_asset("wheel");
+    let mut pinion = plain_asset("pinion");
+    pinion["gear"] = json!({ "teeth": [17, 50], "shaft_speed_hz": 5.0, "shaft_ratio": [31, 62] });
+    pinion["sensor"]["of"] = json!("wheel");
+    service.post_json("/v1/assets", &pinion).expect(201);
+    let listener = Listener::connect(broker.port, "flankwatch/+/+/rejected");
+    let feed = feed(&service, broker.port, "flankwatch", "");
+    let mut sender = Sender::connect(broker.port);
+    for n in 0..40 {
+        sender.send(&topic("flankwatch", "pinion", "1"), &protobuf(&record("1", n)));
+    }
+    for n in 0..20 {
+        sender.send(&topic("flankwatch", "wheel", "1"), &protobuf(&record("1", n)));
+    }
+    wait_for_outcome(&service, "accepted", 20.0);
+    assert_eq!(times(&service, "wheel").len(), 20);
+    for (topic, problem) in listener.wait_for(40) {
+        assert_eq!((topic.as_str(), &problem["status"]), ("flankwatch/pinion/1/rejected", &json!(409)));
+        assert!(problem["detail"].as_str().unwrap().contains("wheel"), "{problem}");
+    }
+    assert_eq!(outcome(&service, "refused"), 40.0);
+    service.run(feed.stop(LONGEST));
 }
 
 #[test]

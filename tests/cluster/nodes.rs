@@ -397,7 +397,7 @@ impl Drop for TestCluster {
 pub(super) async fn remove_streams(url: &str, name: &str) {
     let Ok(client) = async_nats::connect(url).await else { return };
     let jetstream = async_nats::jetstream::new(client);
-    for stream in ["work", "dead", "events"] {
+    for stream in ["work", "dead", "events", "attempts"] {
         let _ = jetstream.delete_stream(format!("{name}_{stream}")).await;
     }
 }

@@ -127,3 +127,170 @@ fn a_dead_letters_record_that_is_sent_again_is_stored() {
     }
     api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
 }
+
+/// Waits until a worker says that it holds records.
+#[track_caller]
+fn wait_until_held(worker: &Program, count: usize) {
+    let began = std::time::Instant::now();
+    while worker.process.log().matches("holding it").count() < count {
+        assert!(began.elapsed() < Duration::from_secs(60), "does not hold {count} records");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// Dead letters of a site.
+fn dead_letters(site: &Site) -> u64 {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let jetstream = async_nats::jetstream::new(async_nats::connect(site.nats.url()).await.unwrap());
+        let stream = jetstream.get_stream("faults_dead").await.unwrap();
+        stream.cached_info().state.messages
+    })
+}
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
+fn records_wait_while_the_databases_disk_is_full_whatever_becomes_of_their_workers() {
+    let mut site = Site::start();
+    let config = site.config(None);
+    let text = std::fs::read_to_string(&config).unwrap();
+    std::fs::write(&config, format!("{text}[cluster.worker]\nmax_deliveries = 1\n")).unwrap();
+    let (api, mut worker) = (site.api(&config), site.worker(&config));
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    site.database.set_full(true);
+    for n in 0..4 {
+        api.client.upload("pump", &record("1", n));
+    }
+    wait_until_held(&worker, 4);
+    // It gives them back when it is stopped, and leaves them when it is killed: the disk is at fault each time.
+    worker.process.signal("TERM");
+    let mut worker = site.worker(&config);
+    wait_until_held(&worker, 4);
+    worker.process.kill();
+    let worker = site.worker(&config);
+    wait_until_held(&worker, 4);
+    assert_eq!(api.client.get("/v1/assets/pump")["summary"]["segments"], 0);
+    site.database.set_full(false);
+    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 4);
+    assert_eq!(dead_letters(&site), 0);
+}
+
+/// What a command on the cluster prints.
+#[track_caller]
+fn command(config: &Path, arguments: &[&str]) -> String {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_flankwatch"))
+        .args(arguments)
+        .arg("--config")
+        .arg(config)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn json_of(config: &Path, arguments: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&command(config, &[arguments, &["--format", "json"]].concat())).unwrap()
+}
+
+/// The value of a metric of a worker.
+fn metric(worker: &Program, name: &str) -> f64 {
+    let (status, page) = worker.client.try_send("GET", "/metrics", "text/plain", b"").unwrap();
+    assert_eq!(status, 200, "{page}");
+    let page = page.as_str().unwrap().to_owned();
+    let line = page.lines().find(|line| line.starts_with(&format!("{name} ")));
+    let line = line.unwrap_or_else(|| panic!("no {name} in {page}"));
+    line.rsplit(' ').next().unwrap().parse().unwrap()
+}
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
+fn operators_see_what_waits_and_retry_or_drop_what_could_not_be_stored() {
+    let mut site = Site::start();
+    let config = site.config(None);
+    let api = site.api(&config);
+    api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    for n in 0..3 {
+        api.client.upload("pump", &record("1", n));
+    }
+    let status = json_of(&config, &["cluster", "status"]);
+    assert_eq!((&status["records"], &status["workers"]), (&json!(3), &json!([])), "{status}");
+    assert!(status["oldest_at"].is_string(), "{status}");
+    assert_eq!(damage(&site.objects_folder()), 3);
+    let worker = site.worker(&config);
+    let began = std::time::Instant::now();
+    while json_of(&config, &["cluster", "status"])["dead_letters"] != 3 {
+        assert!(
+            began.elapsed() < Duration::from_secs(60),
+            "not among the dead letters: {}",
+            worker.process.log()
+        );
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    let letters = json_of(&config, &["dead-letters", "list"])["items"].as_array().unwrap().clone();
+    assert_eq!(letters.len(), 3);
+    for letter in &letters {
+        assert_eq!(letter["record"]["asset_id"], "pump");
+        // The last error, and how often it was tried.
+        let reason = letter["reason"].as_str().unwrap();
+        assert!(reason.contains("damaged") && reason.contains("tried 5 times"), "{reason}");
+    }
+    let number = letters[0]["number"].to_string();
+    assert!(command(&config, &["dead-letters", "show", &number]).contains("asset       pump"));
+    assert!(
+        command(&config, &["dead-letters", "list"])
+            .lines()
+            .all(|line| line.chars().count() <= 80)
+    );
+    // The object of one is mended: its record is stored after all.
+    let mended = letters[0]["record"]["start_time"].as_str().unwrap();
+    let n = (0..3).find(|n| record("1", *n).start_time().to_string() == mended).unwrap();
+    api.client.upload("pump", &record("1", n));
+    api.client.wait_for("/v1/assets/pump", |asset| asset["summary"]["segments"] == 1);
+    assert_eq!(
+        json_of(&config, &["dead-letters", "retry", &number])["retried"],
+        json!([letters[0]["number"]])
+    );
+    assert!(command(&config, &["dead-letters", "drop", "--all"]).starts_with("2 dead letters"));
+    assert_eq!(json_of(&config, &["dead-letters", "list"])["items"], json!([]));
+    let began = std::time::Instant::now();
+    while metric(&worker, "flankwatch_dead_letters") > 0.0 || metric(&worker, "flankwatch_queue_records") > 0.0 {
+        assert!(began.elapsed() < Duration::from_secs(30), "still there");
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    assert_eq!(metric(&worker, "flankwatch_workers_alive"), 1.0);
+    assert_eq!(metric(&worker, "flankwatch_queue_leftover_messages"), 0.0);
+    let status = command(&config, &["cluster", "status"]);
+    assert!(status.contains("workers               1"), "{status}");
+}
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
+fn a_queue_that_is_away_leaves_reading_ready() {
+    let mut site = Site::start();
+    let config = site.config(None);
+    let api = site.api(&config);
+    api.wait_for_readiness(200);
+    site.nats.kill();
+    let health = api.wait_for_readiness(503);
+    assert_ne!(health["parts"]["queue_server"], "ok", "{health}");
+    let health = api.client.get("/readyz?for=reading");
+    assert_eq!((&health["status"], &health["for"]), (&json!("ok"), &json!("reading")));
+    site.nats.start_again();
+    api.wait_for_readiness(200);
+}
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and nats-server"]
+fn a_database_that_only_reads_is_not_ready_for_records() {
+    let mut site = Site::start();
+    let config = site.config(None);
+    let api = site.api(&config);
+    api.wait_for_readiness(200);
+    site.database.set_read_only(true);
+    let health = api.wait_for_readiness(503);
+    assert!(health["database"].as_str().unwrap().contains("read"), "{health}");
+    assert_eq!(api.client.get("/readyz?for=reading")["status"], "ok");
+    site.database.set_read_only(false);
+    api.wait_for_readiness(200);
+}

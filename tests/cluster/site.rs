@@ -35,7 +35,7 @@ pub(super) fn rounds() -> u32 {
 pub(super) struct Site {
     folder: TempDir,
     settings: SharedSettings,
-    _database: TestDatabase,
+    pub(super) database: TestDatabase,
     /// The database's server, where it is the site's own.
     pub(super) postgres: Option<PostgresServer>,
     pub(super) nats: NatsServer,
@@ -61,7 +61,7 @@ impl Site {
         let objects = format!("folder = {:?}", folder.path().join("objects"));
         Self {
             settings,
-            _database: database,
+            database,
             postgres,
             nats,
             objects,

@@ -104,3 +104,25 @@ fn a_cluster_does_not_start_on_the_bucket_of_another_one() {
     let opened = runtime.block_on(Store::open(&StoreSettings::Shared(mine)));
     assert!(matches!(opened, Err(StoreError::OtherStore { .. })), "{opened:?}");
 }
+
+#[test]
+#[ignore = "needs PostgreSQL at FLANKWATCH_TEST_DATABASE and NATS at FLANKWATCH_TEST_NATS"]
+fn a_right_goes_by_the_databases_clock_and_an_upload_stays_whatever_a_process_takes_for_today() {
+    let cluster = TestCluster::start(1, 0);
+    cluster.client(0).send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
+    cluster.behind_their_backs(async |store| {
+        let now = jiff::Timestamp::now();
+        let ahead = now + jiff::SignedDuration::from_hours(8 * 24);
+        assert!(store.begin_building("library", now).await.unwrap());
+        assert!(!store.begin_building("library", ahead).await.unwrap());
+        let upload = flankwatch::store::NewUpload {
+            id: "upload".to_owned(),
+            asset: flankwatch::asset::AssetId::new("pump").unwrap(),
+            length: 10,
+            expires_at: now + jiff::SignedDuration::from_hours(24),
+        };
+        assert!(store.begin_resumable(&upload, 256, 64).await.unwrap());
+        assert!(store.expire_resumable(ahead, 10).await.unwrap().is_empty());
+        assert!(store.resumable("upload", ahead).await.unwrap().is_some());
+    });
+}

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use flankwatch::service::QueueOverview;
 use serde_json::Value;
 
 use crate::program::Program;
@@ -138,6 +139,8 @@ fn measured() -> BTreeMap<String, BTreeSet<String>> {
     }
     service.service().feeds.add("mqtt");
     let page = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
+    // What processes of a cluster show besides.
+    let page = page + &flankwatch::http::queue_metrics(&QueueOverview::default(), crate::running::minute(0));
     let mut measured: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for line in page.lines() {
         if let Some(head) = line.strip_prefix("# TYPE ") {
@@ -298,6 +301,8 @@ fn ports_are_those_that_are_listened_on() {
     }
     let scraped = &yaml("compose/prometheus.yml")[0]["scrape_configs"][0]["dns_sd_configs"][0];
     assert_eq!(scraped["port"].to_string(), given("compose, api"));
+    let scraped = &yaml("compose/prometheus.yml")[0]["scrape_configs"][0]["dns_sd_configs"][1];
+    assert_eq!(scraped["port"].to_string(), given("compose, worker"));
     assert!(text("compose/proxy.conf").contains(&format!("server api:{} resolve;", given("compose, api"))));
     for path in manifests() {
         for manifest in yaml(&path) {
@@ -308,7 +313,8 @@ fn ports_are_those_that_are_listened_on() {
                 for probe in ["startupProbe", "livenessProbe", "readinessProbe"] {
                     let asked = &template[probe]["httpGet"];
                     assert_eq!(asked["port"], port["name"], "{path}: {probe}");
-                    assert!(["/healthz", "/readyz"].contains(&asked["path"].as_str().unwrap()));
+                    let paths = ["/healthz", "/readyz?for=reading", "/readyz?for=records"];
+                    assert!(paths.contains(&asked["path"].as_str().unwrap()), "{path}: {probe}");
                 }
             }
         }
@@ -349,15 +355,25 @@ fn settings_of_brokers_and_clusters_are_understood() {
     // Everything is understood, and what is not here is missed.
     let said = refusal(&folder().join("systemd/mqtt.toml"), "serve");
     assert!(said.contains("/etc/flankwatch/broker-ca.pem"), "{said}");
-    let extra = tempfile::tempdir().unwrap();
-    let from_manifest = extra.path().join("cluster.toml");
-    let settings = &yaml("kubernetes/settings.yaml")[0]["data"]["cluster.toml"];
-    fs::write(&from_manifest, settings.as_str().unwrap()).unwrap();
-    for path in [folder().join("compose/cluster.toml"), from_manifest] {
+    for path in ["compose/cluster.toml", "kubernetes/cluster.toml"].map(|path| folder().join(path)) {
         for command in ["serve", "work"] {
             let said = refusal(&path, command);
             assert!(said.contains("cluster.database.url is missing"), "{}: {said}", path.display());
         }
+    }
+}
+
+#[test]
+fn a_pods_disk_holds_the_bodies_that_may_wait_on_it() {
+    let settings: toml::Table = toml::from_str(&text("kubernetes/cluster.toml")).unwrap();
+    let limit = |name: &str| settings["limits"][name].as_integer().unwrap();
+    let bodies = limit("recording_bytes") * limit("recordings_at_once");
+    for path in ["kubernetes/api.yaml", "kubernetes/edge.yaml"] {
+        let volumes = yaml(path)[0]["spec"]["template"]["spec"]["volumes"].as_array().unwrap().clone();
+        let scratch = volumes.iter().find(|volume| volume["name"] == "scratch").unwrap();
+        let size = scratch["emptyDir"]["sizeLimit"].as_str().unwrap();
+        let bytes = size.strip_suffix("Gi").unwrap().parse::<i64>().unwrap() << 30;
+        assert!(bodies < bytes, "{path}: {bodies} of {size}");
     }
 }
 

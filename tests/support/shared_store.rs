@@ -58,6 +58,38 @@ impl TestDatabase {
         }
     }
 
+    /// Has all resumable uploads expire earlier by `age`.
+    pub(crate) fn age_uploads(&self, age: Duration) {
+        let (schema, age_ns) = (&self.schema, age.as_nanos());
+        self.run(&format!(
+            "UPDATE {schema}.resumable_uploads SET expires_at_ns = expires_at_ns - {age_ns}"
+        ));
+    }
+
+    /// Has PostgreSQL answer every new segment that its disk is full, or not any more.
+    pub(crate) fn set_full(&self, is_full: bool) {
+        let schema = &self.schema;
+        let begin = format!(
+            "CREATE FUNCTION {schema}.no_room() RETURNS trigger LANGUAGE plpgsql AS $$
+             BEGIN RAISE EXCEPTION 'could not extend file: No space left on device' USING ERRCODE = '53100'; END $$;
+             CREATE TRIGGER no_room BEFORE INSERT ON {schema}.segments FOR EACH ROW EXECUTE FUNCTION {schema}.no_room()"
+        );
+        let end = format!("DROP TRIGGER no_room ON {schema}.segments; DROP FUNCTION {schema}.no_room()");
+        self.run(if is_full { &begin } else { &end });
+    }
+
+    /// Has PostgreSQL refuse every change of a number that processes share, as a database that only reads does.
+    pub(crate) fn set_read_only(&self, is_read_only: bool) {
+        let schema = &self.schema;
+        let begin = format!(
+            "CREATE FUNCTION {schema}.read_only() RETURNS trigger LANGUAGE plpgsql AS $$
+             BEGIN RAISE EXCEPTION 'cannot execute INSERT in a read-only transaction' USING ERRCODE = '25006'; END $$;
+             CREATE TRIGGER read_only BEFORE INSERT OR UPDATE ON {schema}.counters FOR EACH ROW EXECUTE FUNCTION {schema}.read_only()"
+        );
+        let end = format!("DROP TRIGGER read_only ON {schema}.counters; DROP FUNCTION {schema}.read_only()");
+        self.run(if is_read_only { &begin } else { &end });
+    }
+
     /// Runs statements beside the service's.
     pub(crate) fn run(&self, statements: &str) {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

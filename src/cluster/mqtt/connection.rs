@@ -51,6 +51,13 @@ impl MqttFeed {
     /// Errors: a file that the settings name cannot be used.
     pub fn start(settings: MqttSettings, service: Arc<Service>) -> Result<Self, MqttError> {
         settings.options()?;
+        if let Some(share) = &settings.share {
+            tracing::warn!(
+                share,
+                "mqtt.share is set: Mosquitto 2.0.11 loses what a shared subscription has waiting when the broker is started again; \
+                 leave it out where the broker is not known to keep it"
+            );
+        }
         let feed = service.feeds.add("mqtt");
         let (stop, stopped) = watch::channel(false);
         let task = tokio::spawn(keep_connected(settings, service, Arc::clone(&feed), stopped));

@@ -52,6 +52,8 @@ impl Refusal {
             title: match status {
                 400 => "Bad Request",
                 404 => "Not Found",
+                409 => "Conflict",
+                410 => "Gone",
                 413 => "Payload Too Large",
                 415 => "Unsupported Media Type",
                 422 => "Unprocessable Entity",
@@ -106,17 +108,38 @@ pub(super) enum Verdict {
     Later(String),
 }
 
+impl Verdict {
+    fn of_store(error: &StoreError) -> Self {
+        match error {
+            StoreError::AssetUnknown(_) => Self::Never(Refusal::new(404, error.to_string())),
+            StoreError::Time(_) => Self::Never(Refusal::new(422, error.to_string())),
+            error if error.is_damage() => Self::Later(error.to_string()),
+            error if error.may_be_of_record() => Self::Fault(Refusal::new(500, error.to_string())),
+            error => Self::Later(error.to_string()),
+        }
+    }
+}
+
 impl From<ServiceError> for Verdict {
     fn from(error: ServiceError) -> Self {
         match error {
+            ServiceError::Recording(ref source) if source.is_full() => Self::Later(error.to_string()),
             ServiceError::Recording(_) => Self::Never(Refusal::new(422, error.to_string())),
             ServiceError::Field { field, value, expected } => Self::Never(Refusal::field(422, field, &value, expected)),
-            ServiceError::Store(StoreError::AssetUnknown(_)) => Self::Never(Refusal::new(404, error.to_string())),
-            ServiceError::Store(StoreError::Time(_)) => Self::Never(Refusal::new(422, error.to_string())),
-            ServiceError::WorkerLost(_) | ServiceError::Store(StoreError::NotFinite { .. }) => {
-                Self::Fault(Refusal::new(500, error.to_string()))
-            }
-            error => Self::Later(error.to_string()),
+            // Full, busy or away: what is wrong concerns every message.
+            ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) | ServiceError::File { .. } => Self::Later(error.to_string()),
+            ServiceError::Store(source) => Self::of_store(&source),
+            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => Self::Never(Refusal::new(409, error.to_string())),
+            ServiceError::RawGivenUp(_) => Self::Never(Refusal::new(410, error.to_string())),
+            // None of these is of a record that comes, but for a fault of the program.
+            ServiceError::WorkerLost(_)
+            | ServiceError::QueuedOtherwise { .. }
+            | ServiceError::Precondition(_)
+            | ServiceError::ReplayFile { .. }
+            | ServiceError::ReplayUnknown(_)
+            | ServiceError::AlarmUnknown(_)
+            | ServiceError::Alarm(_)
+            | ServiceError::MaintenanceUnknown(_) => Self::Fault(Refusal::new(500, error.to_string())),
         }
     }
 }
@@ -124,6 +147,7 @@ impl From<ServiceError> for Verdict {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::asset::AssetId;
 
     #[test]
     fn a_letter_has_the_reason_and_names_the_message() {
@@ -154,5 +178,19 @@ mod tests {
         };
         assert!(matches!(Verdict::from(busy), Verdict::Later(reason) if reason.contains("queue")));
         assert!(matches!(Verdict::from(ServiceError::WorkerLost("decode")), Verdict::Fault(_)));
+        let away = StoreError::Database(sqlx::Error::PoolTimedOut);
+        assert!(matches!(Verdict::from(ServiceError::Store(away)), Verdict::Later(_)));
+    }
+
+    #[test]
+    fn what_stays_wrong_is_refused() {
+        let (asset, of) = (AssetId::new("pinion").unwrap(), AssetId::new("wheel").unwrap());
+        let verdict = Verdict::from(ServiceError::SensorOfOther { asset, of });
+        assert!(
+            matches!(&verdict, Verdict::Never(refusal) if refusal.0.status == 409),
+            "{verdict:?}"
+        );
+        let missing = StoreError::ObjectMissing("ab".to_owned());
+        assert!(matches!(Verdict::from(ServiceError::Store(missing)), Verdict::Fault(_)));
     }
 }

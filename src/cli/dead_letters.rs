@@ -1,0 +1,200 @@
+//! `flankwatch dead-letters`: records of a cluster that could not be stored.
+
+use clap::{Args, Subcommand};
+
+use super::CliError;
+use super::cluster::ClusterPlace;
+
+/// List, show, retry and drop records of a cluster that could not be stored.
+#[derive(Debug, Clone, Args)]
+pub(super) struct DeadLettersArgs {
+    #[command(subcommand)]
+    action: Action,
+    #[command(flatten)]
+    place: ClusterPlace,
+}
+
+#[derive(Debug, Clone, Subcommand)]
+#[cfg_attr(not(feature = "cluster"), expect(dead_code, reason = "there are no clusters"))]
+enum Action {
+    /// List them: number, since when, asset, reason
+    List,
+    /// Everything that is known of one
+    Show {
+        /// Its number, as listed.
+        number: u64,
+    },
+    /// Put records back into the queue: workers try them again
+    Retry(Which),
+    /// Take dead letters away for good; raw recordings that nothing else refers to go into quarantine
+    Drop(Which),
+}
+
+#[derive(Debug, Clone, Args)]
+#[cfg_attr(not(feature = "cluster"), expect(dead_code, reason = "there are no clusters"))]
+struct Which {
+    /// Their numbers, as listed.
+    #[arg(required_unless_present = "all", conflicts_with = "all")]
+    numbers: Vec<u64>,
+    /// All of them.
+    #[arg(long)]
+    all: bool,
+}
+
+#[cfg(not(feature = "cluster"))]
+pub(super) fn run(args: &DeadLettersArgs) -> Result<(), CliError> {
+    args.place.refuse("flankwatch dead-letters")
+}
+
+#[cfg(feature = "cluster")]
+pub(super) use with_cluster::run;
+
+#[cfg(feature = "cluster")]
+mod with_cluster {
+    use serde_json::json;
+
+    use super::super::cluster::Format;
+    use super::super::output::print;
+    use super::{Action, CliError, DeadLettersArgs, Which};
+    use crate::cluster::{Cluster, ClusterError, DeadLetter};
+
+    /// Characters of a line where the terminal's width is not known.
+    const USUAL_WIDTH: usize = 80;
+
+    pub(in super::super) fn run(args: &DeadLettersArgs) -> Result<(), CliError> {
+        let format = args.place.format;
+        match &args.action {
+            Action::List => {
+                let letters = args.place.with(async |cluster| cluster.dead_letters().await)?;
+                match format {
+                    Format::Table => print(&table(&letters, width())),
+                    Format::Json => print(&format!("{:#}\n", json!({ "items": letters }))),
+                }
+            }
+            Action::Show { number } => {
+                let letter = args.place.with(async |cluster| cluster.dead_letter(*number).await)?;
+                match format {
+                    Format::Table => print(&description(&letter)),
+                    Format::Json => print(&format!("{:#}\n", json!(letter))),
+                }
+            }
+            Action::Retry(which) => {
+                let done = each(args, which, async |cluster, number| cluster.retry_dead_letter(number).await)?;
+                said(format, "retried", &done)
+            }
+            Action::Drop(which) => {
+                let done = each(args, which, async |cluster, number| cluster.drop_dead_letter(number).await)?;
+                said(format, "dropped", &done)
+            }
+        }
+    }
+
+    /// Does something with each of the letters that are meant; returns their numbers.
+    fn each(
+        args: &DeadLettersArgs,
+        which: &Which,
+        work: impl AsyncFn(&Cluster, u64) -> Result<(), ClusterError>,
+    ) -> Result<Vec<u64>, CliError> {
+        args.place.with(async |cluster| {
+            let numbers = if which.all {
+                cluster.dead_letters().await?.iter().map(|letter| letter.number).collect()
+            } else {
+                which.numbers.clone()
+            };
+            for number in &numbers {
+                work(&cluster, *number).await?;
+            }
+            Ok(numbers)
+        })
+    }
+
+    fn said(format: Format, what: &str, numbers: &[u64]) -> Result<(), CliError> {
+        match format {
+            Format::Table => print(&format!("{} dead letters {what}\n", numbers.len())),
+            Format::Json => print(&format!("{:#}\n", json!({ what: numbers }))),
+        }
+    }
+
+    fn width() -> usize {
+        let said = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
+        said.unwrap_or(USUAL_WIDTH)
+    }
+
+    fn table(letters: &[DeadLetter], width: usize) -> String {
+        let asset = |letter: &DeadLetter| letter.record.as_ref().map_or("-".to_owned(), |record| record.asset_id.to_string());
+        let longest = letters
+            .iter()
+            .map(|letter| asset(letter).len())
+            .max()
+            .unwrap_or_default()
+            .clamp(5, 24);
+        let mut text = format!("{:>8}  {:20}  {:longest$}  reason\n", "number", "since", "asset");
+        for letter in letters {
+            let line = format!(
+                "{:>8}  {:20.0}  {:longest$}  {}",
+                letter.number,
+                letter.put_at,
+                cut(&asset(letter), longest),
+                letter.reason
+            );
+            text += &format!("{}\n", cut(&line, width));
+        }
+        text
+    }
+
+    /// A text of at most `most` characters, which says where something is left out.
+    fn cut(text: &str, most: usize) -> String {
+        if text.chars().count() <= most {
+            return text.to_owned();
+        }
+        text.chars().take(most.saturating_sub(1)).chain(['…']).collect()
+    }
+
+    fn description(letter: &DeadLetter) -> String {
+        let mut text = format!(
+            "number      {}\nsince       {}\nreason      {}\nmessage     {} bytes\n",
+            letter.number, letter.put_at, letter.reason, letter.message_bytes
+        );
+        match &letter.record {
+            None => text += "record      its message cannot be read\n",
+            Some(record) => {
+                text += &format!(
+                    "segment     {}\nasset       {}\nchannel     {}\nstart time  {}\nreceived    {}\nraw object  {} ({} bytes, {})\n",
+                    record.id.0,
+                    record.asset_id,
+                    record.channel,
+                    record.start_time,
+                    record.received_at,
+                    record.raw.sha256,
+                    record.raw.bytes,
+                    record.raw.media_type
+                );
+            }
+        }
+        text
+    }
+
+    #[cfg(test)]
+    mod tests {
+        use super::*;
+
+        #[test]
+        fn a_list_fits_a_terminal() {
+            let letter = DeadLetter {
+                number: 17,
+                reason: "segment ab of pump: raw object cd is damaged: its bytes hash to ef (tried 5 times)".to_owned(),
+                put_at: "2026-01-01T00:00:00.5Z".parse().unwrap(),
+                message_bytes: 250,
+                record: None,
+            };
+            let text = table(&[letter.clone()], 80);
+            assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+            assert!(
+                text.contains("17  2026-01-01T00:00:01Z") || text.contains("17  2026-01-01T00:00:00Z"),
+                "{text}"
+            );
+            assert!(text.trim_end().ends_with('…'), "{text}");
+            assert!(description(&letter).contains("tried 5 times"));
+        }
+    }
+}

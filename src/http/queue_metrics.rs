@@ -1,0 +1,94 @@
+//! The queue between API nodes and workers in Prometheus' text format.
+//!
+//! Every process of a cluster shows the same numbers, which the queue's server knows once: an alert takes the
+//! greatest.
+
+use std::time::{Duration, Instant};
+
+use jiff::Timestamp;
+use tokio::sync::Mutex;
+
+use super::metrics_text::MetricsText;
+use crate::service::{QueueOverview, Service};
+
+/// How long what was found counts, however often somebody asks.
+const KNOWN_FOR: Duration = Duration::from_secs(5);
+
+/// How long the queue's server has to answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(4);
+
+/// What is known of the queue, asked for now and then.
+#[derive(Debug, Default)]
+pub(super) struct QueueWatch(Mutex<Option<(Instant, Option<QueueOverview>)>>);
+
+impl QueueWatch {
+    /// Writes what is known of the queue; nothing where there is none, or where it does not answer.
+    pub(super) async fn write(&self, service: &Service, text: &mut MetricsText) {
+        let Some(overview) = self.ask(service).await else { return };
+        // Its times are those of the queue's server: this process's clock may be another.
+        let now = service.store.now(service.now()).await.unwrap_or_else(|_| service.now());
+        write(&overview, now, text);
+    }
+
+    async fn ask(&self, service: &Service) -> Option<QueueOverview> {
+        let queue = service.role.queue()?;
+        let mut last = self.0.lock().await;
+        if let Some((found_at, found)) = last.as_ref()
+            && found_at.elapsed() < KNOWN_FOR
+        {
+            return found.clone();
+        }
+        let found = match tokio::time::timeout(ANSWER_TIMEOUT, queue.overview()).await {
+            Ok(Ok(found)) => Some(found),
+            Ok(Err(error)) => {
+                tracing::debug!(%error, "failed to look at the queue");
+                None
+            }
+            Err(_) => None,
+        };
+        *last = Some((Instant::now(), found.clone()));
+        found
+    }
+}
+
+/// The metrics of a queue, as `/metrics` shows them.
+pub fn queue_metrics(overview: &QueueOverview, now: Timestamp) -> String {
+    let mut text = MetricsText::default();
+    write(overview, now, &mut text);
+    text.into_string()
+}
+
+fn write(overview: &QueueOverview, now: Timestamp, text: &mut MetricsText) {
+    let oldest_age_s = overview.oldest_at.map_or(0.0, |at| now.duration_since(at).as_secs_f64().max(0.0));
+    text.single(
+        "flankwatch_queue_records",
+        "gauge",
+        "Records of the cluster that wait for a worker or are worked on.",
+        overview.records,
+    );
+    text.single(
+        "flankwatch_queue_records_in_work",
+        "gauge",
+        "Of these, records that a worker has and has not acknowledged.",
+        overview.in_work,
+    );
+    text.single(
+        "flankwatch_queue_oldest_age_seconds",
+        "gauge",
+        "How long the oldest of these records has been in the queue.",
+        oldest_age_s,
+    );
+    text.single(
+        "flankwatch_queue_leftover_messages",
+        "gauge",
+        "Messages that are acknowledged and that the queue's server still keeps.",
+        overview.leftovers,
+    );
+    text.single(
+        "flankwatch_dead_letters",
+        "gauge",
+        "Records that could not be stored, kept until somebody retries or drops them.",
+        overview.dead_letters,
+    );
+    text.single("flankwatch_workers_alive", "gauge", "Workers that answer.", overview.workers.len());
+}

@@ -1,0 +1,128 @@
+//! What one client may have of what there is once for all: connections, event streams.
+
+use std::collections::HashMap;
+use std::convert::Infallible;
+use std::net::IpAddr;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+use sha2::{Digest, Sha256};
+
+use super::session::Caller;
+
+/// Who asks: the bearer of a token or, where nobody is asked for one, an address.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) enum Client {
+    /// By the identifier of the token.
+    Token(String),
+    /// By where the connection comes from: that of a proxy, where there is one.
+    Address(Option<IpAddr>),
+}
+
+/// Where a connection comes from.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PeerAddress(pub(super) IpAddr);
+
+impl Client {
+    /// Eight hexadecimal digits that are the same for one client and seldom for two.
+    pub(super) fn mark(&self) -> String {
+        let text = match self {
+            Self::Token(id) => format!("token {id}"),
+            Self::Address(Some(address)) => format!("address {address}"),
+            Self::Address(None) => String::new(),
+        };
+        hex::encode(&Sha256::digest(text)[..4])
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for Client {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let caller = parts.extensions.get::<Caller>();
+        let address = parts.extensions.get::<PeerAddress>().map(|address| address.0);
+        Ok(caller.map_or(Self::Address(address), |caller| Self::Token(caller.token.id.clone())))
+    }
+}
+
+/// Places of which one client may have some.
+#[derive(Debug, Clone)]
+pub(super) struct Shares {
+    most: usize,
+    most_of_client: usize,
+    taken: Arc<Mutex<Taken>>,
+}
+
+#[derive(Debug, Default)]
+struct Taken {
+    all: usize,
+    by_client: HashMap<Client, usize>,
+}
+
+/// A place, until it is dropped.
+#[derive(Debug)]
+pub(super) struct Share {
+    client: Client,
+    taken: Arc<Mutex<Taken>>,
+}
+
+impl Shares {
+    pub(super) fn new(most: usize, most_of_client: usize) -> Self {
+        Self {
+            most: most.max(1),
+            most_of_client: most_of_client.max(1),
+            taken: Arc::default(),
+        }
+    }
+
+    /// A place for a client; none where all are taken, or its own are.
+    pub(super) fn take(&self, client: Client) -> Option<Share> {
+        let mut taken = lock(&self.taken);
+        let of_client = taken.by_client.get(&client).copied().unwrap_or_default();
+        if taken.all >= self.most || of_client >= self.most_of_client {
+            return None;
+        }
+        taken.all += 1;
+        taken.by_client.insert(client.clone(), of_client + 1);
+        let taken = Arc::clone(&self.taken);
+        Some(Share { client, taken })
+    }
+}
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        let mut taken = lock(&self.taken);
+        taken.all -= 1;
+        if let Some(of_client) = taken.by_client.get_mut(&self.client) {
+            *of_client -= 1;
+            if *of_client == 0 {
+                taken.by_client.remove(&self.client);
+            }
+        }
+    }
+}
+
+fn lock(taken: &Mutex<Taken>) -> MutexGuard<'_, Taken> {
+    taken.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_client_leaves_places_to_the_others() {
+        let shares = Shares::new(3, 2);
+        let (one, other) = (Client::Token("one".to_owned()), Client::Address(None));
+        let mut held = vec![shares.take(one.clone()).unwrap(), shares.take(one.clone()).unwrap()];
+        assert!(shares.take(one.clone()).is_none(), "its own are taken");
+        held.push(shares.take(other.clone()).unwrap());
+        assert!(shares.take(other.clone()).is_none(), "all are taken");
+        held.remove(0);
+        held.push(shares.take(other.clone()).unwrap());
+        drop(held);
+        assert!(lock(&shares.taken).by_client.is_empty());
+        assert_ne!(one.mark(), other.mark());
+    }
+}

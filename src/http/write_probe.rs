@@ -1,0 +1,103 @@
+//! Whether a record could be kept now, found out by writing something small to everything that keeps a part
+//! of it.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tokio::sync::Mutex;
+
+use crate::service::{PartHealth, Service};
+use crate::store::StoreError;
+
+/// How long each part has to answer before it counts as away.
+pub(super) const ANSWER_TIMEOUT: Duration = Duration::from_secs(3);
+
+/// How long a finding counts: however often somebody asks, no more is written.
+const KNOWN_FOR: Duration = Duration::from_secs(2);
+
+/// What was found.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Writability {
+    /// Why the database takes nothing; none where it does.
+    pub(super) database: Option<String>,
+    /// Why a record has no room on the disk; none where it has.
+    pub(super) room: Option<String>,
+    /// The parts that processes share.
+    pub(super) parts: Vec<PartHealth>,
+}
+
+/// Writes and keeps in mind what came of it.
+#[derive(Debug, Default)]
+pub(super) struct WriteProbe(Mutex<Option<(Instant, Writability)>>);
+
+impl Writability {
+    pub(super) fn is_whole(&self) -> bool {
+        self.database.is_none() && self.room.is_none() && self.parts.iter().all(|part| part.fault.is_none())
+    }
+}
+
+impl WriteProbe {
+    /// What was found just now, or a moment ago. Who asks meanwhile waits for the same finding.
+    pub(super) async fn ask(&self, service: &Arc<Service>) -> Writability {
+        let mut last = self.0.lock().await;
+        if let Some((found_at, found)) = last.as_ref()
+            && found_at.elapsed() < KNOWN_FOR
+        {
+            return found.clone();
+        }
+        let found = write(service).await;
+        *last = Some((Instant::now(), found.clone()));
+        found
+    }
+}
+
+async fn write(service: &Arc<Service>) -> Writability {
+    let queue = async {
+        match service.role.queue() {
+            Some(queue) => queue.health().await,
+            None => Vec::new(),
+        }
+    };
+    let (database, room, bucket, mut parts) = tokio::join!(database(service), room(service), object_store(service), queue);
+    parts.extend(bucket);
+    Writability { database, room, parts }
+}
+
+async fn database(service: &Service) -> Option<String> {
+    match tokio::time::timeout(ANSWER_TIMEOUT, service.store.check_writable(service.now())).await {
+        Ok(Ok(())) => None,
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some("does not answer".to_owned()),
+    }
+}
+
+/// Why a record has no room on this machine's disk.
+async fn room(service: &Service) -> Option<String> {
+    // What is damaged is not written to, and is told by itself.
+    if service.store.damage().is_some() {
+        return None;
+    }
+    let store = service.store.clone();
+    on_objects(move || store.objects().check_room()).await
+}
+
+/// Of processes that share a store: whether the objects can be written.
+async fn object_store(service: &Service) -> Option<PartHealth> {
+    if !service.store.is_shared() {
+        return None;
+    }
+    let store = service.store.clone();
+    Some(PartHealth {
+        part: "object_store",
+        fault: on_objects(move || store.objects().check_writable()).await,
+    })
+}
+
+async fn on_objects(look: impl FnOnce() -> Result<(), StoreError> + Send + 'static) -> Option<String> {
+    match tokio::time::timeout(ANSWER_TIMEOUT, tokio::task::spawn_blocking(look)).await {
+        Ok(Ok(Ok(()))) => None,
+        Ok(Ok(Err(error))) => Some(error.to_string()),
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some("does not answer".to_owned()),
+    }
+}

@@ -1,0 +1,120 @@
+//! What one client leaves to the others: connections, event streams, resumable uploads.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+use flankwatch::http::{Scope, Tokens};
+use jiff::Timestamp;
+
+use crate::running::{Answer, Service, record};
+
+fn connect(service: &Service) -> TcpStream {
+    let stream = TcpStream::connect(service.url("").trim_start_matches("http://")).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream
+}
+
+/// Asks for live events, and returns the status with the rest of the answer.
+fn follow(service: &Service, token: Option<&str>) -> (u16, BufReader<TcpStream>) {
+    let mut stream = connect(service);
+    let token = token.map_or_else(String::new, |token| format!("authorization: Bearer {token}\r\n"));
+    // A connection that is refused at once may be closed before the request is through.
+    let _ = write!(stream, "GET /v1/events HTTP/1.1\r\nhost: localhost\r\n{token}\r\n");
+    let (mut reader, mut line) = (BufReader::new(stream), String::new());
+    reader.read_line(&mut line).unwrap();
+    (line.split(' ').nth(1).unwrap().parse().unwrap(), reader)
+}
+
+#[test]
+fn event_streams_of_one_client_leave_room_for_health_and_uploads() {
+    let service = Service::start_with(|config| config.http.connections = 64);
+    service.plain_asset("pump");
+    let streams: Vec<_> = (0..80).map(|_| follow(&service, None)).collect();
+    let count = |status| streams.iter().filter(|(found, _)| *found == status).count();
+    assert_eq!((count(200), count(503)), (16, 64));
+    service.get("/healthz").expect(200);
+    service.upload("pump", &record("1", 1));
+    // Those that are open go on.
+    drop(streams);
+}
+
+#[test]
+fn health_is_answered_while_one_client_has_all_its_connections() {
+    let service = Service::start_with(|config| config.http.connections = 8);
+    let idle: Vec<TcpStream> = (0..20).map(|_| connect(&service)).collect();
+    service.get("/healthz").expect(200);
+    service.get("/readyz").expect(200);
+    let refused = service.get("/v1/assets");
+    assert_eq!((refused.header("connection"), refused.header("retry-after")), ("close", "1"));
+    refused.expect_problem(503, &["connections"]);
+    drop(idle);
+    let began = std::time::Instant::now();
+    while service.get("/v1/assets").status != 200 {
+        assert!(began.elapsed() < Duration::from_secs(20), "its places are still taken");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn a_revoked_tokens_streams_end() {
+    let service = Service::start();
+    let tokens = Tokens::of(service.folder());
+    let (one, other) = (token(&service, "one"), token(&service, "other"));
+    let (status, mut ended) = follow(&service, Some(&one));
+    assert_eq!(status, 200);
+    let (status, goes_on) = follow(&service, Some(&other));
+    assert_eq!(status, 200);
+    let id = one.split('_').nth(1).unwrap();
+    tokens.revoke(id).unwrap();
+    ended.get_ref().set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+    let mut rest = String::new();
+    // The last chunk ends the stream; the connection may stay for another request.
+    while !rest.ends_with("0\r\n\r\n") {
+        let mut piece = [0; 1024];
+        let count = ended.read(&mut piece).unwrap();
+        if count == 0 {
+            break;
+        }
+        rest.push_str(&String::from_utf8_lossy(&piece[..count]));
+    }
+    goes_on.get_ref().set_read_timeout(Some(Duration::from_millis(300))).unwrap();
+    let mut head = String::new();
+    let mut goes_on = goes_on;
+    while head != "\r\n" {
+        head.clear();
+        goes_on.read_line(&mut head).unwrap();
+    }
+    assert!(goes_on.read(&mut [0; 16]).is_err(), "nothing comes, and it has not ended");
+}
+
+fn token(service: &Service, name: &str) -> String {
+    let tokens = Tokens::of(service.folder());
+    tokens.create(name, Scope::Write, Timestamp::UNIX_EPOCH).unwrap()
+}
+
+#[test]
+fn uploads_that_one_client_began_leave_room_for_others() {
+    let service = Service::start_with(|config| config.http.uploads_at_once = 8);
+    service.plain_asset("pump");
+    let (one, other) = (token(&service, "one"), token(&service, "other"));
+    let begin = |token: &str| -> Answer {
+        let authorization = format!("Bearer {token}");
+        let headers = [
+            ("authorization", authorization.as_str()),
+            ("tus-resumable", "1.0.0"),
+            ("upload-length", "10"),
+            // pump
+            ("upload-metadata", "asset cHVtcA=="),
+        ];
+        service.send("POST", "/v1/uploads", &headers, b"")
+    };
+    for _ in 0..6 {
+        begin(&one).expect(201);
+    }
+    begin(&one).expect_problem(503, &["of this client"]);
+    for _ in 0..2 {
+        begin(&other).expect(201);
+    }
+    begin(&other).expect_problem(503, &["too many uploads"]);
+}
