@@ -354,7 +354,8 @@ class Client:
 
 def parse_events(lines: Iterator[str]) -> Iterator[Event]:
     """The events in the lines of a stream."""
-    kind, number, data = "message", "", []
+    kind, number = "message", ""
+    data: list[str] = []
     for line in lines:
         if not line:
             if data:

@@ -24,6 +24,18 @@ READERS = {
     "audio": audio.read,
 }
 
+NAMES = {
+    "mat": "MATLAB",
+    "mat73": "MATLAB 7.3",
+    "hdf5": "HDF5",
+    "tdms": "TDMS",
+    "uff": "universal",
+    "parquet": "Parquet",
+    "npy": ".npy",
+    "npz": ".npz",
+    "audio": "FLAC or WAV",
+}
+
 
 def read(
     path: str | Path,
@@ -54,7 +66,12 @@ def read(
     """
     path = Path(path)
     name = detect(path)
-    content = READERS[name](path)
+    try:
+        content = READERS[name](path)
+    except (ImportError, OSError):
+        raise
+    except Exception as error:  # What the libraries raise for damaged files is of many kinds.
+        raise ValueError(f"{path}: not a whole {NAMES[name]} file: {error}") from error
     given = Given(channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time, time_column=time_column)
     return Recording(path=path, format=name, channels=complete(path, content, given))
 

@@ -11,9 +11,6 @@ from .guess import Content
 def read(path: Path) -> Content:
     """The channels ``"1"``, ``"2"``, …; integers are scaled to a full scale of 1."""
     soundfile = require("soundfile", "soundfile", "FLAC and WAV")
-    try:
-        samples, rate_hz = soundfile.read(path, dtype="float64", always_2d=True)
-    except soundfile.LibsndfileError as error:
-        raise ValueError(f"{path}: not a whole FLAC or WAV file: {error}") from error
+    samples, rate_hz = soundfile.read(path, dtype="float64", always_2d=True)
     arrays = {str(number): samples[:, number - 1] for number in range(1, samples.shape[1] + 1)}
     return Content(arrays=arrays, common={"fs": float(rate_hz)})

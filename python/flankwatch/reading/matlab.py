@@ -14,10 +14,7 @@ from .guess import Content
 def read(path: Path) -> Content:
     """The variables of a file; fields of structs have dotted names."""
     io = require("scipy.io", "SciPy", "MATLAB files")
-    try:
-        variables = io.loadmat(str(path), simplify_cells=True)
-    except (TypeError, ValueError, NotImplementedError) as error:
-        raise ValueError(f"{path}: not a MATLAB file: {error}") from error
+    variables = io.loadmat(str(path), simplify_cells=True)
     content = Content()
     for name, value in variables.items():
         if not name.startswith("__"):

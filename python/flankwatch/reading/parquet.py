@@ -14,15 +14,12 @@ def read(path: Path) -> Content:
     """All columns of numbers and times, with the metadata of fields and file."""
     pa = require("pyarrow", "pyarrow", "Parquet")
     parquet = require("pyarrow.parquet", "pyarrow", "Parquet")
-    try:
-        table = parquet.read_table(path)
-    except pa.ArrowInvalid as error:
-        raise ValueError(f"{path}: not a whole Parquet file: {error}") from error
+    table = parquet.read_table(path)
     content = Content()
     content.common.update(texts(table.schema.metadata))
     for field, column in zip(table.schema, table.columns):
         if column.null_count and (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
-            raise ValueError(f"{path}: column {field.name!r} has {column.null_count} missing values, expected none")
+            raise ValueError(f"column {field.name!r} has {column.null_count} missing values, expected none")
         if pa.types.is_floating(field.type) or pa.types.is_integer(field.type) or pa.types.is_timestamp(field.type):
             content.arrays[field.name] = np.asarray(column.to_numpy())
             content.attributes[field.name] = dict(texts(field.metadata))

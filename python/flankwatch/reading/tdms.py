@@ -14,10 +14,7 @@ def read(path: Path) -> Content:
     """All channels, scaled as the file says, with their properties."""
     nptdms = require("nptdms", "npTDMS", "TDMS")
     content = Content()
-    try:
-        file = nptdms.TdmsFile.read(path)
-    except (ValueError, KeyError, EOFError, IndexError) as error:
-        raise ValueError(f"{path}: not a whole TDMS file: {error}") from error
+    file = nptdms.TdmsFile.read(path)
     content.common.update(file.properties)
     groups = file.groups()
     for group in groups:

@@ -18,12 +18,8 @@ TIME_RESPONSE = 1
 def read(path: Path) -> Content:
     """The time responses among the datasets 58."""
     pyuff = require("pyuff", "pyuff", "UFF58")
-    try:
-        file = pyuff.UFF(str(path))
-        types = list(file.get_set_types())
-        sets = [file.read_sets(number) for number, kind in enumerate(types) if int(kind) == 58]
-    except Exception as error:  # pyuff raises bare exceptions.
-        raise ValueError(f"{path}: not a whole universal file: {error}") from error
+    file = pyuff.UFF(str(path))
+    sets = [file.read_sets(number) for number, kind in enumerate(file.get_set_types()) if int(kind) == 58]
     content = Content()
     for number, dataset in enumerate(sets, 1):
         if dataset.get("func_type", TIME_RESPONSE) not in (0, TIME_RESPONSE) or np.iscomplexobj(dataset["data"]):
