@@ -60,6 +60,8 @@ def rfc3339(time: Any) -> str | None:
     """A time as the service writes it."""
     if time is None:
         return None
+    if isinstance(time, (int, float)):
+        return str(np.datetime64(round(time * 1e9), "ns")) + "Z"
     moment = as_time(time)
     if moment is None:
         raise ValueError(f"time is {time!r}, expected an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970")

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def as_frame(answer: Any, frame: str | None) -> Any:
-    """Rows as they are, or as a frame with the time in UTC in the column ``time``."""
+    """Rows as they are, or as a frame with the time in UTC in the column ``start_time``."""
     rows = answer["items"] if isinstance(answer, dict) else answer
     if frame is None:
         return rows
@@ -19,10 +19,10 @@ def as_frame(answer: Any, frame: str | None) -> Any:
         raise ImportError(f"frame={frame!r} needs {frame}, which is not installed: pip install 'flankwatch[frames]'") from error
     if frame == "polars":
         table = library.DataFrame(rows, infer_schema_length=None)
-        if "time" in table.columns:
-            table = table.with_columns(library.col("time").str.to_datetime(time_zone="UTC"))
+        if "start_time" in table.columns:
+            table = table.with_columns(library.col("start_time").str.to_datetime(time_zone="UTC"))
         return table
     table = library.DataFrame(rows)
-    if "time" in table.columns:
-        table["time"] = library.to_datetime(table["time"], utc=True, format="ISO8601")
+    if "start_time" in table.columns:
+        table["start_time"] = library.to_datetime(table["start_time"], utc=True, format="ISO8601")
     return table

@@ -67,7 +67,7 @@ def write_tdms(path: Path, x: dict[str, np.ndarray], number: int) -> None:
 
 
 def write_uff(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    file = pyuff.UFF(str(path))
+    sets = []
     for node, (name, samples) in enumerate(x.items(), 1):
         dataset = pyuff.prepare_58(
             binary=number % 2,
@@ -88,7 +88,11 @@ def write_uff(path: Path, x: dict[str, np.ndarray], number: int) -> None:
             ordinate_axis_units_lab="g",
             return_full_dict=True,
         )
-        file.write_sets(dataset, "add" if node > 1 else "overwrite")
+        texts = ("id", "rsp_ent", "ref_ent")
+        empty = {key: "NONE" if key.startswith(texts) or key.endswith("_lab") else 0 for key, value in dataset.items() if value is None}
+        sets.append(dataset | empty)
+    path.unlink(missing_ok=True)
+    pyuff.UFF(str(path)).write_sets(sets, "add")
 
 
 def write_parquet(path: Path, x: dict[str, np.ndarray], number: int) -> None:

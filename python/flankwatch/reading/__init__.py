@@ -68,7 +68,7 @@ def read(
     name = detect(path)
     try:
         content = READERS[name](path)
-    except (ImportError, OSError):
+    except (ImportError, MemoryError):
         raise
     except Exception as error:  # What the libraries raise for damaged files is of many kinds.
         raise ValueError(f"{path}: not a whole {NAMES[name]} file: {error}") from error
