@@ -226,7 +226,7 @@ class Client:
         start_time: Any = None,
         **parameters: Any,
     ) -> dict[str, Any]:
-        """Sends a recording in a file: WAV and MCAP as they are, other formats as :func:`flankwatch.read` reads them.
+        """Sends a recording in a file: WAV, MCAP and CSV as they are, other formats as :func:`flankwatch.read` reads them.
 
         Channels of one rate and start go together; the answer is that of the last upload.
         """
@@ -234,8 +234,12 @@ class Client:
         with path.open("rb") as file:
             beginning = file.read(16)
         media_type = next((kind for magic, kind in READ_BY_SERVICE.items() if beginning.startswith(magic)), None)
+        if path.suffix.lower() == ".csv":
+            media_type = "text/csv"
         if media_type is not None:
             given = without_none({"unit": unit, "start_time": rfc3339(start_time), **parameters})
+            if media_type == "text/csv" and rate_hz is not None:
+                given["sample_rate_hz"] = repr(float(rate_hz))
             return self._upload(asset, path.read_bytes(), media_type, given, idempotency_key)
         recording = read(path, channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time)
         answers = []

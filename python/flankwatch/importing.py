@@ -16,7 +16,7 @@ import httpx
 from .client import Client, ServiceError
 
 #: Endings of files that are looked at.
-ENDINGS = {".mat", ".tdms", ".uff", ".unv", ".h5", ".hdf5", ".hdf", ".parquet", ".npy", ".npz", ".flac", ".wav", ".mcap"}
+ENDINGS = {".mat", ".tdms", ".uff", ".unv", ".h5", ".hdf5", ".hdf", ".parquet", ".npy", ".npz", ".flac", ".wav", ".mcap", ".csv"}
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -71,7 +71,7 @@ def send(client: Client, path: Path, options: argparse.Namespace) -> str:
     when: str | None = start_time(path, options.time_pattern)
     channels = options.channels.split(",") if options.channels else None
     said_by_file = path.suffix.lower() == ".mcap"
-    if not said_by_file and path.suffix.lower() != ".wav" and options.time_pattern is None:
+    if not said_by_file and path.suffix.lower() not in (".wav", ".csv") and options.time_pattern is None:
         detect(path)
         said = [channel.start_time for channel in read(path, channels=channels, rate_hz=options.rate_hz, unit=options.unit)]
         said_by_file = all(time is not None for time in said)

@@ -51,6 +51,19 @@ def test_an_upload_has_the_indicators_that_are_computed_here(client, asset):
     assert repeat["replayed"] and repeat["id"] == segment["id"]
 
 
+def test_a_csv_file_goes_as_it_is(client, asset, tmp_path):
+    path = tmp_path / "recording.csv"
+    x = np.round(gear_signal(5)[:8000], 6).astype(np.float32)
+    lines = [f"{n / RATE_HZ:.6f};{value!s}".replace(".", ",") for n, value in enumerate(x)]
+    path.write_text("Messung;7\nZeit [s];Eingang [m/s²]\n" + "\n".join(lines), encoding="latin-1")
+    segment = client.upload_file(asset, path, start_time="2026-03-01T08:00:00Z")
+    assert (segment["channel"], segment["sample_rate_hz"], segment["unit"]) == ("Eingang", RATE_HZ, "m/s2")
+    waveform = client.waveform(segment["id"], max_points=200_000)
+    assert np.array_equal(np.asarray(waveform["value"], dtype=np.float32), x)
+    with pytest.raises(flankwatch.ServiceError, match="the sampling rate is 21000 Hz, expected 20000 Hz"):
+        client.upload_file(asset, path, rate_hz=21_000.0)
+
+
 def test_several_channels_go_together(client, asset):
     x = np.stack([gear_signal(1), gear_signal(2)])
     answer = client.upload(asset, x, RATE_HZ, start_time=0, channel_names=["in", "out"], unit="g")
