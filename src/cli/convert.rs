@@ -24,10 +24,10 @@ pub(super) struct ConvertArgs {
     /// The file to write: .mcap, or .wav with 32-bit floating-point samples
     #[arg(value_name = "OUT")]
     pub output: PathBuf,
-    /// Sampling rate in hertz; needed for CSV, replaces the header's for WAV
+    /// Sampling rate in hertz; needed for CSV that does not say it, replaces the header's for WAV
     #[arg(long, value_name = "HZ")]
     pub rate: Option<f64>,
-    /// Unit of the samples, for example m/s2 or g; needed for CSV
+    /// Unit of the samples, for example m/s2 or g; needed for columns of CSV whose header does not say it
     #[arg(long)]
     pub unit: Option<String>,
     /// Asset that the recording belongs to, the first part of its MCAP topics
@@ -36,7 +36,7 @@ pub(super) struct ConvertArgs {
     /// Channels to take, in this order: the header's names, or 1,2,…; all where not given
     #[arg(long, value_delimiter = ',', value_name = "A,B")]
     pub channels: Vec<String>,
-    /// Time of the first sample, RFC 3339
+    /// Time of the first sample, RFC 3339, where the recording does not say it
     #[arg(long, value_name = "TIME", default_value = "1970-01-01T00:00:00Z")]
     pub start_time: Timestamp,
     /// Rotational frequency of the driving shaft in hertz
@@ -138,8 +138,9 @@ fn write_mcap(args: &ConvertArgs, asset: &AssetId, source: &mut Source, file: &F
         source,
     };
     let defaults = RecordDefaults {
-        start_time: args.start_time,
+        start_time: source.start_time.unwrap_or(args.start_time),
         unit: args.unit.clone(),
+        channel_units: source.channel_units.clone(),
         operating_point: OperatingPoint {
             shaft_speed_hz: args.shaft_speed_hz,
             torque_nm: args.torque_nm,

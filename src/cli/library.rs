@@ -246,6 +246,6 @@ pub(super) fn kept_ensemble(data_dir: &Path, pair: &PairSpec, members: usize) ->
 
 /// A progress bar on standard error, drawn only on a terminal.
 pub(super) fn progress_bar(length: u64, unit: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template(&format!("{{bar:32}} {{pos}}/{{len}} {unit} {{elapsed}} {{msg}}"));
+    let style = ProgressStyle::with_template(&format!("{{bar:32}} {{pos}}/{{len}} {unit} {{elapsed}}, {{eta}} left {{msg}}"));
     ProgressBar::new(length).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }

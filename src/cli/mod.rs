@@ -21,6 +21,7 @@ mod pair_file;
 mod quarantine;
 mod rebuild;
 mod recorded_runs;
+mod recording_files;
 mod records;
 mod replay;
 mod serve;

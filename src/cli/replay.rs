@@ -10,6 +10,7 @@ use jiff::Timestamp;
 use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
 
 use super::library::progress_bar;
+use super::recording_files::recording_files;
 use super::{CliError, output};
 use crate::asset::AssetId;
 use crate::recording::{BlockEncoding, Cut, RecordDefaults, Recorded, RecordingFile, encode_block};
@@ -27,7 +28,7 @@ const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
 /// Arguments of `flankwatch replay`.
 #[derive(Args)]
 pub(super) struct ReplayArgs {
-    /// MCAP or WAV recordings, in time order
+    /// MCAP, WAV or CSV (.csv.gz too) recordings in time order, or folders of them, which are taken in the order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// The asset that they belong to
@@ -45,7 +46,10 @@ pub(super) struct ReplayArgs {
     /// How fast: realtime, max, or a factor such as 10x
     #[arg(long, default_value = "max")]
     pace: Pace,
-    /// Cut WAV recordings into records of this length in seconds; a rest of less than half of it is left out
+    /// Sampling rate in hertz of CSV that does not say it
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+    /// Cut WAV and CSV recordings into records of this length in seconds; a rest of less than half of it is left out
     #[arg(long)]
     record_seconds: Option<f64>,
     /// Time of the first sample of the first recording that does not say; later ones follow on it
@@ -69,16 +73,16 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
         first: None,
         sent: 0,
     };
-    let bytes: u64 = args
-        .files
+    let files = recording_files(&args.files)?;
+    let bytes: u64 = files
         .iter()
         .filter_map(|path| path.metadata().ok())
         .map(|metadata| metadata.len())
         .sum();
     let bar = progress_bar(bytes, "bytes");
     let mut next_start = args.start_time;
-    for path in &args.files {
-        sender.send_file(path, args.record_seconds, &mut next_start, &bar)?;
+    for path in &files {
+        sender.send_file(path, args, &mut next_start, &bar)?;
     }
     bar.finish_and_clear();
     output::print(&format!("{} records sent to {}\n", sender.sent, sender.url))
@@ -112,18 +116,13 @@ struct Sender {
 }
 
 impl Sender {
-    fn send_file(
-        &mut self,
-        path: &Path,
-        record_seconds: Option<f64>,
-        next_start: &mut Timestamp,
-        bar: &ProgressBar,
-    ) -> Result<(), CliError> {
+    fn send_file(&mut self, path: &Path, args: &ReplayArgs, next_start: &mut Timestamp, bar: &ProgressBar) -> Result<(), CliError> {
         let defaults = RecordDefaults {
             start_time: *next_start,
+            sample_rate_hz: args.rate,
             ..RecordDefaults::default()
         };
-        let mut file = RecordingFile::open(path, defaults, record_seconds.map(Cut::Seconds)).map_err(CliError::recording(path))?;
+        let mut file = RecordingFile::open(path, defaults, args.record_seconds.map(Cut::Seconds)).map_err(CliError::recording(path))?;
         let before = bar.position();
         while let Some(recorded) = file.next() {
             let recorded = recorded.map_err(CliError::recording(path))?;

@@ -182,6 +182,10 @@ fn check_mcap(beginning: &[u8]) -> Result<(), Problem> {
             StatusCode::UNPROCESSABLE_ENTITY,
             "the recording is a WAV, expected MCAP as content-type says",
         )),
+        Format::Csv => Err(Problem::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "the recording is text, expected MCAP as content-type says",
+        )),
     }
 }
 

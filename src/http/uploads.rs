@@ -25,7 +25,7 @@ use crate::store::KeyedUpload;
 
 const MCAP: &str = "application/mcap";
 const BARE: &str = "application/octet-stream";
-const EXPECTED: &str = "audio/wav, application/x-protobuf, application/json, application/mcap or application/octet-stream";
+const EXPECTED: &str = "audio/wav, text/csv, application/x-protobuf, application/json, application/mcap or application/octet-stream";
 
 /// Longest Idempotency-Key in bytes.
 const MAX_KEY_BYTES: usize = 255;
@@ -68,7 +68,7 @@ pub(super) struct UploadParameters {
     /// interleaved.
     #[serde(skip_serializing_if = "Option::is_none")]
     sample: Option<String>,
-    /// For `application/octet-stream`: sampling rate in hertz.
+    /// For `application/octet-stream`, and for `text/csv` without a column of times: sampling rate in hertz.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[param(example = 12800.0)]
     sample_rate_hz: Option<f64>,
@@ -159,6 +159,7 @@ pub(super) struct RecordingAnswer {
     request_body(
         content(
             (Vec<u8> = "audio/wav"),
+            (String = "text/csv"),
             (JsonBlock = "application/json"),
             (Vec<u8> = "application/x-protobuf"),
             (Vec<u8> = "application/mcap"),
@@ -318,7 +319,13 @@ impl Upload<'_> {
         let asked = &self.asked;
         if media_type != Some(BARE) {
             let format = media_type.and_then(RecordFormat::from_media_type);
-            return format.ok_or_else(|| body::unsupported(media_type, EXPECTED));
+            return match format {
+                Some(RecordFormat::Csv { .. }) => Ok(RecordFormat::Csv {
+                    sample_rate_hz: asked.sample_rate_hz,
+                }),
+                Some(format) => Ok(format),
+                None => Err(body::unsupported(media_type, EXPECTED)),
+            };
         }
         let missing = |field| Problem::query(field, "missing", "its value: bare samples do not say it themselves");
         let sample = asked.sample.as_deref().ok_or_else(|| missing("sample"))?;

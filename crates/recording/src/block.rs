@@ -47,6 +47,8 @@ pub struct RecordDefaults {
     pub channel_names: Vec<String>,
     /// Time of the first sample of the recording.
     pub start_time: Timestamp,
+    /// Sampling rate in hertz of a recording that may leave it out: of CSV.
+    pub sample_rate_hz: Option<f64>,
     /// Unit of the samples.
     pub unit: Option<String>,
     /// Units of channels that have one of their own, by name; they count before `unit`.

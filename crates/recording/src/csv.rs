@@ -2,79 +2,61 @@
 
 use std::io::{self, Read};
 
-use csv::{ReaderBuilder, StringRecord};
+use csv::{ByteRecord, ReaderBuilder};
 
 use super::RecordingError;
-use super::block::MAX_CHANNEL_BYTES;
+use super::csv_field::{Decimals, Moment, text};
+use super::csv_head::{BEGINNING_BYTES, Column, Head};
 use super::error::shortened;
 
 /// Longest line taken, in bytes: a file without line ends must not fill the memory.
 const MAX_LINE_BYTES: usize = 1 << 20;
 
-/// Most columns taken.
-const MAX_COLUMNS: usize = 256;
-
 /// Reads frames (one sample of every chosen channel) of a CSV file, line by line.
 ///
-/// The first line is a header if a field in it is not a number; without one the columns are `"1"`, `"2"`, …. Columns called `time`, `t`, `timestamp`
-/// or like `time (s)` are left out unless they are chosen by name. Fields are separated by commas, or by the semicolons or tabs of the first line.
+/// Fields are separated by commas, semicolons, tabs or spaces, as the first line of samples and the next one agree on, and may be quoted. Decimals
+/// stand after a point, or after a comma where that does not separate fields. Lines before the header are skipped, but for the sampling rate that one
+/// of them may say. The line above the samples names the columns; below it may be a line of units. Without a header the columns are `"1"`, `"2"`, ….
+///
+/// Columns that hold the time are no channels unless they are chosen by name: those called `time`, `t`, `Zeit [ms]` or the like, those with dates or
+/// times of day, and the first four where they are hour, minute, second and microsecond. Text is UTF-8, or Latin-1.
 pub struct CsvFrames<R> {
-    reader: csv::Reader<LineLimit<R>>,
+    reader: csv::Reader<Squeezed<LineLimit<R>>>,
+    head: Head,
     channels: Vec<String>,
+    units: Vec<Option<&'static str>>,
     columns: Vec<usize>,
-    line: StringRecord,
-    /// The first line where it is not a header.
-    first: Option<StringRecord>,
+    decimals: Decimals,
+    clock_decimals: Decimals,
+    line: ByteRecord,
 }
 
 impl<R: Read> CsvFrames<R> {
-    /// Reads the first line; `chosen` names the wanted columns in their order, all data columns where it is empty.
+    /// Reads the header; `chosen` names the wanted columns in their order, all data columns where it is empty.
     pub fn new(reader: R, chosen: &[String]) -> Result<Self, RecordingError> {
         let mut limited = LineLimit::new(reader);
-        let separator = limited.separator()?;
-        let mut reader = ReaderBuilder::new()
-            .has_headers(false)
-            .delimiter(separator)
-            .trim(csv::Trim::All)
-            .from_reader(limited);
-        let mut line = StringRecord::new();
-        if !reader.read_record(&mut line).map_err(csv_error)? {
+        let beginning = limited.beginning()?;
+        if beginning.is_empty() {
             return Err(RecordingError::NoBytes);
         }
-        if line.len() > MAX_COLUMNS {
-            return Err(RecordingError::CsvLine {
-                line: 1,
-                what: format!("{} columns, expected at most {MAX_COLUMNS}", line.len()),
-            });
-        }
-        let is_header = line.iter().any(|field| field.parse::<f64>().is_err());
-        let names: Vec<String> = if is_header {
-            line.iter()
-                .enumerate()
-                .map(|(k, name)| if name.is_empty() { (k + 1).to_string() } else { name.to_owned() })
-                .collect()
-        } else {
-            (1..=line.len()).map(|k| k.to_string()).collect()
-        };
-        if let Some(name) = names
-            .iter()
-            .find(|name| name.len() > MAX_CHANNEL_BYTES || name.chars().any(char::is_control))
-        {
-            return Err(RecordingError::CsvLine {
-                line: 1,
-                what: format!(
-                    "column name {:?}, expected at most 256 bytes without control characters",
-                    shortened(name)
-                ),
-            });
-        }
-        let columns = choose(&names, chosen)?;
+        let head = Head::read(beginning)?;
+        limited.skip_lines(head.lines);
+        let reader = ReaderBuilder::new()
+            .has_headers(false)
+            .delimiter(head.separator)
+            .trim(csv::Trim::All)
+            .from_reader(Squeezed::new(limited, head.separator == b' '));
+        let columns = choose(&head, chosen)?;
+        let of = |column: &usize| &head.columns[*column];
         Ok(Self {
             reader,
-            channels: columns.iter().map(|&k| names[k].clone()).collect(),
+            channels: columns.iter().map(|column| of(column).name.clone()).collect(),
+            units: columns.iter().map(|column| of(column).unit).collect(),
             columns,
-            first: (!is_header).then(|| line.clone()),
-            line,
+            decimals: Decimals::separated_by(head.separator),
+            clock_decimals: Decimals::separated_by(head.separator),
+            head,
+            line: ByteRecord::new(),
         })
     }
 
@@ -83,73 +65,105 @@ impl<R: Read> CsvFrames<R> {
         &self.channels
     }
 
+    /// Units of the channels, where the header says them.
+    pub fn units(&self) -> &[Option<&'static str>] {
+        &self.units
+    }
+
+    /// Sampling rate in hertz that a line before the header says.
+    pub fn stated_rate_hz(&self) -> Option<f64> {
+        self.head.stated_rate_hz
+    }
+
     /// Reads the next frame, false at the end. A value that is no finite number is an error with its line and column.
     pub fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
-        if let Some(first) = self.first.take() {
-            self.line = first;
-        } else if !self.reader.read_record(&mut self.line).map_err(csv_error)? {
+        let skipped = self.head.lines;
+        if !self
+            .reader
+            .read_byte_record(&mut self.line)
+            .map_err(|error| csv_error(error, skipped))?
+        {
             return Ok(false);
         }
         for ((sample, &column), channel) in frame.iter_mut().zip(&self.columns).zip(&self.channels) {
-            let field = self.line.get(column).unwrap_or("");
-            match field.parse::<f32>() {
-                Ok(value) if value.is_finite() => *sample = value,
+            let field = text(self.line.get(column).unwrap_or_default());
+            match self.decimals.parse::<f32>(&field) {
+                Some(value) if value.is_finite() => *sample = value,
                 _ => {
                     return Err(RecordingError::CsvValue {
-                        line: self.line.position().map_or(1, csv::Position::line),
+                        line: self.line(),
                         column: channel.clone(),
-                        value: shortened(field),
-                        expected: "a finite number with a decimal point",
+                        value: shortened(&field),
+                        expected: self.decimals.expected(),
                     });
                 }
             }
         }
         Ok(true)
     }
+
+    /// The line that was read last, counted from 1.
+    pub(super) fn line(&self) -> u64 {
+        self.head.lines + self.line.position().map_or(1, csv::Position::line)
+    }
+
+    /// The time of the line that was read last; none where the file has no column of times.
+    pub(super) fn moment(&mut self) -> Result<Option<Moment>, RecordingError> {
+        let Some(clock) = self.head.clock else { return Ok(None) };
+        let field = |at: usize| std::str::from_utf8(self.line.get(at).unwrap_or_default()).unwrap_or_default();
+        match clock.read(field, &mut self.clock_decimals) {
+            Some(moment) => Ok(Some(moment)),
+            None => {
+                let at = (0..self.head.columns.len()).find(|&at| clock.has(at)).unwrap_or_default();
+                Err(RecordingError::CsvValue {
+                    line: self.line(),
+                    column: self.head.columns[at].label.clone(),
+                    value: shortened(field(at)),
+                    expected: "a time as in the lines above",
+                })
+            }
+        }
+    }
 }
 
 /// Columns of the chosen names, or all that are not a time.
-fn choose(names: &[String], chosen: &[String]) -> Result<Vec<usize>, RecordingError> {
+fn choose(head: &Head, chosen: &[String]) -> Result<Vec<usize>, RecordingError> {
+    let names = || {
+        head.columns
+            .iter()
+            .map(|column| column.label.as_str())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let refuse = |what: String| RecordingError::CsvLine {
+        line: head.lines.max(1),
+        what,
+    };
     let columns: Vec<usize> = if chosen.is_empty() {
-        (0..names.len()).filter(|&k| !is_time(&names[k])).collect()
+        (0..head.columns.len())
+            .filter(|&at| !head.clock.is_some_and(|clock| clock.has(at)))
+            .collect()
     } else {
         let find = |wanted: &String| {
-            names.iter().position(|name| name == wanted).ok_or_else(|| RecordingError::CsvLine {
-                line: 1,
-                what: format!("no column {wanted:?}, expected one of {}", names.join(", ")),
-            })
+            let is_wanted = |column: &Column| column.label == *wanted || column.name == *wanted;
+            let found = head.columns.iter().position(is_wanted);
+            found.ok_or_else(|| refuse(format!("no column {wanted:?}, expected one of {}", names())))
         };
         chosen.iter().map(find).collect::<Result<_, _>>()?
     };
     if columns.is_empty() {
-        return Err(RecordingError::CsvLine {
-            line: 1,
-            what: format!("no column with samples among {}", names.join(", ")),
-        });
+        return Err(refuse(format!("no column with samples among {}", names())));
     }
     Ok(columns)
 }
 
-/// Whether a column's name says that it holds the time, not a signal: `t`, `time (s)`, `timestamp_ns`, but not `t_oil`.
-fn is_time(name: &str) -> bool {
-    let name = name.to_lowercase();
-    let mut words = name.split([' ', '(', '[', '_', ')', ']']).filter(|word| !word.is_empty());
-    let stem = words.next().unwrap_or_default();
-    matches!(stem, "time" | "t" | "timestamp" | "datetime")
-        && words.all(|unit| matches!(unit, "s" | "sec" | "seconds" | "ms" | "us" | "µs" | "ns" | "utc"))
-}
-
-fn csv_error(error: csv::Error) -> RecordingError {
-    let line = error.position().map_or(1, csv::Position::line);
+fn csv_error(error: csv::Error, skipped: u64) -> RecordingError {
+    let line = skipped + error.position().map_or(1, csv::Position::line);
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error.into(),
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => RecordingError::CsvLine {
             line,
-            what: format!("{len} fields, expected {expected_len} as in the first line"),
-        },
-        csv::ErrorKind::Utf8 { .. } => RecordingError::CsvLine {
-            line,
-            what: "not UTF-8 text".to_owned(),
+            what: format!("{len} fields, expected {expected_len} as in the first line of samples"),
         },
         other => RecordingError::CsvLine {
             line,
@@ -174,14 +188,28 @@ impl<R: Read> LineLimit<R> {
         }
     }
 
-    /// Looks at the first line for its separator.
-    fn separator(&mut self) -> Result<u8, RecordingError> {
+    /// Reads the first bytes, which are passed on later.
+    fn beginning(&mut self) -> Result<&[u8], RecordingError> {
         let mut beginning = Vec::new();
-        self.reader.by_ref().take(4096).read_to_end(&mut beginning)?;
-        let line = beginning.split(|&byte| byte == b'\n').next().unwrap_or_default();
-        let separator = [b';', b'\t'].into_iter().find(|separator| line.contains(separator));
+        self.reader.by_ref().take(BEGINNING_BYTES as u64).read_to_end(&mut beginning)?;
         self.beginning = io::Cursor::new(beginning);
-        Ok(separator.unwrap_or(b','))
+        Ok(self.beginning.get_ref())
+    }
+
+    /// Leaves out lines of the beginning.
+    fn skip_lines(&mut self, lines: u64) {
+        let beginning = self.beginning.get_ref();
+        let ends = beginning
+            .iter()
+            .enumerate()
+            .filter(|(_, byte)| **byte == b'\n')
+            .map(|(at, _)| at as u64 + 1);
+        let start = match lines {
+            0 if beginning.starts_with(b"\xef\xbb\xbf") => 3,
+            0 => 0,
+            lines => ends.take(lines as usize).last().unwrap_or(0),
+        };
+        self.beginning.set_position(start);
     }
 }
 
@@ -201,6 +229,64 @@ impl<R: Read> Read for LineLimit<R> {
             return Err(io::Error::new(io::ErrorKind::InvalidData, what));
         }
         Ok(read)
+    }
+}
+
+/// Makes one space of spaces and tabs between fields, and none of those around a line, where spaces separate fields.
+struct Squeezed<R> {
+    reader: R,
+    active: bool,
+    begun: bool,
+    space: bool,
+}
+
+impl<R: Read> Squeezed<R> {
+    fn new(reader: R, active: bool) -> Self {
+        Self {
+            reader,
+            active,
+            begun: false,
+            space: false,
+        }
+    }
+}
+
+impl<R: Read> Read for Squeezed<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if !self.active || buffer.len() < 2 {
+            return self.reader.read(buffer);
+        }
+        // Every byte becomes at most itself and a space that was held back before it.
+        let mut raw = vec![0; buffer.len() / 2];
+        loop {
+            let read = self.reader.read(&mut raw)?;
+            if read == 0 {
+                return Ok(0);
+            }
+            let mut written = 0;
+            for &byte in &raw[..read] {
+                match byte {
+                    b' ' | b'\t' => self.space = self.begun,
+                    b'\n' | b'\r' => {
+                        (self.space, self.begun) = (false, false);
+                        buffer[written] = byte;
+                        written += 1;
+                    }
+                    byte => {
+                        if std::mem::take(&mut self.space) {
+                            buffer[written] = b' ';
+                            written += 1;
+                        }
+                        self.begun = true;
+                        buffer[written] = byte;
+                        written += 1;
+                    }
+                }
+            }
+            if written > 0 {
+                return Ok(written);
+            }
+        }
     }
 }
 
@@ -248,7 +334,10 @@ mod tests {
             ("a\nNaN\n", "csv line 2, column \"a\": \"NaN\""),
             ("1\n2\ninf\n", "csv line 3, column \"1\": \"inf\""),
             ("a\n1e39\n", "csv line 2, column \"a\": \"1e39\""),
-            ("a;b\n1,5;2\n", "csv line 2, column \"a\": \"1,5\""),
+            (
+                "a;b\n1,5;2\n2.5;3\n",
+                "csv line 3, column \"a\": \"2.5\", expected a finite number with a decimal comma",
+            ),
             ("a,b\n1,\n", "column \"b\": \"\""),
             ("a,b\n1,2,3\n", "csv line 2: 3 fields, expected 2"),
         ] {

@@ -32,16 +32,18 @@ pub enum RecordingError {
     #[error("cannot read or write the recording: {0}")]
     Io(#[from] std::io::Error),
     /// Not a single byte.
-    #[error("the recording is empty (0 bytes), expected a WAV or MCAP recording")]
+    #[error("the recording is empty (0 bytes), expected a WAV, MCAP or CSV recording")]
     NoBytes,
-    /// Text: probably a CSV file.
-    #[error("the recording is text ({beginning:?}…), expected WAV or MCAP: convert a CSV file first with `flankwatch convert`")]
-    Text {
-        /// How it begins.
-        beginning: String,
+    /// A format that is known, and not read here.
+    #[error("the recording is {name}, expected WAV, MCAP or CSV: {hint}")]
+    Foreign {
+        /// The format's name.
+        name: &'static str,
+        /// What reads it.
+        hint: &'static str,
     },
-    /// Neither WAV nor MCAP.
-    #[error("the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64) or MCAP recording")]
+    /// No format that is known.
+    #[error("the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP or CSV recording")]
     UnknownFormat {
         /// Its first bytes in hexadecimal.
         beginning: String,
@@ -149,6 +151,14 @@ pub enum RecordingError {
         value: String,
         /// What would have been right.
         expected: &'static str,
+    },
+    /// A sampling rate that contradicts the time column of a CSV file.
+    #[error("the sampling rate is {said} Hz, expected {clock} Hz as in the column of times (at most 0.1 % apart)")]
+    CsvRate {
+        /// The rate that was given, or that a line before the header says.
+        said: f64,
+        /// The rate by the column of times.
+        clock: f64,
     },
     /// A line of a CSV file that cannot be used.
     #[error("csv line {line}: {what}")]

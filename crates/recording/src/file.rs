@@ -6,12 +6,19 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::wav::WavBlocks;
-use super::{BlockEncoding, Cut, Format, McapReader, RecordDefaults, Recorded, RecordingError, encode_block};
+use flate2::read::MultiGzDecoder;
 
-/// The records of a WAV or MCAP file, read as they are asked for.
+use super::wav::WavBlocks;
+use super::{
+    BlockEncoding, CsvBlocks, CsvFrames, CsvTiming, Cut, Format, McapReader, RecordDefaults, Recorded, RecordingError, encode_block,
+};
+
+/// How a file that is compressed with gzip begins.
+const GZIP: [u8; 2] = [0x1f, 0x8b];
+
+/// The records of a WAV, MCAP or CSV file, read as they are asked for. CSV may be compressed with gzip; it is read twice, first for its time.
 ///
-/// A WAV up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records of 10 s, or as `cut` says, where a
+/// A WAV or CSV file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records of 10 s, or as `cut` says, where a
 /// rest of less than half a record is left out. MCAP records come as they were recorded.
 pub struct RecordingFile {
     records: Records,
@@ -21,6 +28,7 @@ pub struct RecordingFile {
 enum Records {
     Wav(Box<WavBlocks<CountedFile>>),
     Mcap(Box<McapReader>),
+    Csv(Box<CsvBlocks<Box<dyn Read + Send>>>),
 }
 
 /// A file that says how far it has been read.
@@ -51,12 +59,23 @@ impl RecordingFile {
         file.by_ref().take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         let read = Arc::new(AtomicU64::new(0));
+        if let Some(zipped) = csv_of(&mut file, &beginning)? {
+            let timing = CsvTiming::scan(CsvFrames::new(BufReader::new(unzipped(&mut file, zipped)), &[])?)?;
+            file.seek(SeekFrom::Start(0))?;
+            let counted = CountedFile {
+                file: BufReader::with_capacity(1 << 16, file),
+                read: read.clone(),
+            };
+            let frames = CsvFrames::new(Box::new(BufReader::new(unzipped(counted, zipped))) as Box<dyn Read + Send>, &[])?;
+            let records = Records::Csv(Box::new(CsvBlocks::new(frames, &timing, &defaults, cut)?));
+            return Ok(Self { records, read });
+        }
         let reader = CountedFile {
             file: BufReader::with_capacity(1 << 16, file),
             read: read.clone(),
         };
         let records = match Format::detect(&beginning)? {
-            Format::Wav => Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?)),
+            Format::Csv | Format::Wav => Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?)),
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(reader, defaults))),
         };
         Ok(Self { records, read })
@@ -72,15 +91,37 @@ impl RecordingFile {
         match self.records {
             Records::Wav(_) => Format::Wav,
             Records::Mcap(_) => Format::Mcap,
+            Records::Csv(_) => Format::Csv,
         }
     }
 
-    /// Length in seconds of the records into which a long WAV is cut without having been asked to; none where it is not.
+    /// Length in seconds of the records into which a long WAV or CSV file is cut without having been asked to; none where it is not.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         match &self.records {
             Records::Wav(blocks) => blocks.default_cut_seconds(),
+            Records::Csv(blocks) => blocks.default_cut_seconds(),
             Records::Mcap(_) => None,
         }
+    }
+}
+
+/// Whether a file is CSV, compressed (true) or not; it stands at its beginning again.
+fn csv_of(file: &mut File, beginning: &[u8]) -> Result<Option<bool>, RecordingError> {
+    if !beginning.starts_with(&GZIP) {
+        return Ok(matches!(Format::detect(beginning), Ok(Format::Csv)).then_some(false));
+    }
+    let mut inner = Vec::new();
+    // What is no gzip after all is refused by its first bytes.
+    let read = MultiGzDecoder::new(&mut *file).take(16).read_to_end(&mut inner);
+    file.seek(SeekFrom::Start(0))?;
+    Ok((read.is_ok() && matches!(Format::detect(&inner), Ok(Format::Csv))).then_some(true))
+}
+
+fn unzipped<'a, R: Read + Send + 'a>(reader: R, zipped: bool) -> Box<dyn Read + Send + 'a> {
+    if zipped {
+        Box::new(MultiGzDecoder::new(reader))
+    } else {
+        Box::new(reader)
     }
 }
 
@@ -88,14 +129,16 @@ impl Iterator for RecordingFile {
     type Item = Result<Recorded, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        match &mut self.records {
-            Records::Mcap(reader) => reader.next(),
-            Records::Wav(blocks) => Some(blocks.next()?.map(|record| Recorded {
-                raw: encode_block(&record, BlockEncoding::Protobuf),
-                record,
-                encoding: BlockEncoding::Protobuf,
-                reference_wear_um: None,
-            })),
-        }
+        let record = match &mut self.records {
+            Records::Mcap(reader) => return reader.next(),
+            Records::Wav(blocks) => blocks.next()?,
+            Records::Csv(blocks) => blocks.next()?,
+        };
+        Some(record.map(|record| Recorded {
+            raw: encode_block(&record, BlockEncoding::Protobuf),
+            record,
+            encoding: BlockEncoding::Protobuf,
+            reference_wear_um: None,
+        }))
     }
 }

@@ -9,7 +9,32 @@ pub enum Format {
     Wav,
     /// MCAP.
     Mcap,
+    /// Text, which is read as CSV.
+    Csv,
 }
+
+/// What the Python package reads.
+const BY_PYTHON: &str = "`flankwatch.read` of the Python package reads it, and `flankwatch-import` sends it";
+
+/// Formats that recordings come in and that are not read here: how they begin, their names, and what reads them.
+const FOREIGN: [(&[u8], &str, &str); 12] = [
+    (b"\x89HDF\r\n\x1a\n", "an HDF5 file", BY_PYTHON),
+    (b"MATLAB 7.3 MAT-f", "an HDF5 file (MATLAB v7.3)", BY_PYTHON),
+    (b"MATLAB 5.0 MAT-f", "a MATLAB file (v5)", BY_PYTHON),
+    (b"TDSm", "a TDMS file", BY_PYTHON),
+    (b"PAR1", "a Parquet file", BY_PYTHON),
+    (b"\x93NUMPY", "a NumPy file (.npy)", BY_PYTHON),
+    (b"fLaC", "a FLAC file", BY_PYTHON),
+    (b"    -1\n", "a universal file (UFF)", BY_PYTHON),
+    (b"    -1\r\n", "a universal file (UFF)", BY_PYTHON),
+    (
+        b"PK\x03\x04",
+        "a ZIP archive (.npz or .xlsx, for example)",
+        "unpack it, or save it as CSV",
+    ),
+    (b"\xff\xfe", "text in UTF-16", "save it in UTF-8"),
+    (b"\x1f\x8b", "compressed with gzip, without CSV in it", "decompress it"),
+];
 
 impl Format {
     /// Tells the format from a recording's first bytes (16 are enough); a name's extension plays no part.
@@ -23,21 +48,16 @@ impl Format {
         if [b"RIFF", b"RIFX", b"RF64"].iter().any(|tag| beginning.starts_with(*tag)) {
             return Ok(Self::Wav);
         }
-        let beginning = &beginning[..beginning.len().min(16)];
-        let text = match std::str::from_utf8(beginning) {
-            // The last character may be cut through.
-            Err(error) if error.error_len().is_none() => std::str::from_utf8(&beginning[..error.valid_up_to()]),
-            whole => whole,
-        };
-        match text {
-            Ok(text) if !text.chars().any(|c| c.is_control() && !c.is_whitespace()) => Err(RecordingError::Text {
-                beginning: text.to_owned(),
-            }),
-            _ => {
-                let hex: Vec<String> = beginning.iter().map(|byte| format!("{byte:02x}")).collect();
-                Err(RecordingError::UnknownFormat { beginning: hex.join(" ") })
-            }
+        if let Some((_, name, hint)) = FOREIGN.iter().find(|(magic, ..)| beginning.starts_with(magic)) {
+            return Err(RecordingError::Foreign { name, hint });
         }
+        let beginning = &beginning[..beginning.len().min(16)];
+        // Text of any code page: control characters are what it does not have.
+        if beginning.iter().any(|&byte| byte < b' ' && !byte.is_ascii_whitespace()) {
+            let hex: Vec<String> = beginning.iter().map(|byte| format!("{byte:02x}")).collect();
+            return Err(RecordingError::UnknownFormat { beginning: hex.join(" ") });
+        }
+        Ok(Self::Csv)
     }
 }
 
@@ -50,12 +70,24 @@ mod tests {
         assert_eq!(Format::detect(mcap::MAGIC).unwrap(), Format::Mcap);
         assert_eq!(Format::detect(b"RF64....WAVE").unwrap(), Format::Wav);
         // 15 bytes and the first half of a letter.
-        assert!(matches!(
-            Format::detect("Beschleunigung ä".as_bytes()),
-            Err(RecordingError::Text { .. })
-        ));
-        assert!(matches!(Format::detect(b"\xef\xbb\xbfa;b\n"), Err(RecordingError::Text { .. })));
+        assert_eq!(Format::detect("Beschleunigung ä".as_bytes()).unwrap(), Format::Csv);
+        assert_eq!(Format::detect(b"\xef\xbb\xbfa;b\n").unwrap(), Format::Csv);
         assert!(matches!(Format::detect(b"\x7fELF\x02"), Err(RecordingError::UnknownFormat { .. })));
         assert!(matches!(Format::detect(b""), Err(RecordingError::NoBytes)));
+    }
+
+    #[test]
+    fn formats_that_are_not_read_are_named() {
+        for (beginning, name) in [
+            (&b"\x89HDF\r\n\x1a\n\0\0"[..], "an HDF5 file"),
+            (b"MATLAB 7.3 MAT-file, Plat", "(MATLAB v7.3)"),
+            (b"MATLAB 5.0 MAT-file, Plat", "a MATLAB file (v5)"),
+            (b"TDSm\x0e\0\0\0", "a TDMS file"),
+            (b"    -1\r\n    58\r\n", "a universal file"),
+            (b"\x93NUMPY\x01\0", "a NumPy file"),
+        ] {
+            let error = Format::detect(beginning).unwrap_err().to_string();
+            assert!(error.contains(name) && error.contains("Python package"), "{error}");
+        }
     }
 }

@@ -3,6 +3,7 @@
 //! - [`decode_wav`] and [`WavBlocks`], [`WavWriter`]: WAV whole, in stretches, and written;
 //! - [`McapReader`], [`McapWriter`]: MCAP with the messages of [`message`];
 //! - [`decode_block`], [`encode_block`]: one message in protobuf or JSON ([`BlockEncoding`]);
+//! - [`decode_csv`] and [`CsvBlocks`]: CSV whole and in stretches, its rate and time by [`CsvTiming`];
 //! - [`CsvFrames`] and [`WavFrames`], which a [`Cutter`] makes records of.
 //!
 //! [`RecordDefaults`] says what a recording leaves out.
@@ -41,6 +42,10 @@
 
 mod block;
 mod csv;
+mod csv_field;
+mod csv_head;
+mod csv_records;
+mod csv_time;
 mod cut;
 mod error;
 #[cfg(feature = "files")]
@@ -64,6 +69,8 @@ mod wav_frames;
 
 pub use block::{BlockEncoding, RecordDefaults, decode_block, encode_block};
 pub use csv::CsvFrames;
+pub use csv_records::{CsvBlocks, decode_csv};
+pub use csv_time::CsvTiming;
 pub use cut::{Cut, CutPlan, Cutter};
 pub use error::RecordingError;
 #[cfg(feature = "files")]

@@ -57,6 +57,7 @@ impl<'a> Analysis<'a> {
     pub(super) fn take_file(&mut self, path: &Path, next_start: &mut Timestamp) -> Result<(), CliError> {
         let defaults = RecordDefaults {
             start_time: *next_start,
+            sample_rate_hz: self.args.rate,
             unit: self.asset.as_ref().and_then(|asset| asset.sensor.unit.clone()),
             channel_units: self.asset.as_ref().map(AssetSpec::channel_units).unwrap_or_default(),
             operating_point: OperatingPoint {

@@ -16,16 +16,19 @@ use jiff::Timestamp;
 use self::analysis::Analysis;
 use self::envelope::EnvelopeArg;
 use self::table::Column;
-use super::{CliError, output};
+use super::{CliError, output, recording_files::recording_files};
 use crate::asset::AssetSpec;
 use crate::library::EnsembleSettings;
 
 /// Arguments of `flankwatch analyze`.
 #[derive(Args)]
 pub(super) struct AnalyzeArgs {
-    /// WAV or MCAP recordings, in time order
+    /// WAV, MCAP or CSV (.csv.gz too) recordings in time order, or folders of them, which are taken in the order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
+    /// Sampling rate in hertz of CSV that does not say it
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
     /// The machine: tooth numbers, nominal speed, gear pair. Without it, indicators that need no speed
     #[arg(long)]
     asset: Option<PathBuf>,
@@ -80,7 +83,8 @@ pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
     let mut analysis = Analysis::new(args, asset);
     let mut next_start = args.start_time;
     let mut failed = 0;
-    for path in &args.files {
+    let files = recording_files(&args.files)?;
+    for path in &files {
         if let Err(error) = analysis.take_file(path, &mut next_start) {
             eprintln!("error: {error}");
             failed += 1;
@@ -96,10 +100,7 @@ pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
         output::write_file(path, analysis.report().html().as_bytes())?;
     }
     if failed > 0 {
-        return Err(CliError::SomeFailed {
-            failed,
-            all: args.files.len(),
-        });
+        return Err(CliError::SomeFailed { failed, all: files.len() });
     }
     Ok(())
 }

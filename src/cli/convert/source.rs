@@ -1,16 +1,23 @@
 //! The recording to convert, frame by frame.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
+use jiff::Timestamp;
+
 use super::{ConvertArgs, ConvertError, argument};
-use crate::recording::{CsvFrames, Format, RecordDefaults, RecordingError, WavFrames};
+use crate::recording::{CsvFrames, CsvTiming, Format, RecordDefaults, RecordingError, WavFrames};
 
 /// Frames of the input, with the chosen channels only.
 pub(super) struct Source {
     frames: Frames,
     pub(super) sample_rate_hz: f64,
+    /// Time of the first sample, where the recording says it.
+    pub(super) start_time: Option<Timestamp>,
     pub(super) channels: Vec<String>,
+    /// Units by channel, where the recording says them.
+    pub(super) channel_units: BTreeMap<String, String>,
     /// An upper bound of the number of frames.
     pub(super) frames_at_most: u64,
     /// All channels of a WAV frame, and which of them are wanted.
@@ -52,29 +59,38 @@ impl Source {
                 Ok(Self {
                     frames_at_most: frames.frames_at_most(bytes),
                     sample_rate_hz: args.rate.unwrap_or(format.sample_rate_hz.into()),
+                    start_time: None,
+                    channel_units: BTreeMap::new(),
                     channels: chosen.iter().map(|&k| names[k].clone()).collect(),
                     whole_frame: vec![0.0; names.len()],
                     chosen,
                     frames: Frames::Wav(frames),
                 })
             }
-            // A header may begin with anything that is text, the byte order mark and letters of any language included.
-            Err(RecordingError::Text { .. } | RecordingError::UnknownFormat { .. }) if looks_like_text(&beginning) => {
-                let Some(sample_rate_hz) = args.rate else {
-                    return Err(argument("--rate", "missing", "the sampling rate in hertz, which CSV does not have"));
-                };
-                if args.unit.is_none() {
+            Ok(Format::Csv) => {
+                let timing = CsvTiming::scan(CsvFrames::new(BufReader::new(&file), &args.channels).map_err(input)?).map_err(input)?;
+                if timing.sample_rate_hz(args.rate).is_err() && args.rate.is_none() && timing.clock_rate_hz.is_none() {
+                    let expected = "the sampling rate in hertz, which neither a column of times nor a line before the header says";
+                    return Err(argument("--rate", "missing", expected));
+                }
+                let sample_rate_hz = timing.sample_rate_hz(args.rate).map_err(input)?;
+                file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
+                let frames = CsvFrames::new(BufReader::new(file), &args.channels).map_err(input)?;
+                if args.unit.is_none() && frames.units().iter().any(Option::is_none) {
                     return Err(argument(
                         "--unit",
                         "missing",
-                        "the samples' unit (for example m/s2), which CSV does not have",
+                        "the samples' unit (for example m/s2), which the header does not say of every column",
                     ));
                 }
-                let lines = count_lines(&mut file).map_err(cannot_open)?;
-                let frames = CsvFrames::new(BufReader::new(file), &args.channels).map_err(input)?;
+                let said = frames.channels().iter().zip(frames.units());
                 Ok(Self {
-                    frames_at_most: lines,
+                    frames_at_most: timing.frames,
                     sample_rate_hz,
+                    start_time: timing.start_time,
+                    channel_units: said
+                        .filter_map(|(channel, unit)| Some((channel.clone(), unit.as_ref()?.to_string())))
+                        .collect(),
                     channels: frames.channels().to_vec(),
                     whole_frame: Vec::new(),
                     chosen: Vec::new(),
@@ -111,22 +127,4 @@ fn choose(names: &[String], wanted: &[String]) -> Result<Vec<usize>, ConvertErro
             .ok_or_else(|| argument("--channels", name, "numbers of the WAV's channels, counted from 1"))
     };
     wanted.iter().map(find).collect()
-}
-
-fn looks_like_text(beginning: &[u8]) -> bool {
-    beginning.iter().all(|&byte| byte >= b' ' || byte.is_ascii_whitespace())
-}
-
-/// Counts line ends, an upper bound of a CSV's frames, and goes back to the beginning.
-fn count_lines(file: &mut File) -> std::io::Result<u64> {
-    let mut buffer = vec![0; 1 << 16];
-    let mut lines = 1;
-    loop {
-        let read = file.read(&mut buffer)?;
-        if read == 0 {
-            file.seek(SeekFrom::Start(0))?;
-            return Ok(lines);
-        }
-        lines += buffer[..read].iter().filter(|&&byte| byte == b'\n').count() as u64;
-    }
 }

@@ -53,7 +53,7 @@ impl Folder {
 
 #[test]
 fn csv_to_mcap_keeps_samples_names_and_circumstances() {
-    let folder = Folder::with("in.csv", b"time,a1,a2\n0,1.5,2\n1,-3e-5,4\n2,0.1,6\n");
+    let folder = Folder::with("in.csv", b"no,a1,a2\n0,1.5,2\n1,-3e-5,4\n2,0.1,6\n");
     let options =
         "--rate 12800.5 --unit m/s2 --asset rig --channels a2,a1 --start-time 2026-01-02T03:04:05.5Z --shaft-speed-hz 29.7 --torque-nm -3";
     folder.convert("in.csv", "out.mcap", options).unwrap();
@@ -65,6 +65,19 @@ fn csv_to_mcap_keeps_samples_names_and_circumstances() {
     let point = records[0].operating_point();
     assert_eq!((point.shaft_speed_hz, point.torque_nm), (Some(29.7), Some(-3.0)));
     assert_eq!(folder.names(), ["in.csv", "out.mcap"]);
+}
+
+#[test]
+fn rate_unit_and_start_come_from_the_file_where_it_says_them() {
+    let text = "Messung;7\nwhen;a\n;m/s2\n01.03.2026 08:00:00,000;1,5\n01.03.2026 08:00:00,010;2,5\n";
+    let folder = Folder::with("in.csv", text.as_bytes());
+    folder.convert("in.csv", "out.mcap", "").unwrap();
+    let record = folder.records("out.mcap").remove(0);
+    assert_eq!(
+        (record.samples(), record.unit(), record.sample_rate_hz()),
+        (&[1.5, 2.5][..], "m/s2", 100.0)
+    );
+    assert_eq!(record.start_time().to_string(), "2026-03-01T08:00:00Z");
 }
 
 #[test]
@@ -105,6 +118,7 @@ fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
     fs::write(folder.path("bare.csv"), b"a,b\n").unwrap();
     fs::write(folder.path("magic.csv"), mcap::MAGIC).unwrap();
     fs::write(folder.path("binary.csv"), [0, 1, 2]).unwrap();
+    fs::write(folder.path("timed.csv"), "Zeit [s];a\n0,0;1\n0,1;2\n").unwrap();
     let before = folder.names();
     for (input, output, options, expected) in [
         (
@@ -145,6 +159,12 @@ fn what_cannot_be_converted_is_refused_and_leaves_nothing() {
         ("bare.csv", "out.wav", "--rate 10 --unit g", "the number of samples is 0"),
         ("magic.csv", "out.mcap", "--rate 10 --unit g", "an MCAP recording already"),
         ("binary.csv", "out.mcap", "--rate 10 --unit g", "begins with the bytes 00 01 02"),
+        (
+            "timed.csv",
+            "out.mcap",
+            "--rate 11 --unit g",
+            "the sampling rate is 11 Hz, expected 10 Hz",
+        ),
         ("bare.csv", "sub/out.wav", "--rate 10 --unit g", "out.wav"),
     ] {
         let error = folder.convert(input, output, options).unwrap_err();

@@ -1,0 +1,233 @@
+//! Fields of a CSV file: numbers with a point or a comma, times, units.
+
+use std::borrow::Cow;
+use std::str::FromStr;
+
+use jiff::Timestamp;
+use jiff::civil::DateTime;
+use jiff::tz::TimeZone;
+
+/// Units that a header or a line under it may name, and how they are written here.
+const UNITS: [(&str, &str); 50] = [
+    ("m/s2", "m/s2"),
+    ("m/s^2", "m/s2"),
+    ("m/s**2", "m/s2"),
+    ("m/s²", "m/s2"),
+    ("mm/s2", "mm/s2"),
+    ("mm/s^2", "mm/s2"),
+    ("mm/s²", "mm/s2"),
+    ("g", "g"),
+    ("mg", "mg"),
+    ("m/s", "m/s"),
+    ("mm/s", "mm/s"),
+    ("m", "m"),
+    ("mm", "mm"),
+    ("µm", "um"),
+    ("um", "um"),
+    ("v", "V"),
+    ("mv", "mV"),
+    ("a", "A"),
+    ("ma", "mA"),
+    ("n", "N"),
+    ("kn", "kN"),
+    ("nm", "Nm"),
+    ("n·m", "Nm"),
+    ("pa", "Pa"),
+    ("kpa", "kPa"),
+    ("mpa", "MPa"),
+    ("bar", "bar"),
+    ("rpm", "rpm"),
+    ("1/min", "rpm"),
+    ("u/min", "rpm"),
+    ("hz", "Hz"),
+    ("khz", "kHz"),
+    ("°c", "degC"),
+    ("degc", "degC"),
+    ("c", "degC"),
+    ("k", "K"),
+    ("%", "%"),
+    ("1", "1"),
+    ("-", "1"),
+    ("s", "s"),
+    ("sec", "s"),
+    ("sek", "s"),
+    ("seconds", "s"),
+    ("ms", "ms"),
+    ("us", "us"),
+    ("µs", "us"),
+    ("μs", "us"),
+    ("μm", "um"),
+    ("ns", "ns"),
+    ("utc", "utc"),
+];
+
+/// A unit without its brackets as it is written here; none where it is not known.
+pub(super) fn unit(text: &str) -> Option<&'static str> {
+    let bare = text.trim().trim_start_matches(['[', '(']).trim_end_matches([']', ')']).trim();
+    let bare = bare.to_lowercase();
+    UNITS.iter().find(|(name, _)| *name == bare).map(|(_, unit)| *unit)
+}
+
+/// A column's name without the unit in brackets at its end.
+pub(super) fn name_and_unit(name: &str) -> (&str, Option<&'static str>) {
+    let ending = [('[', ']'), ('(', ')')].into_iter().find_map(|(open, close)| {
+        let (stem, inner) = name.strip_suffix(close)?.rsplit_once(open)?;
+        Some((stem.trim_end(), unit(inner)?))
+    });
+    match ending {
+        Some((stem, unit)) if !stem.is_empty() => (stem, Some(unit)),
+        _ => (name, None),
+    }
+}
+
+/// How many seconds a unit of time is; none where it is none.
+pub(super) fn seconds_of(unit: &str) -> Option<f64> {
+    match unit {
+        "s" => Some(1.0),
+        "ms" => Some(1e-3),
+        "us" => Some(1e-6),
+        "ns" => Some(1e-9),
+        _ => None,
+    }
+}
+
+/// A field's bytes as text, of UTF-8 or else of Latin-1.
+pub(super) fn text(bytes: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => Cow::Borrowed(text),
+        Err(_) => Cow::Owned(bytes.iter().map(|&byte| char::from(byte)).collect()),
+    }
+}
+
+/// Which sign the decimals of a file stand after: a comma only where it does not part the fields, and never both.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Decimals {
+    comma_allowed: bool,
+    seen: Option<char>,
+}
+
+impl Decimals {
+    pub(super) fn separated_by(separator: u8) -> Self {
+        Self {
+            comma_allowed: separator != b',',
+            seen: None,
+        }
+    }
+
+    /// The number in a field.
+    pub(super) fn parse<T: FromStr>(&mut self, field: &str) -> Option<T> {
+        let sign = field.chars().find(|c| matches!(c, '.' | ','));
+        let (Some(sign), ..) = (sign, ()) else { return field.parse().ok() };
+        let fits = self.seen.is_none_or(|seen| seen == sign);
+        if !fits || (sign == ',' && (!self.comma_allowed || field.contains('.') || field.matches(',').count() > 1)) {
+            return None;
+        }
+        let value = if sign == ',' {
+            field.replace(',', ".").parse()
+        } else {
+            field.parse()
+        }
+        .ok()?;
+        self.seen = Some(sign);
+        Some(value)
+    }
+
+    /// What a number has to look like.
+    pub(super) fn expected(self) -> &'static str {
+        match self.seen {
+            Some(',') => "a finite number with a decimal comma",
+            _ => "a finite number with a decimal point",
+        }
+    }
+}
+
+/// A moment in nanoseconds: since 1970, or since midnight where only the time of day is written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Moment {
+    Since1970(i64),
+    SinceMidnight(i64),
+}
+
+impl Moment {
+    /// Reads RFC 3339, `2026-03-01 08:00:00.5`, `01.03.2026 08:00:00,5` or `08:00:00.5`; without a zone it is UTC.
+    pub(super) fn parse(field: &str) -> Option<Self> {
+        if field.len() > 40 || !field.contains(':') || !field.starts_with(|c: char| c.is_ascii_digit()) {
+            return None;
+        }
+        let field = field.replace(',', ".");
+        if let Ok(time) = field.parse::<Timestamp>() {
+            return i64::try_from(time.as_nanosecond()).ok().map(Self::Since1970);
+        }
+        let date_time = |text: &str| {
+            let time = text.parse::<DateTime>().ok()?.to_zoned(TimeZone::UTC).ok()?;
+            i64::try_from(time.timestamp().as_nanosecond()).ok().map(Self::Since1970)
+        };
+        let (date, time) = field.split_once([' ', 'T']).unwrap_or(("", &field));
+        if date.is_empty() {
+            let time: jiff::civil::Time = time.parse().ok()?;
+            let seconds = i64::from(time.hour()) * 3600 + i64::from(time.minute()) * 60 + i64::from(time.second());
+            return Some(Self::SinceMidnight(seconds * 1_000_000_000 + i64::from(time.subsec_nanosecond())));
+        }
+        let parts: Vec<&str> = date.split('.').collect();
+        match parts[..] {
+            [day, month, year] => date_time(&format!("{year}-{month:0>2}-{day:0>2}T{time}")),
+            _ => date_time(&format!("{date}T{time}")),
+        }
+    }
+
+    pub(super) fn nanoseconds(self) -> i64 {
+        match self {
+            Self::Since1970(ns) | Self::SinceMidnight(ns) => ns,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_one_decimal_sign_in_a_file() {
+        let mut decimals = Decimals::separated_by(b';');
+        assert_eq!(decimals.parse::<f32>("-1,5e2"), Some(-150.0));
+        assert_eq!(decimals.parse::<f32>("7"), Some(7.0));
+        assert_eq!(decimals.parse::<f32>("1.5"), None);
+        assert_eq!(decimals.parse::<f32>("1,234,5"), None);
+        assert_eq!(decimals.expected(), "a finite number with a decimal comma");
+        let mut decimals = Decimals::separated_by(b';');
+        assert_eq!(decimals.parse::<f32>("1.5"), Some(1.5));
+        assert_eq!(decimals.parse::<f32>("1,234"), None);
+        assert_eq!(Decimals::separated_by(b',').parse::<f32>("1,5"), None);
+        assert_eq!(Decimals::separated_by(b';').parse::<f32>("1.234,5"), None);
+    }
+
+    #[test]
+    fn moments_are_read_as_they_are_usually_written() {
+        let second = 1_000_000_000;
+        let day = Moment::Since1970(86_400 * second + second / 2);
+        for text in [
+            "1970-01-02T00:00:00.5Z",
+            "1970-01-02 00:00:00.5",
+            "1970-01-02T01:00:00.5+01:00",
+            "02.01.1970 00:00:00,5",
+        ] {
+            assert_eq!(Moment::parse(text), Some(day), "{text}");
+        }
+        assert_eq!(
+            Moment::parse("01:00:00.25"),
+            Some(Moment::SinceMidnight(3600 * second + second / 4))
+        );
+        for text in ["1.5", "25:00:00", "x:y", "2026-13-01 00:00:00", ""] {
+            assert_eq!(Moment::parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn units_are_told_from_words() {
+        assert_eq!(name_and_unit("acc [m/s²]"), ("acc", Some("m/s2")));
+        assert_eq!(name_and_unit("a1 (g)"), ("a1", Some("g")));
+        assert_eq!(name_and_unit("a1 (left)"), ("a1 (left)", None));
+        assert_eq!(name_and_unit("[g]"), ("[g]", None));
+        assert_eq!((unit("(mm/s)"), unit("left")), (Some("mm/s"), None));
+    }
+}

@@ -1,0 +1,288 @@
+//! What the beginning of a CSV file says: how fields are parted, where the samples begin, and what the columns are.
+
+use csv::ReaderBuilder;
+
+use super::RecordingError;
+use super::block::MAX_CHANNEL_BYTES;
+use super::csv_field::{Decimals, Moment, name_and_unit, seconds_of, text, unit};
+use super::csv_time::Clock;
+use super::error::shortened;
+
+/// Bytes of a file that are looked at before its samples are read.
+pub(super) const BEGINNING_BYTES: usize = 1 << 16;
+
+/// Most columns taken.
+const MAX_COLUMNS: usize = 256;
+
+/// Lines in which the first sample is looked for.
+const MAX_HEAD_LINES: usize = 500;
+
+/// Lines of samples that have to agree before columns without a name are taken for a clock.
+const CLOCK_LINES: usize = 16;
+
+/// How a file is written.
+#[derive(Debug, Clone)]
+pub(super) struct Head {
+    /// Between two fields; a space stands for any number of spaces and tabs.
+    pub(super) separator: u8,
+    /// Lines before the first samples.
+    pub(super) lines: u64,
+    /// Name and unit of each column.
+    pub(super) columns: Vec<Column>,
+    /// The columns that hold the time.
+    pub(super) clock: Option<Clock>,
+    /// The sampling rate that a line before the header says.
+    pub(super) stated_rate_hz: Option<f64>,
+}
+
+/// One column.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Column {
+    /// As in the header, the unit in brackets included.
+    pub(super) label: String,
+    pub(super) name: String,
+    pub(super) unit: Option<&'static str>,
+}
+
+impl Head {
+    /// Looks at the first bytes of a file.
+    pub(super) fn read(beginning: &[u8]) -> Result<Self, RecordingError> {
+        let text = text(beginning.strip_prefix(b"\xef\xbb\xbf").unwrap_or(beginning));
+        let lines: Vec<&str> = text.lines().take(MAX_HEAD_LINES).collect();
+        let separators = [b';', b'\t', b',', b' '];
+        let found = separators
+            .iter()
+            .find_map(|&separator| first_samples(&lines, separator, 2).map(|line| (separator, line)));
+        let found = found.or_else(|| first_samples(&lines, b',', 1).map(|line| (b',', line)));
+        let (separator, line) = found.unwrap_or_else(|| unknown(&lines));
+        let first = lines.get(line).map(|line| fields(line, separator)).unwrap_or_default();
+        let above = lines[..line.min(lines.len())].iter().rfind(|line| !line.trim().is_empty());
+        // A separator may end every line; but where the last column has a name, nothing in it is a value that is missing.
+        let is_named = above.is_some_and(|line| {
+            let names = fields(line, separator);
+            names.len() == first.len() && names.last().is_some_and(|name| !name.is_empty())
+        });
+        let ends_open = first.len() > 1 && first.last().is_some_and(String::is_empty) && !is_named;
+        let width = first.len() - usize::from(ends_open);
+        check_header(&lines, line, separator, width)?;
+        let (names, units, preamble) = header(&lines[..line.min(lines.len())], separator, width);
+        let width = if width == 0 { names.as_ref().map_or(0, Vec::len) } else { width };
+        if width > MAX_COLUMNS {
+            let what = format!("{width} columns, expected at most {MAX_COLUMNS}");
+            return Err(RecordingError::CsvLine {
+                line: line as u64 + 1,
+                what,
+            });
+        }
+        let columns = columns(names.as_deref(), &units, width, line)?;
+        let samples: Vec<Vec<String>> = lines[line.min(lines.len())..]
+            .iter()
+            .filter(|line| !line.trim().is_empty())
+            .take(CLOCK_LINES)
+            .map(|line| fields(line, separator))
+            .collect();
+        Ok(Self {
+            separator,
+            lines: line as u64,
+            clock: clock(&columns, names.is_some(), &samples, separator),
+            columns,
+            stated_rate_hz: stated_rate_hz(&lines[..preamble]),
+        })
+    }
+}
+
+/// The fields of one line.
+fn fields(line: &str, separator: u8) -> Vec<String> {
+    let squeezed;
+    let line = if separator == b' ' {
+        squeezed = line.split_whitespace().collect::<Vec<_>>().join(" ");
+        &squeezed
+    } else {
+        line
+    };
+    let mut reader = ReaderBuilder::new()
+        .has_headers(false)
+        .delimiter(separator)
+        .trim(csv::Trim::All)
+        .from_reader(line.as_bytes());
+    let record = reader.records().next().and_then(Result::ok).unwrap_or_default();
+    record.iter().map(str::to_owned).collect()
+}
+
+/// Columns of a line of samples: numbers, times among them, and perhaps nothing after the last separator. None where it is none.
+fn sample_columns(line: &str, separator: u8) -> Option<usize> {
+    let fields = fields(line, separator);
+    let kept = match fields.split_last() {
+        Some((last, others)) if last.is_empty() && !others.is_empty() => others,
+        _ => &fields[..],
+    };
+    let mut decimals = Decimals::separated_by(separator);
+    let mut numbers = 0;
+    for field in kept {
+        if decimals.parse::<f64>(field).is_some() {
+            numbers += 1;
+        } else {
+            Moment::parse(field)?;
+        }
+    }
+    (numbers > 0).then_some(kept.len())
+}
+
+/// The first line of samples of at least this many columns, which the next line has too.
+fn first_samples(lines: &[&str], separator: u8, least: usize) -> Option<usize> {
+    let at = |line: usize| sample_columns(lines[line], separator).filter(|&columns| columns >= least);
+    (0..lines.len()).find(|&line| {
+        let Some(columns) = at(line) else { return false };
+        let next = (line + 1..lines.len()).find(|&next| !lines[next].trim().is_empty());
+        next.is_none_or(|next| at(next) == Some(columns))
+    })
+}
+
+/// Refuses samples of another number of columns than the words right above them name.
+fn check_header(lines: &[&str], line: usize, separator: u8, width: usize) -> Result<(), RecordingError> {
+    let Some(above) = line.checked_sub(1).and_then(|above| lines.get(above)) else {
+        return Ok(());
+    };
+    let names = fields(above, separator);
+    let named = names.len() - usize::from(names.last().is_some_and(String::is_empty));
+    let are_words = names[..named].iter().all(|name| !name.is_empty() && name.parse::<f64>().is_err());
+    if width > 0 && named > 1 && named != width && are_words {
+        return Err(RecordingError::CsvLine {
+            line: line as u64 + 1,
+            what: format!("{width} fields, expected {named} as in the line above"),
+        });
+    }
+    Ok(())
+}
+
+/// Where no line of samples is found: the first line is the header, and what follows is refused by its line and column.
+fn unknown(lines: &[&str]) -> (u8, usize) {
+    let first = lines.first().copied().unwrap_or_default();
+    let separator = [b';', b'\t']
+        .into_iter()
+        .find(|&separator| first.contains(char::from(separator)))
+        .unwrap_or(b',');
+    let is_header = fields(first, separator).iter().any(|field| field.parse::<f64>().is_err());
+    (separator, usize::from(is_header))
+}
+
+type Header = (Option<Vec<String>>, Vec<Option<&'static str>>, usize);
+
+/// Names of the columns, their units where a line of its own says them, and the number of lines before both.
+fn header(before: &[&str], separator: u8, width: usize) -> Header {
+    let mut rows = before
+        .iter()
+        .enumerate()
+        .rev()
+        .filter(|(_, line)| !line.trim().is_empty())
+        .map(|(at, line)| {
+            let mut row = fields(line, separator);
+            if width > 0 && row.len() == width + 1 && row.last().is_some_and(String::is_empty) {
+                row.pop();
+            }
+            (at, row)
+        });
+    let fits = |row: &Vec<String>| width == 0 || row.len() == width;
+    let Some((at, last)) = rows.next().filter(|(_, row)| fits(row)) else {
+        return (None, Vec::new(), before.len());
+    };
+    let are_units = last.iter().all(|field| field.is_empty() || unit(field).is_some()) && last.iter().any(|field| !field.is_empty());
+    match rows.next().filter(|(_, row)| are_units && fits(row)) {
+        Some((at, names)) => (Some(names), last.iter().map(|field| unit(field)).collect(), at),
+        None => (Some(last), Vec::new(), at),
+    }
+}
+
+fn columns(names: Option<&[String]>, units: &[Option<&'static str>], width: usize, line: usize) -> Result<Vec<Column>, RecordingError> {
+    let mut columns: Vec<Column> = Vec::with_capacity(width);
+    for at in 0..width {
+        let label = names.and_then(|names| names.get(at)).filter(|name| !name.is_empty());
+        let label = label.cloned().unwrap_or_else(|| (at + 1).to_string());
+        if label.len() > MAX_CHANNEL_BYTES || label.chars().any(char::is_control) {
+            return Err(RecordingError::CsvLine {
+                line: line as u64,
+                what: format!(
+                    "column name {:?}, expected at most 256 bytes without control characters",
+                    shortened(&label)
+                ),
+            });
+        }
+        let (stem, of_name) = name_and_unit(&label);
+        // A name that stands there twice would be one channel.
+        let name = match columns.iter().filter(|column| name_and_unit(&column.label).0 == stem).count() {
+            0 => stem.to_owned(),
+            count => format!("{stem}_{}", count + 1),
+        };
+        columns.push(Column {
+            unit: units.get(at).copied().flatten().or(of_name),
+            name,
+            label,
+        });
+    }
+    Ok(columns)
+}
+
+/// Whether a column's name says that it holds the time, not a signal: `t`, `time (s)`, `Zeit [ms]`, `timestamp_ns`, but not `t_oil`; with the unit
+/// that the name itself ends in.
+fn time_name(name: &str) -> Option<Option<&'static str>> {
+    let name = name.to_lowercase();
+    let mut words = name.split([' ', '(', '[', '_', ')', ']']).filter(|word| !word.is_empty());
+    let stem = words.next().unwrap_or_default();
+    let is_time = matches!(
+        stem,
+        "time" | "t" | "timestamp" | "datetime" | "zeit" | "zeitstempel" | "uhrzeit" | "temps" | "tiempo"
+    );
+    let units: Vec<&str> = words.collect();
+    let of_time = |word: &&str| unit(word).is_some_and(|unit| unit == "utc" || seconds_of(unit).is_some());
+    (is_time && units.iter().all(of_time)).then(|| units.iter().find_map(|word| unit(word)).filter(|unit| *unit != "utc"))
+}
+
+fn clock(columns: &[Column], has_header: bool, samples: &[Vec<String>], separator: u8) -> Option<Clock> {
+    let is_moment = |at: usize| {
+        samples
+            .first()
+            .and_then(|row| row.get(at))
+            .is_some_and(|field| Moment::parse(field).is_some())
+    };
+    if let Some(at) = (0..columns.len()).find(|&at| is_moment(at)) {
+        return Some(Clock::Moment(at));
+    }
+    let named = |column: &Column| has_header.then(|| time_name(&column.label)).flatten();
+    if let Some((at, of_name)) = columns.iter().enumerate().find_map(|(at, column)| Some((at, named(column)?))) {
+        let factor = columns[at].unit.or(of_name).and_then(seconds_of).unwrap_or(1.0);
+        return Some(Clock::Seconds { column: at, factor });
+    }
+    let hours = |column: &Column| matches!(column.name.to_lowercase().as_str(), "h" | "hour" | "hours" | "stunde" | "std");
+    let may_be = columns.len() > 4 && (!has_header || hours(&columns[0]));
+    (may_be && Clock::Parts.rises(samples, separator)).then_some(Clock::Parts)
+}
+
+/// The rate in hertz in a line such as `Sample rate: 12800 Hz`, `fs=25600` or `Abtastrate;12,8;kHz`.
+fn stated_rate_hz(lines: &[&str]) -> Option<f64> {
+    lines.iter().find_map(|line| {
+        let at = line.find([':', '=', ';', '\t', ','])?;
+        let (key, value) = (&line[..at], &line[at + 1..]);
+        let (key, of_key) = name_and_unit(key.trim_matches(['#', '%', '"', ' ', '/']));
+        let key: String = key.to_lowercase().chars().filter(|c| c.is_alphanumeric()).collect();
+        let known = [
+            "fs",
+            "samplerate",
+            "samplingrate",
+            "samplingfrequency",
+            "samplefrequency",
+            "abtastrate",
+            "abtastfrequenz",
+        ];
+        if !known.contains(&key.trim_end_matches("hz")) {
+            return None;
+        }
+        let mut words = value.split([';', '\t', ' ', '"']).filter(|word| !word.is_empty());
+        let number: f64 = Decimals::separated_by(b';').parse(words.next()?.trim_end_matches("Hz"))?;
+        let factor = if words.next().and_then(unit).or(of_key) == Some("kHz") {
+            1e3
+        } else {
+            1.0
+        };
+        Some(number * factor).filter(|rate| *rate > 0.0 && rate.is_finite())
+    })
+}

@@ -1,0 +1,301 @@
+//! A CSV file as records, cut as any other recording.
+
+use std::collections::VecDeque;
+use std::io::Read;
+
+use super::block::check_sample_count;
+use super::{CsvFrames, CsvTiming, Cut, CutPlan, Cutter, RecordDefaults, RecordingError};
+use flankwatch_signal::Record;
+
+/// Reads a CSV file as one record a channel.
+///
+/// The rate is that of the defaults, else the file's own; the time of a column with dates, and units of the header, count before the defaults.
+pub fn decode_csv(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+    if bytes.is_empty() {
+        return Err(RecordingError::NoBytes);
+    }
+    let timing = CsvTiming::scan(CsvFrames::new(bytes, &[])?)?;
+    check_sample_count("1", usize::try_from(timing.frames).unwrap_or(usize::MAX))?;
+    let plan = CutPlan {
+        frames: usize::try_from(timing.frames).unwrap_or(usize::MAX).max(1),
+        default_seconds: None,
+    };
+    CsvBlocks::with_plan(CsvFrames::new(bytes, &[])?, &timing, defaults, plan)?.collect()
+}
+
+/// Reads a CSV file of any length as consecutive records: all channels of one stretch, then those of the next.
+pub struct CsvBlocks<R> {
+    frames: CsvFrames<R>,
+    cutter: Cutter,
+    plan: CutPlan,
+    frame: Vec<f32>,
+    ready: VecDeque<Result<Record, RecordingError>>,
+    ended: bool,
+}
+
+impl<R: Read> CsvBlocks<R> {
+    /// Records of a file whose timing has been read.
+    pub fn new(frames: CsvFrames<R>, timing: &CsvTiming, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
+        let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
+        let plan = CutPlan::new(cut, timing.frames, rate_hz, frames.channels().len())?;
+        Self::with_plan(frames, timing, defaults, plan)
+    }
+
+    fn with_plan(frames: CsvFrames<R>, timing: &CsvTiming, defaults: &RecordDefaults, plan: CutPlan) -> Result<Self, RecordingError> {
+        let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
+        let channels = frames.channels();
+        let names = if defaults.channel_names.len() == channels.len() || channels.len() == 1 && defaults.channel.is_some() {
+            defaults.names_of(channels.len())
+        } else {
+            channels.to_vec()
+        };
+        let mut said = defaults.clone();
+        said.start_time = timing.start_time.unwrap_or(defaults.start_time);
+        for (name, unit) in names.iter().zip(frames.units()) {
+            if let Some(unit) = unit {
+                said.channel_units.insert(name.clone(), (*unit).to_owned());
+            }
+        }
+        Ok(Self {
+            cutter: Cutter::new(names, rate_hz, &said, plan),
+            plan,
+            frame: vec![0.0; frames.channels().len()],
+            frames,
+            ready: VecDeque::new(),
+            ended: false,
+        })
+    }
+
+    /// Length of the records in seconds where a long recording is cut without having been asked to.
+    pub fn default_cut_seconds(&self) -> Option<f64> {
+        self.plan.default_seconds
+    }
+}
+
+impl<R: Read> Iterator for CsvBlocks<R> {
+    type Item = Result<Record, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.ready.is_empty() && !self.ended {
+            match self.frames.next_frame(&mut self.frame) {
+                Ok(true) => {
+                    if self.cutter.push(&self.frame) {
+                        self.ready.extend(self.cutter.take());
+                    }
+                }
+                Ok(false) => {
+                    self.ended = true;
+                    self.ready.extend(self.cutter.take());
+                }
+                Err(error) => {
+                    self.ended = true;
+                    self.ready.push_back(Err(error));
+                }
+            }
+        }
+        self.ready.pop_front()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn read(text: &str, rate_hz: Option<f64>) -> Result<Vec<Record>, String> {
+        let defaults = RecordDefaults {
+            sample_rate_hz: rate_hz,
+            ..RecordDefaults::default()
+        };
+        decode_csv(text.as_bytes(), &defaults).map_err(|error| error.to_string())
+    }
+
+    fn only(text: &str, rate_hz: Option<f64>) -> Record {
+        let mut records = read(text, rate_hz).unwrap();
+        assert_eq!(records.len(), 1, "{text:?}");
+        records.remove(0)
+    }
+
+    #[test]
+    fn a_german_file_with_preamble_units_and_decimal_comma_is_read() {
+        let text =
+            "Messung;Getriebe 7\nAbtastrate;12,8;kHz\n\nZeit [ms];Eingang;Ausgang\nms;m/s²;g\n0,000;1,5;\"2,25\"\n0,078125;-3e-1;4\n";
+        let records = read(text, None).unwrap();
+        let found: Vec<_> = records
+            .iter()
+            .map(|r| (r.channel(), r.unit(), r.sample_rate_hz(), r.samples()))
+            .collect();
+        assert_eq!(
+            found,
+            [
+                ("Eingang", "m/s2", 12_800.0, &[1.5, -0.3][..]),
+                ("Ausgang", "g", 12_800.0, &[2.25, 4.0][..])
+            ]
+        );
+    }
+
+    #[test]
+    fn separators_are_found() {
+        for text in [
+            "a,b\n1,2.5\n3,4\n",
+            "a;b\n1;2.5\n3;4\n",
+            "a\tb\n1\t2,5\n3\t4\n",
+            "a b\n1 2.5\n3 4\n",
+            "  a   b\n  1.0   2,5\n  3.0   4,0\n"
+                .replace("1.0", "1,0")
+                .replace("3.0", "3,0")
+                .as_str(),
+            "\u{feff}\"a\",\"b\"\r\n\"1\",\"2.5\"\r\n\r\n3,4\r\n",
+            "a,b,\n1,2.5,\n3,4,\n",
+        ] {
+            let records = read(text, Some(10.0)).unwrap_or_else(|error| panic!("{text:?}: {error}"));
+            let found: Vec<_> = records.iter().map(|record| (record.channel(), record.samples())).collect();
+            assert_eq!(found, [("a", &[1.0, 3.0][..]), ("b", &[2.5, 4.0][..])], "{text:?}");
+        }
+    }
+
+    #[test]
+    fn a_clock_in_four_columns_gives_the_rate() {
+        let line = |k: u32| {
+            format!(
+                "9,39,{},{},0.{k},-0.{k}\n",
+                39 + (999_960 + 39 * k) / 1_000_000,
+                (999_960 + 39 * k) % 1_000_000
+            )
+        };
+        let text: String = (0..9).map(line).collect();
+        let records = read(&text, None).unwrap();
+        assert_eq!(records.len(), 2);
+        assert_eq!(records[1].channel(), "6");
+        assert!((records[0].sample_rate_hz() - 1e6 / 39.0).abs() < 1e-6);
+        assert_eq!(
+            read(&text, Some(25_600.0)).unwrap_err().split(',').next(),
+            Some("the sampling rate is 25600 Hz")
+        );
+        assert_eq!(read(&text, Some(25_640.0)).unwrap()[0].sample_rate_hz(), 25_640.0);
+        // Whole numbers that are no clock are samples.
+        assert_eq!(read("9,39,39,5,1\n3,70,2,1,4\n1,1,1,1,1\n", Some(1.0)).unwrap().len(), 5);
+    }
+
+    #[test]
+    fn dates_give_the_start() {
+        for first in ["2026-03-01T08:00:00.0Z", "2026-03-01 08:00:00.0", "01.03.2026 08:00:00,0"] {
+            let second = first.replacen(".0", ".5", 1).replace(",0", ",5");
+            let second = if first.starts_with("01") {
+                "01.03.2026 08:00:00,5".to_owned()
+            } else {
+                second
+            };
+            let record = only(&format!("when;x\n{first};1\n{second};2\n"), None);
+            assert_eq!(
+                (record.start_time().to_string().as_str(), record.sample_rate_hz()),
+                ("2026-03-01T08:00:00Z", 2.0),
+                "{first}"
+            );
+        }
+        assert_eq!(only("at,x\n08:00:00.1,1\n08:00:00.2,2\n", None).start_time().as_second(), 0);
+    }
+
+    #[test]
+    fn times_that_cannot_be_are_refused_with_their_line() {
+        for (text, rate_hz, expected) in [
+            ("a\n1\n2\n", None, "the sampling rate is missing"),
+            (
+                "t,a\n0,1\n0.1,2\n0.05,3\n",
+                None,
+                "csv line 4: its time lies before that of the line above",
+            ),
+            (
+                "t,a\n0,1\n1,1\n2,1\n3,1\n6,1\n7,1\n8,1\n",
+                None,
+                "csv line 6: 3 s after the line above",
+            ),
+            ("t,a\n0,1\n0.1,2\n", Some(10.02), "the sampling rate is 10.02 Hz, expected 10 Hz"),
+            ("fs=11\nt,a\n0,1\n0.1,2\n", None, "the sampling rate is 11 Hz, expected 10 Hz"),
+            (
+                "at,a\n08:00:00,1\n08:00:01,1\nnoon,1\n",
+                None,
+                "csv line 4, column \"at\": \"noon\", expected a time",
+            ),
+            ("t,a\n0,1\n1,1\nx,1\n", None, "csv line 4, column \"t\": \"x\""),
+        ] {
+            let error = read(text, rate_hz).unwrap_err();
+            assert!(error.contains(expected), "{text:?}: {error}");
+        }
+        assert_eq!(only("t,a\n0,1\n0.1,2\n", Some(10.009)).sample_rate_hz(), 10.009);
+    }
+
+    #[test]
+    fn coarse_times_give_the_rate() {
+        let text: String = (0..20_000).map(|k| format!("{:.3},{k}\n", f64::from(k) / 12_800.0)).collect();
+        let record = only(&format!("t,x\n{text}"), None);
+        assert!(
+            (record.sample_rate_hz() / 12_800.0 - 1.0).abs() < 1e-3,
+            "{}",
+            record.sample_rate_hz()
+        );
+        assert_eq!(record.samples().len(), 20_000);
+    }
+
+    #[test]
+    fn the_rate_may_stand_before_the_header() {
+        for line in [
+            "Sample rate: 25600 Hz",
+            "# fs = 25600",
+            "Sampling Frequency (kHz),25.6",
+            "SampleRate;25600",
+        ] {
+            assert_eq!(
+                only(&format!("{line}\nOperator: Ada\nx\n1\n2\n"), None).sample_rate_hz(),
+                25_600.0,
+                "{line}"
+            );
+        }
+    }
+
+    #[test]
+    fn latin_1_and_names_that_stand_there_twice_are_read() {
+        let bytes = b"Gr\xf6\xdfe;Gr\xf6\xdfe\n1;2\n3;4\n";
+        let defaults = RecordDefaults {
+            sample_rate_hz: Some(1.0),
+            ..RecordDefaults::default()
+        };
+        let records = decode_csv(bytes, &defaults).unwrap();
+        assert_eq!(records.iter().map(Record::channel).collect::<Vec<_>>(), ["Größe", "Größe_2"]);
+    }
+
+    #[test]
+    fn given_names_stand_for_those_of_the_header() {
+        let defaults = RecordDefaults {
+            sample_rate_hz: Some(1.0),
+            channel_names: vec!["in".to_owned(), "out".to_owned()],
+            unit: Some("g".to_owned()),
+            ..RecordDefaults::default()
+        };
+        let records = decode_csv(b"a [m/s2],b\n1,2\n", &defaults).unwrap();
+        assert_eq!(
+            records.iter().map(|r| (r.channel(), r.unit())).collect::<Vec<_>>(),
+            [("in", "m/s2"), ("out", "g")]
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_come_back(samples in prop::collection::vec(-1e30f32..1e30, 2..60), comma in any::<bool>()) {
+            let written = |x: &f32| if comma { format!("0;{x}\n").replace('.', ",") } else { format!("0,{x}\n") };
+            let text: String = samples.iter().map(written).collect();
+            let records = read(&text, Some(1.0)).unwrap();
+            prop_assert_eq!(records[1].samples(), &samples[..]);
+        }
+
+        #[test]
+        fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            let _ = decode_csv(&bytes, &RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() });
+        }
+
+        #[test]
+        fn no_text_panics(text in "[0-9a-c:;,. \\t\\n\"-]{0,120}") {
+            let _ = decode_csv(text.as_bytes(), &RecordDefaults { sample_rate_hz: Some(1.0), ..RecordDefaults::default() });
+        }
+    }
+}

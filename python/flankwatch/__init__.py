@@ -1,0 +1,75 @@
+"""Condition monitoring for spur gears: indicators, gear model, wear estimate, and a client of the service.
+
+Samples are one-dimensional arrays of real numbers, rates are in hertz, times are RFC 3339 text, ``datetime``,
+``numpy.datetime64`` or seconds since 1970. What cannot be used raises ``ValueError`` with the argument, its value and
+what was expected.
+"""
+
+from ._flankwatch import (
+    AngleRecord,
+    Cepstrum,
+    Ensemble,
+    EnvelopeSpectrum,
+    Flank,
+    GearSignals,
+    Kurtogram,
+    Library,
+    MeshCycle,
+    OrderSpectrum,
+    Pair,
+    Run,
+    SimulatedRecord,
+    Simulation,
+    Spectrum,
+    ToothContact,
+    Tracker,
+    amplitude_spectrum,
+    angle_record,
+    cepstrum,
+    envelope_spectrum,
+    gear_signals,
+    kurtogram,
+    order_spectrum,
+    power_spectral_density,
+)
+from .client import Client, Event, ServiceError
+from .condition import Indicators, indicators, synchronous_average
+from .recording import Channel, Recording
+from .reading import read
+
+__all__ = [
+    "AngleRecord",
+    "Cepstrum",
+    "Channel",
+    "Client",
+    "Ensemble",
+    "EnvelopeSpectrum",
+    "Event",
+    "Flank",
+    "GearSignals",
+    "Indicators",
+    "Kurtogram",
+    "Library",
+    "MeshCycle",
+    "OrderSpectrum",
+    "Pair",
+    "Recording",
+    "Run",
+    "ServiceError",
+    "SimulatedRecord",
+    "Simulation",
+    "Spectrum",
+    "ToothContact",
+    "Tracker",
+    "amplitude_spectrum",
+    "angle_record",
+    "cepstrum",
+    "envelope_spectrum",
+    "gear_signals",
+    "indicators",
+    "kurtogram",
+    "order_spectrum",
+    "power_spectral_density",
+    "read",
+    "synchronous_average",
+]

@@ -1,0 +1,383 @@
+"""A client of the flankwatch service."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time as clock
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Iterator, Mapping, Sequence
+
+import httpx
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .frames import as_frame
+from .reading import read
+from .reading.guess import as_time
+
+#: Answers after which the same request may succeed.
+WORTH_REPEATING = {429, 502, 503, 504, 507}
+
+#: Files that the service reads itself, by their first bytes.
+READ_BY_SERVICE = {b"RIFF": "audio/wav", b"RIFX": "audio/wav", b"RF64": "audio/wav", b"\x89MCAP0\r\n": "application/mcap"}
+
+
+class ServiceError(Exception):
+    """The service refused a request.
+
+    Attributes:
+        status: HTTP status.
+        detail: what is wrong, in words.
+        field, value, expected: the field at fault, where one is.
+    """
+
+    def __init__(self, status: int, problem: Mapping[str, Any]) -> None:
+        self.status = status
+        self.detail = str(problem.get("detail") or problem.get("title") or "no reason given")
+        self.field = problem.get("field")
+        self.value = problem.get("value")
+        self.expected = problem.get("expected")
+        super().__init__(f"{status}: {self.detail}")
+
+
+@dataclass
+class Event:
+    """One event of the service: its kind, its identifier for taking up the stream again, and its content."""
+
+    kind: str
+    id: str
+    data: Any
+
+
+def without_none(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those values that there are."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def rfc3339(time: Any) -> str | None:
+    """A time as the service writes it."""
+    if time is None:
+        return None
+    if isinstance(time, (int, float)):
+        return str(np.datetime64(round(time * 1e9), "ns")) + "Z"
+    moment = as_time(time)
+    if moment is None:
+        raise ValueError(f"time is {time!r}, expected an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970")
+    return str(moment) + "Z"
+
+
+class Client:
+    """A connection to the service at ``url``, with a token where it asks for one.
+
+    Args:
+        url: address of the service.
+        token: a token made with ``flankwatch token create``.
+        timeout_s: how long an answer may take, in seconds.
+        repeats: how often a request is sent again that the service could not take now.
+        verify: ``False`` to accept any certificate, or the path of a private one.
+    """
+
+    def __init__(
+        self,
+        url: str = "http://127.0.0.1:8600",
+        token: str | None = None,
+        *,
+        timeout_s: float = 60.0,
+        repeats: int = 5,
+        verify: bool | str = True,
+    ) -> None:
+        headers = {"authorization": f"Bearer {token}"} if token else {}
+        self._repeats = repeats
+        self._http = httpx.Client(base_url=url, headers=headers, timeout=timeout_s, verify=verify)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the connection."""
+        self._http.close()
+
+    def request(self, method: str, path: str, **arguments: Any) -> Any:
+        """Sends a request and answers with the decoded JSON; repeats it where the service asks for that.
+
+        Raises:
+            ServiceError: where the service refuses.
+            httpx.TransportError: where it cannot be reached.
+        """
+        return self._send(method, path, **arguments).json()
+
+    def _send(self, method: str, path: str, **arguments: Any) -> httpx.Response:
+        for attempt in range(self._repeats + 1):
+            answer = self._http.request(method, path, **arguments)
+            if answer.status_code not in WORTH_REPEATING or attempt == self._repeats:
+                break
+            clock.sleep(min(float(answer.headers.get("retry-after") or 1), 30.0))
+        if answer.status_code >= 400:
+            try:
+                problem = answer.json()
+            except ValueError:
+                problem = {"detail": answer.text}
+            raise ServiceError(answer.status_code, problem)
+        return answer
+
+    def _pages(self, path: str, parameters: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        cursor = None
+        while True:
+            page = self.request("GET", path, params=without_none({**parameters, "cursor": cursor}))
+            yield from page["items"]
+            cursor = page.get("next_cursor")
+            if not cursor:
+                return
+
+    # Assets
+
+    def assets(self) -> list[dict[str, Any]]:
+        """All assets with their summaries."""
+        return list(self._pages("/v1/assets", {}))
+
+    def asset(self, asset: str) -> dict[str, Any]:
+        """One asset."""
+        answer: dict[str, Any] = self.request("GET", f"/v1/assets/{asset}")
+        return answer
+
+    def create_asset(self, description: Mapping[str, Any]) -> dict[str, Any]:
+        """Creates an asset from its description."""
+        answer: dict[str, Any] = self.request("POST", "/v1/assets", json=dict(description))
+        return answer
+
+    def replace_asset(self, asset: str, description: Mapping[str, Any]) -> dict[str, Any]:
+        """Replaces an asset's description."""
+        answer: dict[str, Any] = self.request("PUT", f"/v1/assets/{asset}", json=dict(description))
+        return answer
+
+    def delete_asset(self, asset: str) -> None:
+        """Deletes an asset with its records."""
+        self._send("DELETE", f"/v1/assets/{asset}")
+
+    # Records
+
+    def upload(
+        self,
+        asset: str,
+        x: ArrayLike,
+        rate_hz: float,
+        *,
+        start_time: Any = None,
+        unit: str | None = None,
+        channel: str | None = None,
+        channel_names: Sequence[str] | None = None,
+        shaft_speed_hz: float | None = None,
+        torque_nm: float | None = None,
+        temperature_c: float | None = None,
+        reference_wear_um: float | None = None,
+        idempotency_key: str | None = None,
+    ) -> dict[str, Any]:
+        """Sends samples as one record a channel; they are stored in single precision.
+
+        Args:
+            asset: the asset's id.
+            x: samples, shape ``(n,)`` or ``(channels, n)``.
+            rate_hz: sampling rate in hertz.
+            start_time: time of the first sample; that of receipt where not given.
+            unit: unit of the samples.
+            channel, channel_names: names of the measuring points.
+            idempotency_key: a repeat with the same key is the same upload; made from the content where a start time is given.
+
+        Returns:
+            The segment, or ``{"segments": [...]}`` for several channels.
+        """
+        samples = np.atleast_2d(np.asarray(x))
+        if samples.ndim != 2 or samples.dtype.kind not in "fiu":
+            raise ValueError(f"x has shape {np.shape(x)} and type {samples.dtype}, expected real numbers of shape (n,) or (channels, n)")
+        if not np.all(np.isfinite(samples)):
+            raise ValueError(f"x has {np.count_nonzero(~np.isfinite(samples))} samples that are not finite, expected none")
+        body = np.ascontiguousarray(samples.T, dtype="<f4").tobytes()
+        parameters = without_none(
+            {
+                "sample": "f32",
+                "sample_rate_hz": repr(float(rate_hz)),
+                "channels": len(samples),
+                "start_time": rfc3339(start_time),
+                "unit": unit,
+                "channel": channel,
+                "channel_names": ",".join(channel_names) if channel_names else None,
+                "shaft_speed_hz": shaft_speed_hz,
+                "torque_nm": torque_nm,
+                "temperature_c": temperature_c,
+                "reference_wear_um": reference_wear_um,
+            }
+        )
+        return self._upload(asset, body, "application/octet-stream", parameters, idempotency_key)
+
+    def upload_file(
+        self,
+        asset: str,
+        path: str | Path,
+        *,
+        idempotency_key: str | None = None,
+        channels: Sequence[str] | None = None,
+        rate_hz: float | None = None,
+        unit: str | None = None,
+        start_time: Any = None,
+        **parameters: Any,
+    ) -> dict[str, Any]:
+        """Sends a recording in a file: WAV, MCAP and CSV as they are, other formats as :func:`flankwatch.read` reads them.
+
+        Channels of one rate and start go together; the answer is that of the last upload.
+        """
+        path = Path(path)
+        with path.open("rb") as file:
+            beginning = file.read(16)
+        media_type = next((kind for magic, kind in READ_BY_SERVICE.items() if beginning.startswith(magic)), None)
+        if path.suffix.lower() == ".csv":
+            media_type = "text/csv"
+        if media_type is not None:
+            given = without_none({"unit": unit, "start_time": rfc3339(start_time), **parameters})
+            if media_type == "text/csv" and rate_hz is not None:
+                given["sample_rate_hz"] = repr(float(rate_hz))
+            return self._upload(asset, path.read_bytes(), media_type, given, idempotency_key)
+        recording = read(path, channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time)
+        answers = []
+        groups: dict[tuple[Any, ...], list[Any]] = {}
+        for channel in recording:
+            if channel.rate_hz is None:
+                raise ValueError(f"{path}: channel {channel.name!r} has no sampling rate, expected rate_hz")
+            key = (channel.rate_hz, channel.unit, str(channel.start_time), channel.samples.size)
+            groups.setdefault(key, []).append(channel)
+        for number, group in enumerate(groups.values()):
+            first = group[0]
+            names = [channel.name.replace(",", " ") for channel in group]
+            answers.append(
+                self.upload(
+                    asset,
+                    np.stack([channel.samples for channel in group]),
+                    first.rate_hz,
+                    start_time=first.start_time,
+                    unit=first.unit,
+                    channel=names[0] if len(names) == 1 else None,
+                    channel_names=names if len(names) > 1 else None,
+                    idempotency_key=idempotency_key if idempotency_key is None or number == 0 else f"{idempotency_key}-{number}",
+                    **parameters,
+                )
+            )
+        return answers[-1] if len(answers) == 1 else {"uploads": answers}
+
+    def _upload(
+        self, asset: str, body: bytes, media_type: str, parameters: Mapping[str, Any], key: str | None
+    ) -> dict[str, Any]:
+        headers = {"content-type": media_type}
+        if key is None and "start_time" in parameters:
+            content = hashlib.sha256(json.dumps([asset, media_type, dict(parameters)], sort_keys=True).encode())
+            content.update(body)
+            key = content.hexdigest()
+        if key is not None:
+            headers["idempotency-key"] = key
+        sent = self._send("POST", f"/v1/assets/{asset}/segments", content=body, headers=headers, params=dict(parameters))
+        answer: dict[str, Any] = sent.json()
+        if sent.headers.get("idempotency-replayed") == "true":
+            answer["replayed"] = True
+        return answer
+
+    def segments(self, asset: str, **parameters: Any) -> Iterator[dict[str, Any]]:
+        """The records of an asset in time order; ``channel``, ``order``, ``operating_bin``."""
+        return self._pages(f"/v1/assets/{asset}/segments", parameters)
+
+    def segment(self, segment: str) -> dict[str, Any]:
+        """One record with its indicators and its wear estimate."""
+        answer: dict[str, Any] = self.request("GET", f"/v1/segments/{segment}")
+        return answer
+
+    def waveform(self, segment: str, **parameters: Any) -> dict[str, Any]:
+        """The samples of a record; ``max_points``, ``from_s``, ``to_s``."""
+        answer: dict[str, Any] = self.request("GET", f"/v1/segments/{segment}/waveform", params=parameters)
+        return answer
+
+    # Wear and trends
+
+    def wear(self, asset: str) -> dict[str, Any]:
+        """The latest wear estimate."""
+        answer: dict[str, Any] = self.request("GET", f"/v1/assets/{asset}/wear")
+        return answer
+
+    def wear_history(self, asset: str, *, frame: str | None = None, **parameters: Any) -> Any:
+        """The wear over time: a list of rows, or a frame for ``frame="pandas"`` or ``"polars"``."""
+        return as_frame(self.request("GET", f"/v1/assets/{asset}/wear/history", params=parameters), frame)
+
+    def trend(self, asset: str, names: Sequence[str], *, frame: str | None = None, **parameters: Any) -> Any:
+        """Indicators over time, as :meth:`wear_history`; ``channel``, ``from``, ``to``, ``max_points``."""
+        parameters["names"] = ",".join(names)
+        return as_frame(self.request("GET", f"/v1/assets/{asset}/indicators", params=parameters), frame)
+
+    # Replays
+
+    def start_replay(self, asset: str, file: str, *, pace: str = "max") -> dict[str, Any]:
+        """Replays a recording of the service's folder; ``pace`` is ``"max"``, ``"realtime"`` or a factor such as ``"10x"``."""
+        answer: dict[str, Any] = self.request("POST", "/v1/replays", json={"asset": asset, "file": file, "pace": pace})
+        return answer
+
+    def replays(self) -> list[dict[str, Any]]:
+        """All replays."""
+        return list(self._pages("/v1/replays", {}))
+
+    def replay(self, replay: str) -> dict[str, Any]:
+        """One replay with its progress."""
+        answer: dict[str, Any] = self.request("GET", f"/v1/replays/{replay}")
+        return answer
+
+    def stop_replay(self, replay: str) -> None:
+        """Stops a replay."""
+        self._send("DELETE", f"/v1/replays/{replay}")
+
+    # Events
+
+    def events(self, asset: str | None = None, *, last_event_id: str | None = None, reconnect: bool = True) -> Iterator[Event]:
+        """Events as they happen; a lost connection is taken up where it ended.
+
+        The iterator waits for the next event. It does not end by itself while ``reconnect`` is true.
+        """
+        while True:
+            headers = without_none({"accept": "text/event-stream", "last-event-id": last_event_id})
+            try:
+                with self._http.stream("GET", "/v1/events", params=without_none({"asset": asset}), headers=headers, timeout=None) as answer:
+                    if answer.status_code >= 400:
+                        answer.read()
+                        raise ServiceError(answer.status_code, {"detail": answer.text})
+                    for event in parse_events(answer.iter_lines()):
+                        last_event_id = event.id or last_event_id
+                        yield event
+            except httpx.TransportError:
+                if not reconnect:
+                    raise
+            if not reconnect:
+                return
+            clock.sleep(1.0)
+
+
+def parse_events(lines: Iterator[str]) -> Iterator[Event]:
+    """The events in the lines of a stream."""
+    kind, number = "message", ""
+    data: list[str] = []
+    for line in lines:
+        if not line:
+            if data:
+                text = "\n".join(data)
+                try:
+                    content = json.loads(text)
+                except ValueError:
+                    content = text
+                yield Event(kind=kind, id=number, data=content)
+            kind, data = "message", []
+            continue
+        name, _, value = line.partition(":")
+        value = value.removeprefix(" ")
+        if name == "event":
+            kind = value
+        elif name == "id":
+            number = value
+        elif name == "data":
+            data.append(value)

@@ -1,0 +1,16 @@
+"""The libraries that read foreign formats, which are optional."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+
+def require(module: str, package: str, what: str) -> Any:
+    """A library, or an error that says how to install it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ImportError(
+            f"reading {what} needs {package}, which is not installed: pip install 'flankwatch[readers]'"
+        ) from error

@@ -1,0 +1,211 @@
+"""Channels, rate, units and time of a file's arrays, as they are said or usually called."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Mapping, Sequence
+
+import numpy as np
+
+from ..recording import Channel
+
+#: Most that a rate may differ from the time column.
+RATE_TOLERANCE = 1e-3
+
+RATE_NAMES = {"fs", "sr", "rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequency", "sampfreq", "fsample"}
+INTERVAL_NAMES = {"dt", "ts", "increment", "wfincrement", "sampleinterval", "samplinginterval", "deltat"}
+START_NAMES = {"starttime", "wfstarttime", "start", "t0", "date", "datetime", "recordedat", "measurementtime"}
+UNIT_NAMES = {"unit", "units", "unitstring", "yunit", "unitdescription"}
+TIME_NAMES = {"t", "time", "zeit", "timestamp", "timevector", "tid", "temps"}
+TIME_UNITS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+
+
+@dataclass
+class Content:
+    """What a reader found: arrays by name with what the file says of each, and what it says of all."""
+
+    arrays: dict[str, np.ndarray[Any, Any]] = field(default_factory=dict)
+    attributes: dict[str, dict[str, Any]] = field(default_factory=dict)
+    common: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Given:
+    """What the caller says of a file."""
+
+    channels: Sequence[str] | None = None
+    rate_hz: float | None = None
+    unit: str | Mapping[str, str] | None = None
+    start_time: Any = None
+    time_column: str | None = None
+
+
+def plain(name: str) -> str:
+    """A name without case, signs and the unit of a rate."""
+    letters = re.sub(r"[^a-z0-9]", "", name.rsplit("/", 1)[-1].rsplit(".", 1)[-1].lower())
+    return letters.removesuffix("hz") or letters
+
+
+def split_unit(name: str) -> tuple[str, str | None]:
+    """The stem and the unit of a name such as ``acc [m/s2]`` or ``Zeit (ms)``."""
+    match = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", name)
+    return (match[1], match[2]) if match else (name, None)
+
+
+def as_time(value: Any) -> np.datetime64 | None:
+    """A time in UTC, or nothing where the value is none."""
+    if value is None:
+        return None
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(-1)[0]
+    if isinstance(value, np.datetime64):
+        return None if np.isnat(value) else value.astype("datetime64[ns]")
+    if hasattr(value, "isoformat"):
+        zone = getattr(value, "tzinfo", None)
+        if zone is not None:
+            value = (value - zone.utcoffset(value)).replace(tzinfo=None)
+        return np.datetime64(value.isoformat(), "ns")
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    if isinstance(value, str):
+        try:
+            return np.datetime64(value.strip().removesuffix("Z").replace(" ", "T"), "ns")
+        except ValueError:
+            return None
+    if isinstance(value, (int, float, np.integer, np.floating)) and np.isfinite(value) and value > 1e8:
+        return np.datetime64(round(float(value) * 1e9), "ns")
+    return None
+
+
+def number(value: Any) -> float | None:
+    """A positive number, or nothing where the value is none."""
+    try:
+        array = np.asarray(value, dtype=float).reshape(-1)
+    except (TypeError, ValueError):
+        return None
+    return float(array[0]) if array.size == 1 and np.isfinite(array[0]) and array[0] > 0 else None
+
+
+def look_up(values: Mapping[str, Any], names: set[str]) -> Any:
+    """The first value that has one of the names."""
+    return next((value for name, value in values.items() if plain(name) in names and value is not None), None)
+
+
+def said_rate(values: Mapping[str, Any]) -> float | None:
+    """The sampling rate that a file says."""
+    rate = number(look_up(values, RATE_NAMES))
+    interval = number(look_up(values, INTERVAL_NAMES))
+    return rate if rate is not None else 1.0 / interval if interval is not None else None
+
+
+def said_unit(values: Mapping[str, Any]) -> str | None:
+    """The unit that a file says."""
+    unit = look_up(values, UNIT_NAMES)
+    if isinstance(unit, bytes):
+        unit = unit.decode("utf-8", "replace")
+    return unit.strip() or None if isinstance(unit, str) else None
+
+
+def is_time(name: str) -> bool:
+    """Whether a name says that the array holds the time."""
+    stem, unit = split_unit(name.rsplit("/", 1)[-1])
+    words = re.split(r"[ _]", stem.strip().lower())
+    unit = unit if unit is not None else words[1] if len(words) == 2 else ""
+    return words[0] in TIME_NAMES and len(words) <= 2 and unit.strip().lower() in TIME_UNITS
+
+
+def time_rate(path: Path, name: str, time: np.ndarray[Any, Any]) -> tuple[float | None, np.datetime64 | None]:
+    """Rate in hertz and start that a time column says."""
+    start = None
+    if time.dtype.kind == "M":
+        start = as_time(time[0])
+        seconds = (time - time[0]).astype("timedelta64[ns]").astype(float) * 1e-9
+    else:
+        stem, unit = split_unit(name.rsplit("/", 1)[-1])
+        words = re.split(r"[ _]", stem.strip().lower())
+        unit = unit if unit is not None else words[1] if len(words) == 2 else ""
+        seconds = time.astype(float) * TIME_UNITS.get(unit.strip().lower(), 1.0)
+        start = as_time(seconds[0]) if seconds.size else None
+    if seconds.size < 2:
+        return None, start
+    steps = np.diff(seconds)
+    step = (seconds[-1] - seconds[0]) / (seconds.size - 1)
+    if not step > 0 or not np.all(steps > 0):
+        raise ValueError(f"{path}: the time column {name!r} does not rise")
+    if np.max(np.abs(steps - step)) > 0.5 * step:
+        at = int(np.argmax(np.abs(steps - step))) + 1
+        raise ValueError(f"{path}: the time column {name!r} steps by {steps[at - 1]:g} s at sample {at}, expected {step:g} s")
+    return float(1.0 / step), start
+
+
+def columns(content: Content) -> dict[str, np.ndarray[Any, Any]]:
+    """One-dimensional arrays of numbers or times; columns of a matrix have its name and their number."""
+    found: dict[str, np.ndarray[Any, Any]] = {}
+    for name, array in content.arrays.items():
+        if array.dtype.kind not in "fiuM":
+            continue
+        array = np.squeeze(array)
+        if array.ndim == 1 and array.size > 1:
+            found[name] = array
+        elif array.ndim == 2:
+            series = array if array.shape[0] <= array.shape[1] else array.T
+            for number_of, column in enumerate(series, 1):
+                key = f"{name}_{number_of}"
+                found[key] = column
+                content.attributes.setdefault(key, content.attributes.get(name, {}))
+    return found
+
+
+def complete(path: Path, content: Content, given: Given) -> list[Channel]:
+    """The channels of a file with all that is said or can be guessed of them."""
+    found = columns(content)
+    scalars = {name: array.reshape(-1)[0] for name, array in content.arrays.items() if array.size == 1}
+    common = {**scalars, **content.common}
+    if given.time_column is not None and given.time_column not in found:
+        raise ValueError(f"{path}: no time column {given.time_column!r}, expected one of {', '.join(found)}")
+    times = [given.time_column] if given.time_column else [name for name in found if is_time(name) or found[name].dtype.kind == "M"]
+    if given.channels is not None:
+        wanted = list(given.channels)
+        unknown = next((name for name in wanted if name not in found), None)
+        if unknown is not None:
+            raise ValueError(f"{path}: no channel {unknown!r}, expected one of {', '.join(found)}")
+    else:
+        signals = [name for name in found if name not in times]
+        longest = max((found[name].size for name in signals), default=0)
+        wanted = [name for name in signals if 2 * found[name].size > longest]
+    if not wanted:
+        raise ValueError(f"{path}: no channel with samples among {', '.join(content.arrays) or 'nothing'}")
+    return [channel(path, content, given, found, common, times, name) for name in wanted]
+
+
+def channel(
+    path: Path,
+    content: Content,
+    given: Given,
+    found: Mapping[str, np.ndarray[Any, Any]],
+    common: Mapping[str, Any],
+    times: Sequence[str],
+    name: str,
+) -> Channel:
+    """One channel with its rate, unit and time."""
+    own = content.attributes.get(name, {})
+    clock = next((time for time in times if found[time].size == found[name].size), None)
+    of_clock, clock_start = (None, None) if clock is None else time_rate(path, clock, found[clock])
+    said = given.rate_hz or said_rate(own) or said_rate(common)
+    if said is not None and of_clock is not None and abs(said / of_clock - 1) > RATE_TOLERANCE:
+        raise ValueError(
+            f"{path}: the rate is {said:g} Hz, expected {of_clock:g} Hz as in the time column {clock!r} (at most 0.1 % apart)"
+        )
+    unit = given.unit if isinstance(given.unit, str) else (given.unit or {}).get(name)
+    start = as_time(given.start_time)
+    if given.start_time is not None and start is None:
+        raise ValueError(f"start_time is {given.start_time!r}, expected a time")
+    return Channel(
+        name=name,
+        samples=found[name],
+        rate_hz=said or of_clock,
+        unit=unit or said_unit(own) or split_unit(name)[1] or said_unit(common),
+        start_time=start or as_time(look_up(own, START_NAMES)) or as_time(look_up(common, START_NAMES)) or clock_start,
+    )

@@ -1,0 +1,63 @@
+"""HDF5, and MATLAB files of version 7.3, which are HDF5, by h5py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .extras import require
+from .guess import Content
+
+
+def read(path: Path) -> Content:
+    """All datasets of numbers with their attributes; those of groups and of the file hold for all."""
+    h5py = require("h5py", "h5py", "HDF5")
+    content = Content()
+    with open_file(h5py, path) as file:
+        content.common.update(plain_values(file.attrs))
+        matlab = any("MATLAB_class" in item.attrs for item in file.values())
+
+        def visit(name: str, item: Any) -> None:
+            if name.startswith("#"):
+                return
+            if isinstance(item, h5py.Dataset):
+                add(content, name, item, matlab)
+            else:
+                content.common.update(plain_values(item.attrs))
+
+        file.visititems(visit)
+    return content
+
+
+def read_matlab(path: Path) -> Content:
+    """A MATLAB file of version 7.3."""
+    return read(path)
+
+
+def open_file(h5py: Any, path: Path) -> Any:
+    """The file, or an error with its name."""
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise ValueError(f"{path}: not a whole HDF5 file: {error}") from error
+
+
+def add(content: Content, name: str, dataset: Any, matlab: bool) -> None:
+    """Puts down a dataset; MATLAB's have their axes the other way round, and its texts are numbers."""
+    kind = dataset.attrs.get("MATLAB_class", b"")
+    key = name.replace("/", ".") if matlab else name
+    if kind == b"char":
+        content.common[key] = "".join(chr(letter) for letter in np.asarray(dataset[()]).T.reshape(-1))
+    elif dataset.dtype.kind in "fiu" and dataset.shape is not None:
+        values = np.asarray(dataset[()])
+        content.arrays[key] = values.T if matlab else values
+        content.attributes[key] = plain_values(dataset.attrs)
+    elif dataset.dtype.kind in "OS" and dataset.shape == ():
+        content.common[key] = dataset[()]
+
+
+def plain_values(attributes: Any) -> dict[str, Any]:
+    """Attributes as plain values."""
+    return {name: value[0] if isinstance(value, np.ndarray) and value.size == 1 else value for name, value in attributes.items()}

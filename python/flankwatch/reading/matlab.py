@@ -1,0 +1,35 @@
+"""MATLAB files of version 5 and older, by SciPy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .extras import require
+from .guess import Content
+
+
+def read(path: Path) -> Content:
+    """The variables of a file; fields of structs have dotted names."""
+    io = require("scipy.io", "SciPy", "MATLAB files")
+    variables = io.loadmat(str(path), simplify_cells=True)
+    content = Content()
+    for name, value in variables.items():
+        if not name.startswith("__"):
+            add(content, name, value)
+    return content
+
+
+def add(content: Content, name: str, value: Any) -> None:
+    """Puts down a variable, or the fields of a struct."""
+    if isinstance(value, dict):
+        for field, part in value.items():
+            add(content, f"{name}.{field}", part)
+    elif isinstance(value, str):
+        content.common[name] = value
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
+        content.arrays[name] = value
+    elif isinstance(value, (int, float)):
+        content.arrays[name] = np.asarray(value)

@@ -1,0 +1,26 @@
+"""TDMS, by npTDMS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .extras import require
+from .guess import Content
+
+
+def read(path: Path) -> Content:
+    """All channels, scaled as the file says, with their properties."""
+    nptdms = require("nptdms", "npTDMS", "TDMS")
+    content = Content()
+    file = nptdms.TdmsFile.read(path)
+    content.common.update(file.properties)
+    groups = file.groups()
+    for group in groups:
+        content.common.update(group.properties)
+        for channel in group.channels():
+            name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
+            content.arrays[name] = np.asarray(channel[:])
+            content.attributes[name] = dict(channel.properties)
+    return content

@@ -1,0 +1,190 @@
+//! The wear estimate over a machine's records.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use flankwatch_signal::{ConditionSettings, MeshContext};
+use flankwatch_wear::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, MaintenanceEvent};
+use pyo3::exceptions::PyOSError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::arguments::{from_python, to_python};
+use crate::error::{argument_error, value_error};
+use crate::library::ensemble_of;
+use crate::record::{Machine, analyze};
+
+/// Estimates the wear of one measuring channel, record by record.
+#[pyclass(frozen, module = "flankwatch")]
+pub(crate) struct Tracker {
+    estimator: ChannelEstimator,
+    state: Mutex<ChannelState>,
+    teeth: u32,
+    nominal_shaft_speed_hz: f64,
+    tolerance: f64,
+    unit: String,
+}
+
+#[pymethods]
+impl Tracker {
+    #[new]
+    #[pyo3(signature = (library=None, *, teeth=None, nominal_shaft_speed_hz=None, tolerance=0.05, baseline_records=20, limit_um=None,
+        unit="m/s2"))]
+    fn new(
+        library: Option<&Bound<'_, PyAny>>,
+        teeth: Option<u32>,
+        nominal_shaft_speed_hz: Option<f64>,
+        tolerance: f64,
+        baseline_records: u32,
+        limit_um: Option<f64>,
+        unit: &str,
+    ) -> PyResult<Self> {
+        let ensemble = library.map(ensemble_of).transpose()?;
+        let pair = ensemble.as_ref().map(|ensemble| ensemble.described().pair().clone());
+        let teeth = teeth.or(pair.as_ref().map(|pair| pair.geometry.teeth[0]));
+        let nominal = nominal_shaft_speed_hz.or(pair.as_ref().map(|pair| pair.operation.shaft_speed_hz));
+        let (Some(teeth), Some(nominal)) = (teeth, nominal) else {
+            return Err(argument_error("library", "None", "a library, or teeth and nominal_shaft_speed_hz"));
+        };
+        if !(8..=10_000).contains(&baseline_records) {
+            return Err(argument_error("baseline_records", baseline_records, "a number from 8 to 10000"));
+        }
+        if let Some(limit_um) = limit_um.filter(|limit_um| !(*limit_um > 0.0 && limit_um.is_finite())) {
+            return Err(argument_error("limit_um", limit_um, "a depth above 0"));
+        }
+        let estimator = ChannelEstimator::new(
+            EstimatorSettings {
+                baseline_records,
+                limit_um,
+            },
+            ensemble,
+            Vec::new(),
+        );
+        let tracker = Self {
+            state: Mutex::new(estimator.start()),
+            estimator,
+            teeth,
+            nominal_shaft_speed_hz: nominal,
+            tolerance,
+            unit: unit.to_owned(),
+        };
+        tracker.machine(None, None).required_mesh()?;
+        Ok(tracker)
+    }
+
+    #[pyo3(signature = (x, rate_hz, time, *, shaft_speed_hz=None, torque_nm=None, pulse_times_s=None, pulses_per_revolution=1))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
+    fn update<'py>(
+        &self,
+        x: &Bound<'py, PyAny>,
+        rate_hz: f64,
+        time: &Bound<'py, PyAny>,
+        shaft_speed_hz: Option<f64>,
+        torque_nm: Option<f64>,
+        pulse_times_s: Option<&Bound<'py, PyAny>>,
+        pulses_per_revolution: u32,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let py = x.py();
+        let machine = Machine {
+            pulse_times_s,
+            pulses_per_revolution,
+            ..self.machine(shaft_speed_hz, torque_nm)
+        };
+        let (mesh, record) = (machine.required_mesh()?, machine.record(x, rate_hz, &self.unit)?);
+        let time = crate::arguments::time(time)?;
+        let settings = ConditionSettings {
+            mesh: MeshContext {
+                nominal_shaft_speed_hz: self.nominal_shaft_speed_hz,
+                ..mesh
+            },
+            bands: &[],
+            gear_indicators: true,
+        };
+        let (analysis, folded) = analyze(py, |analyzer| {
+            let analysis = analyzer.condition(&record, &settings).analysis;
+            // What is folded is replaced as a whole, so that a state after a panic elsewhere is still one.
+            let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            let folded = self.estimator.record(&mut state, time, &analysis.features, &analysis.indicators);
+            (analysis, folded)
+        });
+        let mut indicators = analysis.indicators;
+        indicators.extend(folded.indicators);
+        let result = PyDict::new(py);
+        result.set_item("time", time.to_string())?;
+        result.set_item("indicators", to_python(py, &indicators.values)?)?;
+        result.set_item("absent", to_python(py, &indicators.absent)?)?;
+        result.set_item("shaft_speed", to_python(py, &analysis.shaft_speed)?)?;
+        result.set_item("wear", to_python(py, &folded.wear)?)?;
+        Ok(result)
+    }
+
+    #[pyo3(signature = (kind, time, *, inspection=None, until=None))]
+    fn maintenance(
+        &self,
+        py: Python<'_>,
+        kind: &str,
+        time: &Bound<'_, PyAny>,
+        inspection: Option<&Bound<'_, PyAny>>,
+        until: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let fields = PyDict::new(py);
+        fields.set_item("kind", kind)?;
+        fields.set_item("time", crate::arguments::time(time)?.to_string())?;
+        if let Some(inspection) = inspection {
+            fields.set_item("inspection", inspection)?;
+        }
+        if let Some(until) = until {
+            fields.set_item("until", crate::arguments::time(until)?.to_string())?;
+        }
+        let event: MaintenanceEvent = from_python("maintenance", &fields)?;
+        if let Some((field, value, expected)) = event.inspection.as_ref().and_then(|inspection| inspection.fault()) {
+            return Err(argument_error(field, value, expected));
+        }
+        py.detach(|| {
+            let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            self.estimator.maintenance(&mut state, &event);
+        });
+        Ok(())
+    }
+
+    #[getter]
+    fn state(&self, py: Python<'_>) -> PyResult<String> {
+        py.detach(|| serde_json::to_string(&*self.state.lock().unwrap_or_else(PoisonError::into_inner)))
+            .map_err(value_error)
+    }
+
+    fn restore(&self, py: Python<'_>, state: &str) -> PyResult<()> {
+        let restored: ChannelState =
+            serde_json::from_str(state).map_err(|error| value_error(format!("not the state of a tracker: {error}")))?;
+        py.detach(|| *self.state.lock().unwrap_or_else(PoisonError::into_inner) = restored);
+        Ok(())
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let text = self.state(py)?;
+        // A reader sees the old state or the new one, never a part.
+        let mut beside = path.clone().into_os_string();
+        beside.push(".new");
+        let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, &path));
+        written.map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))
+    }
+
+    fn load(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let text = std::fs::read_to_string(&path).map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))?;
+        self.restore(py, &text)
+    }
+}
+
+impl Tracker {
+    fn machine(&self, shaft_speed_hz: Option<f64>, torque_nm: Option<f64>) -> Machine<'_, '_> {
+        Machine {
+            teeth: Some(self.teeth),
+            shaft_speed_hz,
+            nominal_shaft_speed_hz: Some(self.nominal_shaft_speed_hz),
+            tolerance: self.tolerance,
+            torque_nm,
+            pulse_times_s: None,
+            pulses_per_revolution: 1,
+        }
+    }
+}

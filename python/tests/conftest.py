@@ -1,0 +1,52 @@
+"""The program, a running service, and signals."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import flankwatch
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def program() -> Path:
+    """The program: that of FLANKWATCH_PROGRAM, else the debug build."""
+    path = Path(os.environ.get("FLANKWATCH_PROGRAM", ROOT / "target/debug/flankwatch"))
+    assert path.is_file(), f"no program at {path}: cargo build, or set FLANKWATCH_PROGRAM"
+    return path
+
+
+@pytest.fixture(scope="session")
+def service(program: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
+    """The address of a service and its data folder."""
+    folder = tmp_path_factory.mktemp("data")
+    command = [str(program), "serve", "--listen", "127.0.0.1:0", "--data-dir", str(folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            line = process.stdout.readline()
+            found = re.search(r"http://\S+", line)
+            assert found, f"the service said {line!r}"
+            yield found[0], folder
+        finally:
+            process.terminate()
+            process.wait(20)
+
+
+@pytest.fixture
+def client(service: tuple[str, Path]) -> Iterator[flankwatch.Client]:
+    with flankwatch.Client(service[0]) as client:
+        yield client
+
+
+def gear_signal(seed: int = 0, count: int = 40_000, rate_hz: float = 20_000.0, speed_hz: float = 25.0) -> np.ndarray:
+    """A mesh of 24 teeth, modulated once a turn, in noise."""
+    turn = 2 * np.pi * speed_hz * np.arange(count) / rate_hz
+    noise = np.random.default_rng(seed).normal(size=count)
+    return (1 + 0.1 * np.cos(turn)) * np.sin(24 * turn) + 0.3 * np.sin(48 * turn + 1) + 0.05 * noise

@@ -1,0 +1,191 @@
+"""The client and the import of folders against a running service."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+
+import flankwatch
+import httpx
+import numpy as np
+import pytest
+import scipy.io
+import soundfile
+from flankwatch.client import Event, parse_events
+from flankwatch.importing import main
+
+from conftest import gear_signal
+
+RATE_HZ = 20_000.0
+NAMES = itertools.count()
+
+
+@pytest.fixture
+def asset(client):
+    """An asset of its own for each test."""
+    name = f"rig-{next(NAMES)}"
+    client.create_asset({"id": name, "gear": {"teeth": [24, 36], "shaft_speed_hz": 24.5}, "sensor": {"unit": "m/s2"}})
+    return name
+
+
+def test_assets_are_made_changed_and_deleted(client, asset):
+    assert asset in [each["id"] for each in client.assets()]
+    description = {"id": asset, "name": "Bench", "gear": {"teeth": [24, 36], "shaft_speed_hz": 25.0}}
+    client.replace_asset(asset, description)
+    assert client.asset(asset)["name"] == "Bench"
+    client.delete_asset(asset)
+    with pytest.raises(flankwatch.ServiceError, match="404"):
+        client.asset(asset)
+
+
+def test_an_upload_has_the_indicators_that_are_computed_here(client, asset):
+    x = gear_signal(1).astype(np.float32)
+    segment = client.upload(asset, x, RATE_HZ, start_time="2026-03-01T08:00:00Z", shaft_speed_hz=25.0)
+    here = flankwatch.indicators(x, RATE_HZ, teeth=24, nominal_shaft_speed_hz=24.5, shaft_speed_hz=25.0, unit="m/s2")
+    stored = client.segment(segment["id"])["indicators"]
+    assert {name: value for name, value in stored.items() if name in here} == dict(here)
+    waveform = client.waveform(segment["id"], max_points=200_000)
+    assert np.array_equal(np.asarray(waveform["value"], dtype=np.float32), x) and not waveform["reduced"]
+    repeat = client.upload(asset, x, RATE_HZ, start_time="2026-03-01T08:00:00Z", shaft_speed_hz=25.0)
+    assert repeat["replayed"] and repeat["id"] == segment["id"]
+
+
+def test_a_csv_file_goes_as_it_is(client, asset, tmp_path):
+    path = tmp_path / "recording.csv"
+    x = np.round(gear_signal(5)[:8000], 6).astype(np.float32)
+    lines = [f"{n / RATE_HZ:.6f};{value!s}".replace(".", ",") for n, value in enumerate(x)]
+    path.write_text("Messung;7\nZeit [s];Eingang [m/s²]\n" + "\n".join(lines), encoding="latin-1")
+    segment = client.upload_file(asset, path, start_time="2026-03-01T08:00:00Z")
+    assert (segment["channel"], segment["sample_rate_hz"], segment["unit"]) == ("Eingang", RATE_HZ, "m/s2")
+    waveform = client.waveform(segment["id"], max_points=200_000)
+    assert np.array_equal(np.asarray(waveform["value"], dtype=np.float32), x)
+    with pytest.raises(flankwatch.ServiceError, match="the sampling rate is 21000 Hz, expected 20000 Hz"):
+        client.upload_file(asset, path, rate_hz=21_000.0)
+
+
+def test_several_channels_go_together(client, asset):
+    x = np.stack([gear_signal(1), gear_signal(2)])
+    answer = client.upload(asset, x, RATE_HZ, start_time=0, channel_names=["in", "out"], unit="g")
+    assert [segment["channel"] for segment in answer["segments"]] == ["in", "out"]
+    assert len(list(client.segments(asset, channel="out"))) == 1
+
+
+def test_trends_are_rows_or_frames(client, asset):
+    for hour in range(3):
+        client.upload(asset, gear_signal(hour), RATE_HZ, start_time=f"2026-03-01T0{hour}:00:00Z")
+    rows = client.trend(asset, ["rms", "omx"])
+    assert len(rows) == 3 and rows[0]["rms"] > 0
+    pandas = client.trend(asset, ["rms", "omx"], frame="pandas")
+    assert pandas["rms"].tolist() == [row["rms"] for row in rows]
+    assert str(pandas["start_time"].dtype).endswith("UTC]")
+    polars = client.wear_history(asset, frame="polars")
+    assert polars.height == 3 and str(polars["start_time"].dtype.time_zone) == "UTC"
+    assert client.wear(asset)["status"] == "collecting_baseline"
+    with pytest.raises(ValueError, match="frame is 'arrow'"):
+        client.trend(asset, ["rms"], frame="arrow")
+    with pytest.raises(flankwatch.ServiceError, match="rms") as refused:
+        client.trend(asset, ["rmss"])
+    assert refused.value.status == 400
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda client, asset: client.upload(asset, [1.0, np.inf], 1.0), "1 samples that are not finite"),
+        (lambda client, asset: client.upload(asset, ["a"], 1.0), "type <U1"),
+        (lambda client, asset: client.upload(asset, [1.0], 1.0, start_time="noon"), "time is 'noon'"),
+    ],
+)
+def test_what_cannot_be_sent_is_refused_here(client, asset, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(client, asset)
+
+
+def test_a_refusal_names_the_field(client, asset):
+    with pytest.raises(flankwatch.ServiceError) as refused:
+        client.upload(asset, [1.0, 2.0], -1.0)
+    assert refused.value.status in (400, 422) and "sample_rate_hz" in refused.value.detail
+
+
+def test_events_come_as_they_happen(client, service, asset):
+    events, seen = [], threading.Event()
+
+    def listen():
+        with flankwatch.Client(service[0]) as listener:
+            for event in listener.events(asset):
+                events.append(event)
+                if event.kind == "wear":
+                    seen.set()
+                    return
+
+    thread = threading.Thread(target=listen, daemon=True)
+    thread.start()
+    for hour in range(20):
+        client.upload(asset, gear_signal(hour)[:8000], RATE_HZ, start_time=f"2026-03-01T{hour:02}:00:00Z")
+        if seen.wait(0.2):
+            break
+    assert seen.is_set()
+    assert {event.kind for event in events} <= {"indicators", "wear", "asset", "history"}
+    assert events[-1].id and events[-1].data["asset_id"] == asset
+
+
+def test_a_stream_is_taken_apart():
+    lines = ["id: 7", "event: wear", 'data: {"a":', "data: 1}", "", ": comment", "data: words", ""]
+    assert list(parse_events(iter(lines))) == [Event("wear", "7", {"a": 1}), Event("message", "7", "words")]
+
+
+def test_a_service_that_is_busy_is_asked_again(monkeypatch):
+    answers = [httpx.Response(503, headers={"retry-after": "0"}), httpx.Response(200, json={"items": [], "next_cursor": None})]
+    client = flankwatch.Client("http://service")
+    client._http = httpx.Client(base_url="http://service", transport=httpx.MockTransport(lambda request: answers.pop(0)))
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)
+    assert client.assets() == [] and not answers
+
+
+def test_a_replay_is_followed(client, service, asset):
+    recordings = service[1] / "recordings"
+    recordings.mkdir(exist_ok=True)
+    soundfile.write(recordings / "run.wav", gear_signal(4).astype(np.float32), int(RATE_HZ), subtype="FLOAT")
+    replay = client.start_replay(asset, "run.wav")
+    for _ in range(100):
+        state = client.replay(replay["id"])
+        if state["state"] not in ("running", "waiting", "starting"):
+            break
+        time.sleep(0.1)
+    assert len(list(client.segments(asset))) == 1
+    assert replay["id"] in [each["id"] for each in client.replays()]
+
+
+def test_a_folder_is_imported_once(client, service, asset, tmp_path, capsys):
+    folder = tmp_path / "recordings" / "day 1"
+    folder.mkdir(parents=True)
+    for hour in range(3):
+        content = {"a1": gear_signal(hour)[:8000], "fs": RATE_HZ, "unit": "m/s2"}
+        scipy.io.savemat(folder / f"20260301_0{hour}0000.mat", content)
+    soundfile.write(folder / "20260301_040000.wav", gear_signal(9)[:8000], int(RATE_HZ), subtype="FLOAT")
+    (folder / "20260301_050000.mat").write_bytes(b"MATLAB 5.0 MAT-file broken")
+    (folder / "notes.txt").write_text("no recording")
+    command = [str(tmp_path), "--asset", asset, "--url", service[0], "--time-pattern", "%Y%m%d_%H%M%S"]
+    assert main(command) == 1
+    said = capsys.readouterr()
+    assert said.out.count(": stored") == 4 and "20260301_050000.mat: error: " in said.out
+    assert "1 of 5 files were not sent" in said.err and "[5/5, 0 s left]" in said.out
+    assert main(command) == 1
+    assert capsys.readouterr().out.count(": was there already") == 4
+    segments = list(client.segments(asset))
+    assert [segment["start_time"] for segment in segments] == [f"2026-03-01T0{hour}:00:00Z" for hour in (0, 1, 2, 4)]
+    waveform = client.waveform(segments[1]["id"], max_points=200_000)
+    assert np.array_equal(np.asarray(waveform["value"], dtype=np.float32), gear_signal(1)[:8000].astype(np.float32))
+
+
+def test_what_cannot_be_imported_is_said(service, asset, tmp_path, capsys):
+    assert main([str(tmp_path), "--asset", asset, "--url", service[0]]) == 1
+    assert "no recording in" in capsys.readouterr().err
+    np.save(tmp_path / "x.npy", np.arange(100.0))
+    assert main([str(tmp_path), "--asset", asset, "--url", service[0]]) == 1
+    assert "channel '1' has no sampling rate, expected rate_hz" in capsys.readouterr().out
+    assert main([str(tmp_path), "--asset", asset, "--url", "http://127.0.0.1:1"]) == 1
+    np.save(tmp_path / "x.npy", np.arange(100.0))
+    assert main([str(tmp_path), "--asset", asset, "--url", "http://127.0.0.1:1", "--rate-hz", "100"]) == 1
+    assert "cannot be reached" in capsys.readouterr().err

@@ -1,0 +1,37 @@
+"""The notebooks run, and so do the examples of the documentation and the README."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import matplotlib
+import matplotlib.pyplot
+import pytest
+
+from conftest import ROOT
+
+matplotlib.use("Agg")
+NOTEBOOKS = sorted((ROOT / "python/notebooks").glob("*.py"))
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs(notebook, service, monkeypatch, capsys):
+    monkeypatch.setenv("FLANKWATCH_URL", service[0])
+    runpy.run_path(str(notebook), run_name="__main__")
+    matplotlib.pyplot.close("all")
+
+
+def examples(path: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", path.read_text(), re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("document", ["docs/python.md", "README.md"])
+def test_examples_run(document, service, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {"url": service[0]}
+    found = examples(ROOT / document)
+    assert found
+    for number, example in enumerate(found, 1):
+        exec(compile(example, f"{document}, example {number}", "exec"), names)
