@@ -46,6 +46,7 @@ mod plotly;
 mod preview;
 mod preview_geometry;
 mod preview_model;
+mod preview_refusal;
 mod preview_vibration;
 mod problem;
 mod provenance;

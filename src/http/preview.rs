@@ -10,9 +10,10 @@ use super::app::App;
 use super::body;
 use super::preview_geometry::GeometryView;
 use super::preview_model::{Conditions, ModelView};
+use super::preview_refusal::Refusal;
 use super::problem::Problem;
 use crate::asset::{AssetError, GearSpec};
-use crate::gear::{GearError, PairSpec};
+use crate::gear::PairSpec;
 
 /// What is to be previewed.
 #[derive(Debug, Deserialize, utoipa::ToSchema)]
@@ -48,68 +49,6 @@ pub(super) struct Preview {
     /// Mesh and vibration, unworn and worn; none where something is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<ModelView>,
-}
-
-/// A field that cannot be used.
-#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
-#[schema(as = PreviewRefusal)]
-pub(super) struct Refusal {
-    /// What is wrong, in words.
-    detail: String,
-    /// The field's path, from `gear` on as in an asset; none where no single field is at fault.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    field: Option<String>,
-    /// Its value.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    value: Option<String>,
-    /// What would have been right.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    expected: Option<String>,
-}
-
-impl Refusal {
-    fn of_field(field: impl Into<String>, value: impl ToString, expected: impl Into<String>) -> Self {
-        let (field, value, expected) = (field.into(), value.to_string(), expected.into());
-        Self {
-            detail: format!("{field} is {value}, expected {expected}"),
-            field: Some(field),
-            value: Some(value),
-            expected: Some(expected),
-        }
-    }
-
-    /// A refusal of the pair's own fields.
-    pub(super) fn of_pair(error: &GearError) -> Self {
-        match error {
-            GearError::Field { field, value, expected } => Self::of_field(format!("gear.pair.{field}"), value, expected),
-            other => Self::in_words(other),
-        }
-    }
-
-    /// A refusal of the conditions, whose torque and speed stand in the place of the pair's.
-    pub(super) fn of_conditions(error: &GearError) -> Self {
-        match error {
-            GearError::Field { field, value, expected } => {
-                let name = match *field {
-                    "operation.torque_nm" | "operation.output_torque_nm" | "torque_nm" => "torque_nm",
-                    "operation.shaft_speed_hz" | "shaft_speed_hz" => "shaft_speed_hz",
-                    "wear depth in mm" => "wear_um",
-                    other => other,
-                };
-                Self::of_field(name, value, expected)
-            }
-            other => Self::in_words(other),
-        }
-    }
-
-    fn in_words(error: &impl ToString) -> Self {
-        Self {
-            detail: error.to_string(),
-            field: None,
-            value: None,
-            expected: None,
-        }
-    }
 }
 
 /// Preview a gear pair

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use serde::Serialize;
 
-use super::preview::Refusal;
+use super::preview_refusal::Refusal;
 use super::preview_vibration::{Vibration, VibrationPlan};
 use crate::gear::{ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair, MODEL_VERSION, MeshCycle, PairSpec, WearShape};
 

@@ -1,0 +1,67 @@
+//! What of a previewed description cannot be, and at which field.
+
+use serde::Serialize;
+
+use crate::gear::GearError;
+
+/// A field that cannot be used.
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = PreviewRefusal)]
+pub(super) struct Refusal {
+    /// What is wrong, in words.
+    detail: String,
+    /// The field's path, from `gear` on as in an asset; none where no single field is at fault.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    field: Option<String>,
+    /// Its value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    value: Option<String>,
+    /// What would have been right.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    expected: Option<String>,
+}
+
+impl Refusal {
+    pub(super) fn of_field(field: impl Into<String>, value: impl ToString, expected: impl Into<String>) -> Self {
+        let (field, value, expected) = (field.into(), value.to_string(), expected.into());
+        Self {
+            detail: format!("{field} is {value}, expected {expected}"),
+            field: Some(field),
+            value: Some(value),
+            expected: Some(expected),
+        }
+    }
+
+    /// A refusal of the pair's own fields.
+    pub(super) fn of_pair(error: &GearError) -> Self {
+        match error {
+            GearError::Field { field, value, expected } => Self::of_field(format!("gear.pair.{field}"), value, expected),
+            other => Self::in_words(other),
+        }
+    }
+
+    /// A refusal of the conditions, whose torque and speed stand in the place of the pair's.
+    pub(super) fn of_conditions(error: &GearError) -> Self {
+        match error {
+            GearError::Field { field, value, expected } => {
+                let name = match *field {
+                    "operation.torque_nm" | "operation.output_torque_nm" | "torque_nm" => "torque_nm",
+                    "operation.shaft_speed_hz" | "shaft_speed_hz" => "shaft_speed_hz",
+                    "wear depth in mm" => "wear_um",
+                    other => other,
+                };
+                Self::of_field(name, value, expected)
+            }
+            other => Self::in_words(other),
+        }
+    }
+
+    pub(super) fn in_words(error: &impl ToString) -> Self {
+        Self {
+            detail: error.to_string(),
+            field: None,
+            value: None,
+            expected: None,
+        }
+    }
+}
