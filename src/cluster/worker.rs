@@ -27,6 +27,10 @@ const LONGEST_WAIT: Duration = Duration::from_secs(5);
 /// When a record that could not be dealt with is given out again.
 const TRIED_AGAIN: Duration = Duration::from_secs(10);
 
+/// When a record that a stopping worker held is given out again: not to that worker, whose last question for
+/// records may still stand.
+const AFTER_STOP: Duration = Duration::from_secs(1);
+
 /// How often a record is tried that may be at fault itself.
 const DOUBTFUL_TRIES: u32 = 5;
 
@@ -67,7 +71,7 @@ enum Outcome {
     /// It can never be stored, for this reason.
     GivenUp(String),
     /// It could not be stored now: another delivery follows, after this wait.
-    GivenBack(Option<Duration>),
+    GivenBack(Duration),
 }
 
 impl Worker {
@@ -189,7 +193,7 @@ impl Worker {
                     AckKind::Nak(Some(TRIED_AGAIN))
                 }
             },
-            Outcome::GivenBack(wait) => AckKind::Nak(wait),
+            Outcome::GivenBack(wait) => AckKind::Nak(Some(wait)),
         };
         let is_done = matches!(kind, AckKind::Ack);
         // Where the acknowledgement is lost the record comes again, and is found stored.
@@ -231,7 +235,7 @@ impl Worker {
             Ok(Some(reason)) => return Outcome::GivenUp(format!("segment {} of {}: {reason}", record.id, record.asset_id)),
             Err(error) => {
                 tracing::warn!(%error, "failed to count the deliveries of a record: giving it back to the queue");
-                return Outcome::GivenBack(Some(TRIED_AGAIN));
+                return Outcome::GivenBack(TRIED_AGAIN);
             }
         }
         let (mut wait, mut doubted, mut is_excused) = (FIRST_WAIT, 0, false);
@@ -263,7 +267,7 @@ impl Worker {
                 tracing::warn!(segment = %record.id, %error, "failed to store a record: holding it");
             }
             tokio::select! {
-                _ = stop.wait_for(|stop| *stop) => return Outcome::GivenBack(None),
+                _ = stop.wait_for(|stop| *stop) => return Outcome::GivenBack(AFTER_STOP),
                 () = tokio::time::sleep(wait) => {}
             }
             wait = (2 * wait).min(LONGEST_WAIT);

@@ -154,7 +154,7 @@ fn records_wait_while_the_databases_disk_is_full_whatever_becomes_of_their_worke
     let mut site = Site::start();
     let config = site.config(None);
     let text = std::fs::read_to_string(&config).unwrap();
-    std::fs::write(&config, format!("{text}[cluster.worker]\nmax_deliveries = 1\n")).unwrap();
+    std::fs::write(&config, format!("{text}[cluster.worker]\nmax_deliveries = 2\n")).unwrap();
     let (api, mut worker) = (site.api(&config), site.worker(&config));
     api.client.send_json("POST", "/v1/assets", &plain_asset("pump"), 201);
     site.database.set_full(true);
