@@ -29,7 +29,6 @@ pub(super) struct ClusterPlace {
     config: Option<PathBuf>,
     /// How to print.
     #[arg(long, value_enum, global = true, default_value_t = Format::Table)]
-    #[cfg_attr(not(feature = "cluster"), expect(dead_code, reason = "nothing is printed"))]
     pub(super) format: Format,
 }
 

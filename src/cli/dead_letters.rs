@@ -15,7 +15,6 @@ pub(super) struct DeadLettersArgs {
 }
 
 #[derive(Debug, Clone, Subcommand)]
-#[cfg_attr(not(feature = "cluster"), expect(dead_code, reason = "there are no clusters"))]
 enum Action {
     /// List them: number, since when, asset, reason
     List,
@@ -31,7 +30,6 @@ enum Action {
 }
 
 #[derive(Debug, Clone, Args)]
-#[cfg_attr(not(feature = "cluster"), expect(dead_code, reason = "there are no clusters"))]
 struct Which {
     /// Their numbers, as listed.
     #[arg(required_unless_present = "all", conflicts_with = "all")]
