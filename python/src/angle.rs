@@ -84,7 +84,17 @@ pub(crate) fn angle_record(
     unit: &str,
 ) -> PyResult<AngleRecord> {
     let py = x.py();
-    let (record, mesh) = parts(x, rate_hz, teeth, shaft_speed_hz, nominal_shaft_speed_hz, tolerance, pulse_times_s, pulses_per_revolution, unit)?;
+    let (record, mesh) = parts(
+        x,
+        rate_hz,
+        teeth,
+        shaft_speed_hz,
+        nominal_shaft_speed_hz,
+        tolerance,
+        pulse_times_s,
+        pulses_per_revolution,
+        unit,
+    )?;
     let (turned, average) = analyze(py, |analyzer| {
         let turned = analyzer.angle_record(&record, &mesh, None)?;
         let average = turned.synchronous_average();
@@ -94,7 +104,11 @@ pub(crate) fn angle_record(
     Ok(AngleRecord {
         angle: angle_source(py, &turned.angle)?,
         unit: turned.unit,
-        samples: turned.samples.into_pyarray(py).reshape([turned.turns, turned.samples_per_turn])?.unbind(),
+        samples: turned
+            .samples
+            .into_pyarray(py)
+            .reshape([turned.turns, turned.samples_per_turn])?
+            .unbind(),
         synchronous_average: average.into_pyarray(py).unbind(),
     })
 }
@@ -116,10 +130,22 @@ pub(crate) fn order_spectrum(
     unit: &str,
 ) -> PyResult<OrderSpectrum> {
     let py = x.py();
-    let (record, mesh) = parts(x, rate_hz, teeth, shaft_speed_hz, nominal_shaft_speed_hz, tolerance, pulse_times_s, pulses_per_revolution, unit)?;
+    let (record, mesh) = parts(
+        x,
+        rate_hz,
+        teeth,
+        shaft_speed_hz,
+        nominal_shaft_speed_hz,
+        tolerance,
+        pulse_times_s,
+        pulses_per_revolution,
+        unit,
+    )?;
     let spectrum = analyze(py, |analyzer| analyzer.order_spectrum(&record, &mesh, None));
     let spectrum = spectrum.map_err(|absence| absence_error("order spectrum", absence))?;
-    let orders: Vec<f64> = (0..spectrum.amplitude.len()).map(|k| k as f64 * spectrum.resolution_orders).collect();
+    let orders: Vec<f64> = (0..spectrum.amplitude.len())
+        .map(|k| k as f64 * spectrum.resolution_orders)
+        .collect();
     Ok(OrderSpectrum {
         angle: angle_source(py, &spectrum.angle)?,
         unit: spectrum.unit,
@@ -147,7 +173,17 @@ pub(crate) fn gear_signals(
     unit: &str,
 ) -> PyResult<GearSignals> {
     let py = x.py();
-    let (record, mesh) = parts(x, rate_hz, teeth, shaft_speed_hz, nominal_shaft_speed_hz, tolerance, pulse_times_s, pulses_per_revolution, unit)?;
+    let (record, mesh) = parts(
+        x,
+        rate_hz,
+        teeth,
+        shaft_speed_hz,
+        nominal_shaft_speed_hz,
+        tolerance,
+        pulse_times_s,
+        pulses_per_revolution,
+        unit,
+    )?;
     let signals = analyze(py, |analyzer| analyzer.gear_signals(&record, &mesh, None));
     let signals = signals.map_err(|absence| absence_error("synchronous average", absence))?;
     let array = |values: Vec<f64>| values.into_pyarray(py).unbind();

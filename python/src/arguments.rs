@@ -37,7 +37,13 @@ pub(crate) fn real_array<'py>(x: &Bound<'py, PyAny>, name: &str, dimensions: usi
 /// A time: RFC 3339 text, a `datetime` (UTC where it has no zone), a `numpy.datetime64` (UTC), or seconds since 1970.
 pub(crate) fn time(value: &Bound<'_, PyAny>) -> PyResult<Timestamp> {
     let expected = "an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970";
-    let refuse = || argument_error("time", value.repr().map_or_else(|_| "?".to_owned(), |text| text.to_string()), expected);
+    let refuse = || {
+        argument_error(
+            "time",
+            value.repr().map_or_else(|_| "?".to_owned(), |text| text.to_string()),
+            expected,
+        )
+    };
     if let Ok(seconds) = value.extract::<i64>() {
         return Timestamp::from_second(seconds).map_err(|_| refuse());
     }
@@ -53,7 +59,10 @@ pub(crate) fn time(value: &Bound<'_, PyAny>) -> PyResult<Timestamp> {
     } else {
         let seconds: f64 = value.extract().map_err(|_| refuse())?;
         let nanoseconds = (seconds * 1e9).round();
-        return Timestamp::from_nanosecond(nanoseconds as i128).ok().filter(|_| seconds.is_finite()).ok_or_else(refuse);
+        return Timestamp::from_nanosecond(nanoseconds as i128)
+            .ok()
+            .filter(|_| seconds.is_finite())
+            .ok_or_else(refuse);
     };
     text.parse().map_err(|_| refuse())
 }

@@ -118,7 +118,11 @@ pub(crate) fn condition<'py>(
     result.set_item("indicators", to_python(py, &analysis.indicators.values)?)?;
     result.set_item("absent", to_python(py, &analysis.indicators.absent)?)?;
     result.set_item("shaft_speed", to_python(py, &analysis.shaft_speed)?)?;
-    let lines: Vec<(u32, f64, f64)> = analysis.mesh_lines.iter().map(|line| (line.order, line.frequency_hz, line.amplitude)).collect();
+    let lines: Vec<(u32, f64, f64)> = analysis
+        .mesh_lines
+        .iter()
+        .map(|line| (line.order, line.frequency_hz, line.amplitude))
+        .collect();
     result.set_item("mesh_lines", lines)?;
     result.set_item("basis", to_python(py, &condition.basis)?)?;
     Ok(result)
@@ -162,7 +166,13 @@ pub(crate) fn envelope_spectrum(
     let search = match search {
         "mesh_harmonic" => EnvelopeSearch::MeshHarmonic,
         "kurtogram" => EnvelopeSearch::Kurtogram,
-        _ => return Err(argument_error("search", format!("{search:?}"), "\"mesh_harmonic\" or \"kurtogram\"")),
+        _ => {
+            return Err(argument_error(
+                "search",
+                format!("{search:?}"),
+                "\"mesh_harmonic\" or \"kurtogram\"",
+            ));
+        }
     };
     let machine = Machine {
         teeth,

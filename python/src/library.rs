@@ -160,14 +160,25 @@ impl Library {
     #[getter]
     fn indicator_names(&self) -> Vec<String> {
         let first = self.library.states().first();
-        first.map(|state| state.indicators.values.keys().cloned().collect()).unwrap_or_default()
+        first
+            .map(|state| state.indicators.values.keys().cloned().collect())
+            .unwrap_or_default()
     }
 
     fn indicator<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
         if !self.indicator_names().iter().any(|known| known == name) {
-            return Err(argument_error("name", format!("{name:?}"), &format!("one of {}", self.indicator_names().join(", "))));
+            return Err(argument_error(
+                "name",
+                format!("{name:?}"),
+                &format!("one of {}", self.indicator_names().join(", ")),
+            ));
         }
-        let values: Vec<f64> = self.library.states().iter().map(|state| state.indicators.get(name).unwrap_or(f64::NAN)).collect();
+        let values: Vec<f64> = self
+            .library
+            .states()
+            .iter()
+            .map(|state| state.indicators.get(name).unwrap_or(f64::NAN))
+            .collect();
         Ok(values.into_pyarray(py))
     }
 

@@ -73,7 +73,11 @@ fn table(profile: &Bound<'_, PyAny>) -> PyResult<String> {
     let rows = rows.readonly();
     let rows = rows.as_array();
     if rows.shape()[1] != 3 {
-        return Err(argument_error("profile", format!("{} columns", rows.shape()[1]), "three: gear, radius_mm, depth_um"));
+        return Err(argument_error(
+            "profile",
+            format!("{} columns", rows.shape()[1]),
+            "three: gear, radius_mm, depth_um",
+        ));
     }
     let mut csv = "gear,radius_mm,depth_um\n".to_owned();
     for row in rows.rows() {
@@ -158,7 +162,10 @@ impl Pair {
 
     fn __repr__(&self) -> String {
         let [driving, driven] = self.spec.geometry.teeth;
-        format!("<flankwatch.Pair {:?}: {driving}/{driven} teeth, module {} mm>", self.spec.name, self.spec.geometry.module_mm)
+        format!(
+            "<flankwatch.Pair {:?}: {driving}/{driven} teeth, module {} mm>",
+            self.spec.name, self.spec.geometry.module_mm
+        )
     }
 
     #[pyo3(signature = (wear_um=None, *, profile=None, turns=None, torque_nm=None, contact=None, points=1000))]
@@ -216,7 +223,11 @@ impl Pair {
         let wear = Wear::of(wear_um, profile, turns)?;
         let pair = self.spec.resolve().map_err(value_error)?;
         let worn = py.detach(|| wear.flanks(&pair)).map_err(value_error)?;
-        Ok(Flank::new(py, &flankwatch_gear::Flank::new(&pair.gears[gear - 1], &worn, gear - 1), points))
+        Ok(Flank::new(
+            py,
+            &flankwatch_gear::Flank::new(&pair.gears[gear - 1], &worn, gear - 1),
+            points,
+        ))
     }
 
     #[pyo3(signature = (rate_hz, seconds, *, wear_um=None, profile=None, turns=None, shaft_speed_hz=None, torque_nm=None, contact=None,

@@ -39,7 +39,9 @@ pub(crate) struct Machine<'a, 'py> {
 impl Machine<'_, '_> {
     /// The mesh; unknown without teeth.
     pub(crate) fn mesh(&self) -> PyResult<MeshContext> {
-        let Some(teeth) = self.teeth else { return Ok(MeshContext::unknown()) };
+        let Some(teeth) = self.teeth else {
+            return Ok(MeshContext::unknown());
+        };
         if !(4..=1000).contains(&teeth) {
             return Err(argument_error("teeth", teeth, "a tooth number from 4 to 1000"));
         }

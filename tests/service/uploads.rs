@@ -26,6 +26,35 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
 }
 
 #[test]
+fn csv_is_taken_with_its_own_rate_and_units() {
+    let service = Service::start();
+    service.plain_asset("pump");
+    let lines: String = samples(1)
+        .iter()
+        .enumerate()
+        .map(|(n, x)| format!("{};{x}\n", n as f64 / 4000.0))
+        .collect();
+    let text = format!("Messung;7\nZeit [s];a1 [m/s2]\n{lines}").replace('.', ",");
+    let path = format!("{SEGMENTS}?start_time=2026-01-01T00:00:00Z");
+    let segment = service.post(&path, "text/csv; charset=utf-8", text.as_bytes()).expect(201).json();
+    assert_eq!((&segment["channel"], &segment["unit"]), (&"a1".into(), &"m/s2".into()));
+    assert_eq!(segment["sample_rate_hz"], 4000.0);
+    assert_eq!(waveform(&service, &segment), samples(1));
+    service
+        .post(&format!("{path}&sample_rate_hz=4010"), "text/csv", text.as_bytes())
+        .expect_problem(422, &["4010", "expected 4000"]);
+    service
+        .post(&path, "text/csv", b"a\n1\n2\n")
+        .expect_problem(422, &["the sampling rate"]);
+    // The rate that was said beside the file is kept for reading it again.
+    let bare = service
+        .post(&format!("{path}&sample_rate_hz=1000&channel=a2&unit=m/s2"), "text/csv", b"1\n2.5\n")
+        .expect(201)
+        .json();
+    assert_eq!(waveform(&service, &bare), [1.0, 2.5]);
+}
+
+#[test]
 fn bare_samples_are_taken_with_what_is_said_beside_them() {
     let service = Service::start();
     service.plain_asset("pump");

@@ -75,6 +75,11 @@ impl<R: Read> CsvFrames<R> {
         self.head.stated_rate_hz
     }
 
+    /// Whether the file may say its sampling rate itself: by a line before the header, or a column of times.
+    pub fn says_rate(&self) -> bool {
+        self.head.stated_rate_hz.is_some() || self.head.clock.is_some()
+    }
+
     /// Reads the next frame, false at the end. A value that is no finite number is an error with its line and column.
     pub fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         let skipped = self.head.lines;

@@ -68,21 +68,19 @@ impl Source {
                 })
             }
             Ok(Format::Csv) => {
-                let timing = CsvTiming::scan(CsvFrames::new(BufReader::new(&file), &args.channels).map_err(input)?).map_err(input)?;
-                if timing.sample_rate_hz(args.rate).is_err() && args.rate.is_none() && timing.clock_rate_hz.is_none() {
+                let frames = CsvFrames::new(BufReader::new(&file), &args.channels).map_err(input)?;
+                if args.rate.is_none() && !frames.says_rate() {
                     let expected = "the sampling rate in hertz, which neither a column of times nor a line before the header says";
                     return Err(argument("--rate", "missing", expected));
                 }
+                if args.unit.is_none() && frames.units().iter().any(Option::is_none) {
+                    let expected = "the samples' unit (for example m/s2), which the header does not say of every column";
+                    return Err(argument("--unit", "missing", expected));
+                }
+                let timing = CsvTiming::scan(frames).map_err(input)?;
                 let sample_rate_hz = timing.sample_rate_hz(args.rate).map_err(input)?;
                 file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
                 let frames = CsvFrames::new(BufReader::new(file), &args.channels).map_err(input)?;
-                if args.unit.is_none() && frames.units().iter().any(Option::is_none) {
-                    return Err(argument(
-                        "--unit",
-                        "missing",
-                        "the samples' unit (for example m/s2), which the header does not say of every column",
-                    ));
-                }
                 let said = frames.channels().iter().zip(frames.units());
                 Ok(Self {
                     frames_at_most: timing.frames,
