@@ -60,6 +60,7 @@ impl Machine<'_, '_> {
         };
         Ok(MeshContext {
             teeth,
+            mate_teeth: 0,
             nominal_shaft_speed_hz,
             tolerance: self.tolerance,
             nominal_is_exact: false,

@@ -20,6 +20,7 @@ pub(crate) struct Tracker {
     estimator: ChannelEstimator,
     state: Mutex<ChannelState>,
     teeth: u32,
+    mate_teeth: u32,
     nominal_shaft_speed_hz: f64,
     tolerance: f64,
     unit: String,
@@ -41,6 +42,7 @@ impl Tracker {
     ) -> PyResult<Self> {
         let ensemble = library.map(ensemble_of).transpose()?;
         let pair = ensemble.as_ref().map(|ensemble| ensemble.described().pair().clone());
+        let mate_teeth = pair.as_ref().map_or(0, |pair| pair.geometry.teeth[1]);
         let teeth = teeth.or(pair.as_ref().map(|pair| pair.geometry.teeth[0]));
         let nominal = nominal_shaft_speed_hz.or(pair.as_ref().map(|pair| pair.operation.shaft_speed_hz));
         let (Some(teeth), Some(nominal)) = (teeth, nominal) else {
@@ -64,6 +66,7 @@ impl Tracker {
             state: Mutex::new(estimator.start()),
             estimator,
             teeth,
+            mate_teeth,
             nominal_shaft_speed_hz: nominal,
             tolerance,
             unit: unit.to_owned(),
@@ -94,6 +97,7 @@ impl Tracker {
         let time = crate::arguments::time(time)?;
         let settings = ConditionSettings {
             mesh: MeshContext {
+                mate_teeth: self.mate_teeth,
                 nominal_shaft_speed_hz: self.nominal_shaft_speed_hz,
                 ..mesh
             },
