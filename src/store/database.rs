@@ -3,10 +3,10 @@
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
-use sqlx::AnyPool;
 #[cfg(feature = "cluster")]
 use sqlx::Executor;
 use sqlx::any::AnyPoolOptions;
+use sqlx::{AnyConnection, AnyPool, Connection};
 
 use super::StoreError;
 use super::integrity::{self, Damage};
@@ -151,24 +151,29 @@ async fn shared_pool(settings: &super::SharedSettings, connections: u32) -> Resu
         .await
 }
 
+/// What every connection to SQLite begins with.
+async fn prepare(connection: &mut AnyConnection) -> Result<(), sqlx::Error> {
+    for pragma in [
+        "PRAGMA busy_timeout = 10000",
+        "PRAGMA journal_mode = WAL",
+        // A commit returns when the log is on the disk.
+        "PRAGMA synchronous = FULL",
+        "PRAGMA foreign_keys = ON",
+        "PRAGMA cache_size = -16384",
+    ] {
+        sqlx::query(pragma).execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
 async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
+    // A pool tries again for half a minute, and then does not say what failed.
+    let mut first = AnyConnection::connect(url).await?;
+    prepare(&mut first).await?;
+    first.close().await?;
     AnyPoolOptions::new()
         .max_connections(connections)
-        .after_connect(|connection, _| {
-            Box::pin(async move {
-                for pragma in [
-                    "PRAGMA busy_timeout = 10000",
-                    "PRAGMA journal_mode = WAL",
-                    // A commit returns when the log is on the disk.
-                    "PRAGMA synchronous = FULL",
-                    "PRAGMA foreign_keys = ON",
-                    "PRAGMA cache_size = -16384",
-                ] {
-                    sqlx::query(pragma).execute(&mut *connection).await?;
-                }
-                Ok(())
-            })
-        })
+        .after_connect(|connection, _| Box::pin(prepare(connection)))
         .after_release(|connection, _| {
             Box::pin(async move {
                 // Where a full disk ends a transaction, sqlx goes on counting it. One that stays open takes the

@@ -88,7 +88,8 @@ struct Lines {
 pub(super) fn support(amplitude: &[f64], mesh: f64, context: &MeshContext, scratch: &mut Vec<f64>) -> Support {
     let sought = (1..=ORDERS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32;
     let top = ((ORDERS as f64 + 0.5) * mesh).min(amplitude.len() as f64 - 1.0) as usize;
-    let lines = Lines::of(&amplitude[..=top], scratch);
+    let mut lines = Lines::of(&amplitude[..=top], scratch);
+    lines.without(mesh, context);
     let found = (1..=sought).filter(|order| lines.at(f64::from(*order) * mesh) > 0.0).count() as u32;
     let slower_shaft = mesh / f64::from(context.teeth.max(context.mate_teeth).max(1));
     let doubt = if slower_shaft < SHAFT_RESOLVED_BINS {
@@ -130,6 +131,20 @@ impl Lines {
         }
         let chance = MISSING + says.iter().sum::<f64>() / length as f64;
         Self { says, chance }
+    }
+
+    /// Leaves out the lines of the other meshes that are described.
+    fn without(&mut self, mesh: f64, context: &MeshContext) {
+        if context.others.is_empty() {
+            return;
+        }
+        let shaft = mesh / f64::from(context.teeth.max(1));
+        for (bin, says) in self.says.iter_mut().enumerate().filter(|(_, says)| **says > 0.0) {
+            let reach = 2.0 * (REACH_BINS + REACH_FRACTION * bin as f64);
+            if context.others.lie_at(bin as f64 / shaft, reach / shaft) {
+                *says = 0.0;
+            }
+        }
     }
 
     fn at(&self, position: f64) -> f64 {

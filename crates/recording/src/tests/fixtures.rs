@@ -12,7 +12,7 @@ use Expected::{Error, Samples};
 const FIXTURES: &[(&str, &[Expected])] = &[
     ("empty.wav", &[Error("0 bytes")]),
     ("zeros.bin", &[Error("begins with the bytes 00 00 00")]),
-    ("notes.csv", &[Error("flankwatch convert")]),
+    ("notes.csv", &[Error("the sampling rate is missing")]),
     ("wav-int16.wav", &[Samples(&[1.0 / 32768.0, -2.0 / 32768.0, 0.5, -1.0])]),
     ("wav-one-sample.wav", &[Samples(&[1.0 / 32768.0])]),
     ("wav-no-samples.wav", &[Error("has no samples")]),
