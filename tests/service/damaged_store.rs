@@ -19,8 +19,9 @@ fn a_damaged_database_is_named_and_not_written_to() {
     let copy = tempfile::tempdir().unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(flankwatch::store::back_up(service.folder(), copy.path())).unwrap();
-    for log in ["flankwatch.db-wal", "flankwatch.db-shm"] {
-        let _ = std::fs::remove_file(service.folder().join(log));
+    // A new file: a connection of the stopped service that is still closing holds a lock on the old one.
+    for file in ["flankwatch.db", "flankwatch.db-wal", "flankwatch.db-shm"] {
+        let _ = std::fs::remove_file(service.folder().join(file));
     }
     std::fs::copy(copy.path().join("flankwatch.db"), service.folder().join("flankwatch.db")).unwrap();
     let file = std::fs::OpenOptions::new()
