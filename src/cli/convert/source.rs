@@ -26,7 +26,7 @@ pub(super) struct Source {
 }
 
 enum Frames {
-    Csv(CsvFrames<BufReader<File>>),
+    Csv(Box<CsvFrames<BufReader<File>>>),
     Wav(WavFrames<BufReader<File>>),
 }
 
@@ -92,7 +92,7 @@ impl Source {
                     channels: frames.channels().to_vec(),
                     whole_frame: Vec::new(),
                     chosen: Vec::new(),
-                    frames: Frames::Csv(frames),
+                    frames: Frames::Csv(Box::new(frames)),
                 })
             }
             Err(error) => Err(input(error)),
