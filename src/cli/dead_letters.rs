@@ -185,7 +185,7 @@ mod with_cluster {
                 message_bytes: 250,
                 record: None,
             };
-            let text = table(&[letter.clone()], 80);
+            let text = table(std::slice::from_ref(&letter), 80);
             assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
             assert!(
                 text.contains("17  2026-01-01T00:00:01Z") || text.contains("17  2026-01-01T00:00:00Z"),
