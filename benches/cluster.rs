@@ -1,8 +1,11 @@
-//! API node and workers on one machine beside the single machine's mode: `cargo bench --features cluster --bench cluster`.
+//! API node and workers on one machine beside the single machine's mode:
+//! `cargo bench --features cluster --bench cluster`.
 //!
-//! `FLANKWATCH_TEST_DATABASE` and `FLANKWATCH_TEST_NATS` name a PostgreSQL and a NATS server with JetStream. Records wait in the queue before the workers
-//! start, so that nothing but the processor limits them; raw bytes are in a folder. What the servers themselves cost is read from `/proc` where they
-//! run here. `FLANKWATCH_BENCH_WORKERS` says how many workers (`1,2,4`), `FLANKWATCH_BENCH_AT_ONCE` how many records each has in work at once.
+//! `FLANKWATCH_TEST_DATABASE` and `FLANKWATCH_TEST_NATS` name a PostgreSQL and a NATS server with JetStream.
+//! Records wait in the queue before the workers start, so that nothing but the processor limits them; raw
+//! bytes are in a folder. What the servers themselves cost is read from `/proc` where they run here.
+//! `FLANKWATCH_BENCH_WORKERS` says how many workers (`1,2,4`), `FLANKWATCH_BENCH_AT_ONCE` how many records
+//! each has in work at once.
 
 mod driven;
 
@@ -21,7 +24,8 @@ const ASSETS: usize = 16;
 
 fn main() {
     let named = |name: &str| std::env::var(name).ok();
-    let (Some(database), Some(nats)) = (named("FLANKWATCH_TEST_DATABASE"), named("FLANKWATCH_TEST_NATS")) else {
+    let (Some(database), Some(nats)) = (named("FLANKWATCH_TEST_DATABASE"), named("FLANKWATCH_TEST_NATS"))
+    else {
         println!("left out: FLANKWATCH_TEST_DATABASE and FLANKWATCH_TEST_NATS name no servers");
         return;
     };
@@ -41,13 +45,16 @@ fn asset(n: usize) -> String {
     format!("pump-{}", n % ASSETS)
 }
 
-/// Records a second where one process takes them, analyses and stores them: the time of the service's own, once the pair is simulated.
+/// Records a second where one process takes them, analyses and stores them: the time of the service's own,
+/// once the pair is simulated.
 fn single_machine() -> f64 {
     let service = Service::start(&folder("alone"));
     (0..ASSETS).for_each(|n| service.make_asset(&asset(n)));
     let records = Uploads::new();
     let (_, user_before, system_before) = service.used();
-    let (seconds, _) = load(&service, 8, RECORDS, None, |n, stream| records.send(stream, &asset(n), 0, n));
+    let (seconds, _) = load(&service, 8, RECORDS, None, |n, stream| {
+        records.send(stream, &asset(n), 0, n)
+    });
     let (_, user, system) = service.used();
     println!(
         "one machine: a record costs {:.1} ms of processor time",
@@ -65,9 +72,17 @@ fn queued(database: &str, nats: &str, workers: usize) -> f64 {
         .expect("a runtime");
     let name = format!("bench_{}_{workers}", std::process::id());
     let schema = Schema::make(&runtime, database, &name);
-    let config = config(&shared, &format!("{database}?options[search_path]={name}"), nats, &name);
+    let config = config(
+        &shared,
+        &format!("{database}?options[search_path]={name}"),
+        nats,
+        &name,
+    );
     let config = config.to_str().expect("a path in UTF-8");
-    let api = Service::start_as(&["serve", "--listen", "127.0.0.1:0", "--config", config], &shared.join("api"));
+    let api = Service::start_as(
+        &["serve", "--listen", "127.0.0.1:0", "--config", config],
+        &shared.join("api"),
+    );
     let worker = |n: usize| {
         Service::start_as(
             &["work", "--health", "127.0.0.1:0", "--config", config],
@@ -82,7 +97,9 @@ fn queued(database: &str, nats: &str, workers: usize) -> f64 {
     }
     let records = Uploads::new();
     let (_, user_before, system_before) = api.used();
-    let (seconds, _) = load(&api, 8, RECORDS, None, |n, stream| records.send(stream, &asset(n), 0, n));
+    let (seconds, _) = load(&api, 8, RECORDS, None, |n, stream| {
+        records.send(stream, &asset(n), 0, n)
+    });
     let (_, user, system) = api.used();
     println!(
         "{workers} workers: the API node takes {:.0} records a second before, {:.1} ms of its processor time each",
@@ -133,7 +150,10 @@ fn servers() -> (f64, f64) {
         let Some((name, rest)) = stat.split_once('(').and_then(|(_, rest)| rest.rsplit_once(") ")) else {
             continue;
         };
-        let ticks: Vec<f64> = rest.split(' ').map(|field| field.parse().unwrap_or(0.0)).collect();
+        let ticks: Vec<f64> = rest
+            .split(' ')
+            .map(|field| field.parse().unwrap_or(0.0))
+            .collect();
         // Of ended backends their parent knows.
         let used: f64 = ticks.get(11..15).map_or(0.0, |ticks| ticks.iter().sum());
         match name {
@@ -152,7 +172,9 @@ fn config(shared: &Path, database: &str, nats: &str, name: &str) -> PathBuf {
         "[cluster]\nname = \"{name}\"\n[cluster.database]\nurl = \"{database}\"\n[cluster.nats]\nurls = [\"{nats}\"]\n\
          [cluster.objects]\nfolder = \"{}\"\n{}",
         objects.display(),
-        std::env::var("FLANKWATCH_BENCH_AT_ONCE").map_or(String::new(), |count| format!("[cluster.worker]\nat_once = {count}\n")),
+        std::env::var("FLANKWATCH_BENCH_AT_ONCE").map_or(String::new(), |count| format!(
+            "[cluster.worker]\nat_once = {count}\n"
+        )),
     );
     fs::write(&path, text).expect("room for the settings");
     path
@@ -176,16 +198,25 @@ impl Schema {
 
     async fn run(&self, statement: &str) {
         let mut connection = PgConnection::connect(&self.database).await.expect("the database");
-        sqlx::raw_sql(statement).execute(&mut connection).await.expect("a statement");
+        sqlx::raw_sql(statement)
+            .execute(&mut connection)
+            .await
+            .expect("a statement");
     }
 
     /// Waits until so many records are stored; returns how many then are.
     fn wait_for(&self, runtime: &tokio::runtime::Runtime, records: usize) -> usize {
-        let statement = format!("SELECT COALESCE(SUM(segments), 0)::bigint FROM {}.channels", self.name);
+        let statement = format!(
+            "SELECT COALESCE(SUM(segments), 0)::bigint FROM {}.channels",
+            self.name
+        );
         runtime.block_on(async {
             let mut connection = PgConnection::connect(&self.database).await.expect("the database");
             loop {
-                let row = sqlx::query(&statement).fetch_one(&mut connection).await.expect("a count");
+                let row = sqlx::query(&statement)
+                    .fetch_one(&mut connection)
+                    .await
+                    .expect("a count");
                 let stored: i64 = row.get(0);
                 if stored as usize >= records {
                     return stored as usize;

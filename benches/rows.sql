@@ -1,9 +1,11 @@
 -- Fills the tables of a PostgreSQL store with many records and measures the service's own statements on them.
 --
---   psql postgres://127.0.0.1/test -v schema=rows -v channels=1000 -v records=10000 -v indicators=10 -v features=6 -f benches/rows.sql
+--   psql postgres://127.0.0.1/test -v schema=rows -v channels=1000 -v records=10000 -v indicators=10 -v
+-- features=6 -f benches/rows.sql
 --
--- The schema's tables are made by flankwatch: start it once on `postgres://…?options[search_path]=rows`, and stop it.
--- Rows come in the order of time over all channels, as records do; their texts are as long as asked for.
+-- The schema's tables are made by flankwatch: start it once on `postgres://…?options[search_path]=rows`, and
+-- stop it. Rows come in the order of time over all channels, as records do; their texts are as long as asked
+-- for.
 \set ON_ERROR_STOP on
 \timing on
 SET search_path TO :schema;

@@ -1,7 +1,9 @@
-//! The service under load, driven as the release binary: `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet]`.
+//! The service under load, driven as the release binary:
+//! `cargo bench --bench service -- [replay|uploads|new-asset|polling|growth|fleet]`.
 //!
-//! Every figure stands beside a reference from the same run: writing and syncing the same bytes as plain files. The recording for the
-//! replay is made once by `flankwatch simulate` into `target/bench` (or is the file that `FLANKWATCH_BENCH_RUN` names).
+//! Every figure stands beside a reference from the same run: writing and syncing the same bytes as plain
+//! files. The recording for the replay is made once by `flankwatch simulate` into `target/bench` (or is the
+//! file that `FLANKWATCH_BENCH_RUN` names).
 
 mod driven;
 
@@ -19,7 +21,10 @@ use flankwatch::recording::{BlockEncoding, McapOptions, McapWriter, encode_block
 const RECORD_BYTES: usize = 4 * SAMPLES;
 
 fn main() {
-    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let asked: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|word| !word.starts_with('-'))
+        .collect();
     let wanted = |name: &str| asked.is_empty() || asked.iter().any(|word| word == name);
     if wanted("replay") {
         replay();
@@ -74,7 +79,16 @@ fn recording() -> PathBuf {
         fs::create_dir_all(path.parent().expect("a folder above")).expect("a folder for the recording");
         println!("simulating {} (once)", path.display());
         let done = Command::new(driven::BINARY)
-            .args(["simulate", "--records", "600", "--seconds", "10", "--rate", "20000", "--out"])
+            .args([
+                "simulate",
+                "--records",
+                "600",
+                "--seconds",
+                "10",
+                "--rate",
+                "20000",
+                "--out",
+            ])
             .arg(&path)
             .status();
         assert!(done.expect("the release binary").success());
@@ -156,13 +170,20 @@ fn uploads() {
     );
 }
 
-/// 20 uploads a second to an asset that was described a moment ago, while its library and the pairs around it are simulated.
+/// 20 uploads a second to an asset that was described a moment ago, while its library and the pairs around it
+/// are simulated.
 fn new_asset() {
     const COUNT: usize = 600;
     let service = Service::start(&folder("new-asset"));
-    service.post("/v1/assets", "application/json", described("new").to_string().as_bytes());
+    service.post(
+        "/v1/assets",
+        "application/json",
+        described("new").to_string().as_bytes(),
+    );
     let records = Uploads::new();
-    let (_, times) = load(&service, 8, COUNT, Some(20.0), |n, stream| records.send(stream, "new", n % 4, n));
+    let (_, times) = load(&service, 8, COUNT, Some(20.0), |n, stream| {
+        records.send(stream, "new", n % 4, n)
+    });
     let summary = service.get("/v1/assets/new")["summary"].clone();
     println!(
         "uploads to a new asset: p50 {:.1} ms, p99 {:.1} ms; after {COUNT} records its library is {}, and its simulation at {}",
@@ -177,19 +198,27 @@ fn new_asset() {
 fn fill(service: &Service, asset: &str, records: i64) -> f64 {
     let began = Instant::now();
     for first in (0..records).step_by(10_000) {
-        let mut writer = McapWriter::new(std::io::Cursor::new(Vec::new()), McapOptions::default()).expect("a writer");
+        let mut writer =
+            McapWriter::new(std::io::Cursor::new(Vec::new()), McapOptions::default()).expect("a writer");
         for n in first..records.min(first + 10_000) {
-            writer.write("/pump/1/waveform", &record(n, 256)).expect("a record");
+            writer
+                .write("/pump/1/waveform", &record(n, 256))
+                .expect("a record");
         }
         let bytes = writer.finish().expect("a recording").into_inner();
-        service.post(&format!("/v1/assets/{asset}/segments"), "application/mcap", &bytes);
+        service.post(
+            &format!("/v1/assets/{asset}/segments"),
+            "application/mcap",
+            &bytes,
+        );
     }
     began.elapsed().as_secs_f64()
 }
 
 /// What dashboards ask for, with an asset of many records.
 fn polling() {
-    let records: i64 = std::env::var("FLANKWATCH_BENCH_RECORDS").map_or(100_000, |text| text.parse().expect("a number"));
+    let records: i64 =
+        std::env::var("FLANKWATCH_BENCH_RECORDS").map_or(100_000, |text| text.parse().expect("a number"));
     let service = Service::start(&folder("polling"));
     service.make_asset("pump");
     let seconds = fill(&service, "pump", records);
@@ -198,16 +227,23 @@ fn polling() {
         1e3 * seconds / records as f64
     );
     let get = "GET /v1/assets/pump/wear HTTP/1.1\r\nhost: localhost\r\n\r\n";
-    let (seconds, times) = load(&service, 8, 10_000, None, |_, stream| assert_eq!(exchange(stream, get, b""), 200));
+    let (seconds, times) = load(&service, 8, 10_000, None, |_, stream| {
+        assert_eq!(exchange(stream, get, b""), 200)
+    });
     println!(
         "polling: {:.0} GET wear a second over 8 connections, p50 {:.2} ms, p99 {:.2} ms",
         10_000.0 / seconds,
         1e3 * quantile(&times, 0.5),
         1e3 * quantile(&times, 0.99)
     );
-    let trend = "GET /v1/assets/pump/indicators?names=rms&max_points=1000 HTTP/1.1\r\nhost: localhost\r\n\r\n";
-    let (_, first) = load(&service, 1, 1, None, |_, stream| assert_eq!(exchange(stream, trend, b""), 200));
-    let (_, times) = load(&service, 1, 200, None, |_, stream| assert_eq!(exchange(stream, trend, b""), 200));
+    let trend =
+        "GET /v1/assets/pump/indicators?names=rms&max_points=1000 HTTP/1.1\r\nhost: localhost\r\n\r\n";
+    let (_, first) = load(&service, 1, 1, None, |_, stream| {
+        assert_eq!(exchange(stream, trend, b""), 200)
+    });
+    let (_, times) = load(&service, 1, 200, None, |_, stream| {
+        assert_eq!(exchange(stream, trend, b""), 200)
+    });
     println!(
         "trend of {records} points reduced to 1000: p50 {:.2} ms, p99 {:.2} ms; the first one, read from the disk, {:.0} ms",
         1e3 * quantile(&times, 0.5),
@@ -218,7 +254,8 @@ fn polling() {
 
 /// Cost against the number of records: each step ten times as many.
 fn growth() {
-    let most: i64 = std::env::var("FLANKWATCH_BENCH_RECORDS").map_or(100_000, |text| text.parse().expect("a number"));
+    let most: i64 =
+        std::env::var("FLANKWATCH_BENCH_RECORDS").map_or(100_000, |text| text.parse().expect("a number"));
     let mut records = 1000;
     while records <= most {
         let folder = folder(&format!("growth-{records}"));
@@ -255,15 +292,22 @@ fn growth() {
     }
 }
 
-/// Cost against the number of assets, each of the same gear pair and with one record: each step ten times as many.
+/// Cost against the number of assets, each of the same gear pair and with one record: each step ten times as
+/// many.
 fn fleet() {
-    let most: usize = std::env::var("FLANKWATCH_BENCH_ASSETS").map_or(10_000, |text| text.parse().expect("a number"));
+    let most: usize =
+        std::env::var("FLANKWATCH_BENCH_ASSETS").map_or(10_000, |text| text.parse().expect("a number"));
     let mut assets = 100;
     while assets <= most {
         let folder = folder(&format!("fleet-{assets}"));
         let service = Service::start(&folder);
         service.make_asset("first");
-        let request = |stream: &mut BufReader<TcpStream>, method: &str, path: &str, media_type: &str, body: &[u8], expected: u16| {
+        let request = |stream: &mut BufReader<TcpStream>,
+                       method: &str,
+                       path: &str,
+                       media_type: &str,
+                       body: &[u8],
+                       expected: u16| {
             let head = format!(
                 "{method} {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media_type}\r\ncontent-length: {}\r\n\r\n",
                 body.len()
@@ -272,7 +316,14 @@ fn fleet() {
         };
         let (made, _) = load(&service, 8, assets, None, |n, stream| {
             let body = described(&format!("a{n:06}")).to_string();
-            request(stream, "POST", "/v1/assets", "application/json", body.as_bytes(), 201);
+            request(
+                stream,
+                "POST",
+                "/v1/assets",
+                "application/json",
+                body.as_bytes(),
+                201,
+            );
         });
         let (stored, _) = load(&service, 8, assets, None, |n, stream| {
             let body = encode_block(&record(n as i64, 256), BlockEncoding::Protobuf);

@@ -48,10 +48,15 @@ impl Service {
         let mut out = BufReader::new(child.stdout.take().expect("its output is piped"));
         while !line.contains("http://") {
             line.clear();
-            assert!(out.read_line(&mut line).expect("it speaks") > 0, "the service did not start");
+            assert!(
+                out.read_line(&mut line).expect("it speaks") > 0,
+                "the service did not start"
+            );
         }
         let address = line.split("http://").nth(1).unwrap_or_default().trim().to_owned();
-        let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(600))).build();
+        let agent = ureq::Agent::config_builder()
+            .timeout_global(Some(Duration::from_secs(600)))
+            .build();
         Self {
             child,
             address,
@@ -71,7 +76,11 @@ impl Service {
 
     /// Describes a gear pair's asset and waits until its records can be compared.
     pub(crate) fn make_asset(&self, id: &str) {
-        self.post("/v1/assets", "application/json", described(id).to_string().as_bytes());
+        self.post(
+            "/v1/assets",
+            "application/json",
+            described(id).to_string().as_bytes(),
+        );
         while self.get(&format!("/v1/assets/{id}"))["summary"]["library_state"] != "ready" {
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -97,7 +106,13 @@ impl Service {
             .unwrap_or(f64::NAN);
         let stat = fs::read_to_string(format!("{proc}/stat")).unwrap_or_default();
         let fields: Vec<&str> = stat.rsplit(") ").next().unwrap_or_default().split(' ').collect();
-        let ticks = |n: usize| fields.get(n).and_then(|text| text.parse::<f64>().ok()).unwrap_or(f64::NAN) / 100.0;
+        let ticks = |n: usize| {
+            fields
+                .get(n)
+                .and_then(|text| text.parse::<f64>().ok())
+                .unwrap_or(f64::NAN)
+                / 100.0
+        };
         (peak_kb / 1024.0, ticks(11), ticks(12))
     }
 }
@@ -119,7 +134,8 @@ impl Drop for Service {
 
 /// The description of a gear pair's asset.
 pub(crate) fn described(id: &str) -> Value {
-    let pair: toml::Value = toml::from_str(include_str!("../../fixtures/pairs/shen2022.toml")).expect("the fixture is TOML");
+    let pair: toml::Value =
+        toml::from_str(include_str!("../../fixtures/pairs/shen2022.toml")).expect("the fixture is TOML");
     let mut asset = json!({ "id": id, "gear": { "pair": pair }, "sensor": { "unit": "m/s2" } });
     asset["gear"]["teeth"] = asset["gear"]["pair"]["geometry"]["teeth"].clone();
     asset["gear"]["shaft_speed_hz"] = asset["gear"]["pair"]["operation"]["shaft_speed_hz"].clone();
@@ -134,7 +150,8 @@ pub(crate) fn folder(name: &str) -> PathBuf {
 }
 
 pub(crate) fn record(n: i64, samples: usize) -> Record {
-    let start = "2026-01-01T00:00:00Z".parse::<Timestamp>().expect("a time") + SignedDuration::from_secs(60 * n);
+    let start =
+        "2026-01-01T00:00:00Z".parse::<Timestamp>().expect("a time") + SignedDuration::from_secs(60 * n);
     let mut state = n as u32 ^ 0x9E37_79B9;
     let samples = (0..samples).map(|k| {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -151,7 +168,11 @@ pub(crate) fn exchange(stream: &mut BufReader<TcpStream>, head: &str, body: &[u8
     stream.get_mut().write_all(body).expect("a connection");
     let mut line = String::new();
     stream.read_line(&mut line).expect("an answer");
-    let status = line.split(' ').nth(1).and_then(|code| code.parse().ok()).unwrap_or(0);
+    let status = line
+        .split(' ')
+        .nth(1)
+        .and_then(|code| code.parse().ok())
+        .unwrap_or(0);
     let mut length = 0;
     loop {
         line.clear();
@@ -175,8 +196,8 @@ pub(crate) fn connect(service: &Service) -> BufReader<TcpStream> {
     BufReader::new(stream)
 }
 
-/// Runs requests over connections side by side, each due at its time where there is a rate. Returns the seconds it took in all and each
-/// request's seconds from when it was due, sorted.
+/// Runs requests over connections side by side, each due at its time where there is a rate. Returns the
+/// seconds it took in all and each request's seconds from when it was due, sorted.
 pub(crate) fn load(
     service: &Service,
     connections: usize,
@@ -205,7 +226,10 @@ pub(crate) fn load(
     };
     let mut times: Vec<f64> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..connections).map(|_| scope.spawn(work)).collect();
-        threads.into_iter().flat_map(|thread| thread.join().expect("no panic")).collect()
+        threads
+            .into_iter()
+            .flat_map(|thread| thread.join().expect("no panic"))
+            .collect()
     });
     let seconds = began.elapsed().as_secs_f64();
     times.sort_by(f64::total_cmp);
@@ -233,7 +257,8 @@ impl Uploads {
 
     /// Sends the `n`th record, to an asset and on a channel.
     pub(crate) fn send(&self, stream: &mut BufReader<TcpStream>, asset: &str, channel: usize, n: usize) {
-        let start = "2026-01-01T00:00:00Z".parse::<Timestamp>().expect("a time") + SignedDuration::from_secs(60 * n as i64);
+        let start = "2026-01-01T00:00:00Z".parse::<Timestamp>().expect("a time")
+            + SignedDuration::from_secs(60 * n as i64);
         let mut body = self.body.clone();
         // What is appended is a field that no reader knows.
         body.extend_from_slice(&[0xfd, 0x7f]);

@@ -7,8 +7,8 @@ use flankwatch::asset::AssetSpec;
 use flankwatch::estimate::MaintenanceEvent;
 use flankwatch::gear::PairSpec;
 use flankwatch::recording::{
-    BlockEncoding, CsvFrames, Cut, Format, McapReader, RawLayout, RawSample, RecordDefaults, WavBlocks, decode_block, decode_csv,
-    decode_raw, decode_wav,
+    BlockEncoding, CsvFrames, Cut, Format, McapReader, RawLayout, RawSample, RecordDefaults, WavBlocks,
+    decode_block, decode_csv, decode_raw, decode_wav,
 };
 use flankwatch::service::ReplayRequest;
 use flankwatch::signal::Record;
@@ -74,10 +74,19 @@ pub fn csv(bytes: &[u8]) {
 
 /// Bare samples, whose layout the first two bytes choose.
 pub fn raw(bytes: &[u8]) {
-    let [first, second, samples @ ..] = bytes else { return };
-    let sample = if first % 2 == 0 { RawSample::F32 } else { RawSample::I16 };
+    let [first, second, samples @ ..] = bytes else {
+        return;
+    };
+    let sample = if first % 2 == 0 {
+        RawSample::F32
+    } else {
+        RawSample::I16
+    };
     if let Ok(layout) = RawLayout::new(sample, 4000.0, u32::from(*second), None) {
-        for record in decode_raw(samples, layout, &RecordDefaults::default()).into_iter().flatten() {
+        for record in decode_raw(samples, layout, &RecordDefaults::default())
+            .into_iter()
+            .flatten()
+        {
             check(&record);
         }
     }
@@ -99,7 +108,9 @@ pub fn json_block(bytes: &[u8]) {
 
 /// The description of a pair, in TOML or JSON.
 pub fn pair(bytes: &[u8]) {
-    let of_toml = str::from_utf8(bytes).ok().and_then(|text| PairSpec::from_toml(text).ok());
+    let of_toml = str::from_utf8(bytes)
+        .ok()
+        .and_then(|text| PairSpec::from_toml(text).ok());
     for spec in of_toml.into_iter().chain(serde_json::from_slice(bytes).ok()) {
         if spec.check().is_ok() {
             let _ = spec.resolve();
@@ -109,7 +120,9 @@ pub fn pair(bytes: &[u8]) {
 
 /// Bodies in JSON that the API takes besides records, and a description in TOML.
 pub fn api_json(bytes: &[u8]) {
-    let of_toml = str::from_utf8(bytes).ok().and_then(|text| AssetSpec::from_toml(text).ok());
+    let of_toml = str::from_utf8(bytes)
+        .ok()
+        .and_then(|text| AssetSpec::from_toml(text).ok());
     for spec in of_toml.into_iter().chain(serde_json::from_slice(bytes).ok()) {
         if spec.validate().is_ok() {
             assert!(spec.alarm_rules().iter().all(|rule| rule.validate().is_ok()));

@@ -225,7 +225,11 @@ class Pair:
         """
 
     def tooth_contact(
-        self, wear_um: float | None = None, *, profile: str | ArrayLike | None = None, turns: float | None = None
+        self,
+        wear_um: float | None = None,
+        *,
+        profile: str | ArrayLike | None = None,
+        turns: float | None = None,
     ) -> ToothContact:
         """The contact of one pair of teeth, at 601 points."""
 
@@ -345,7 +349,9 @@ class Ensemble:
     """Pairs that a machine may be: the described one, and others around it."""
 
     @staticmethod
-    def build(library: Library, *, members: int = 1280, progress: Callable[[int, int], object] | None = None) -> Ensemble:
+    def build(
+        library: Library, *, members: int = 1280, progress: Callable[[int, int], object] | None = None
+    ) -> Ensemble:
         """Simulates the members on all cores; ``progress`` and Ctrl-C as for :meth:`Library.build`."""
 
     @staticmethod

@@ -21,7 +21,12 @@ from .reading.guess import as_time
 WORTH_REPEATING = {429, 502, 503, 504, 507}
 
 #: Files that the service reads itself, by their first bytes.
-READ_BY_SERVICE = {b"RIFF": "audio/wav", b"RIFX": "audio/wav", b"RF64": "audio/wav", b"\x89MCAP0\r\n": "application/mcap"}
+READ_BY_SERVICE = {
+    b"RIFF": "audio/wav",
+    b"RIFX": "audio/wav",
+    b"RF64": "audio/wav",
+    b"\x89MCAP0\r\n": "application/mcap",
+}
 
 
 class ServiceError(Exception):
@@ -64,7 +69,9 @@ def rfc3339(time: Any) -> str | None:
         return str(np.datetime64(round(time * 1e9), "ns")) + "Z"
     moment = as_time(time)
     if moment is None:
-        raise ValueError(f"time is {time!r}, expected an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970")
+        raise ValueError(
+            f"time is {time!r}, expected an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970"
+        )
     return str(moment) + "Z"
 
 
@@ -193,9 +200,13 @@ class Client:
         """
         samples = np.atleast_2d(np.asarray(x))
         if samples.ndim != 2 or samples.dtype.kind not in "fiu":
-            raise ValueError(f"x has shape {np.shape(x)} and type {samples.dtype}, expected real numbers of shape (n,) or (channels, n)")
+            raise ValueError(
+                f"x has shape {np.shape(x)} and type {samples.dtype}, expected real numbers of shape (n,) or (channels, n)"
+            )
         if not np.all(np.isfinite(samples)):
-            raise ValueError(f"x has {np.count_nonzero(~np.isfinite(samples))} samples that are not finite, expected none")
+            raise ValueError(
+                f"x has {np.count_nonzero(~np.isfinite(samples))} samples that are not finite, expected none"
+            )
         body = np.ascontiguousarray(samples.T, dtype="<f4").tobytes()
         parameters = without_none(
             {
@@ -233,7 +244,9 @@ class Client:
         path = Path(path)
         with path.open("rb") as file:
             beginning = file.read(16)
-        media_type = next((kind for magic, kind in READ_BY_SERVICE.items() if beginning.startswith(magic)), None)
+        media_type = next(
+            (kind for magic, kind in READ_BY_SERVICE.items() if beginning.startswith(magic)), None
+        )
         if path.suffix.lower() == ".csv":
             media_type = "text/csv"
         if media_type is not None:
@@ -261,7 +274,9 @@ class Client:
                     unit=first.unit,
                     channel=names[0] if len(names) == 1 else None,
                     channel_names=names if len(names) > 1 else None,
-                    idempotency_key=idempotency_key if idempotency_key is None or number == 0 else f"{idempotency_key}-{number}",
+                    idempotency_key=idempotency_key
+                    if idempotency_key is None or number == 0
+                    else f"{idempotency_key}-{number}",
                     **parameters,
                 )
             )
@@ -272,12 +287,16 @@ class Client:
     ) -> dict[str, Any]:
         headers = {"content-type": media_type}
         if key is None and "start_time" in parameters:
-            content = hashlib.sha256(json.dumps([asset, media_type, dict(parameters)], sort_keys=True).encode())
+            content = hashlib.sha256(
+                json.dumps([asset, media_type, dict(parameters)], sort_keys=True).encode()
+            )
             content.update(body)
             key = content.hexdigest()
         if key is not None:
             headers["idempotency-key"] = key
-        sent = self._send("POST", f"/v1/assets/{asset}/segments", content=body, headers=headers, params=dict(parameters))
+        sent = self._send(
+            "POST", f"/v1/assets/{asset}/segments", content=body, headers=headers, params=dict(parameters)
+        )
         answer: dict[str, Any] = sent.json()
         if sent.headers.get("idempotency-replayed") == "true":
             answer["replayed"] = True
@@ -317,7 +336,9 @@ class Client:
 
     def start_replay(self, asset: str, file: str, *, pace: str = "max") -> dict[str, Any]:
         """Replays a recording of the service's folder; ``pace`` is ``"max"``, ``"realtime"`` or a factor such as ``"10x"``."""
-        answer: dict[str, Any] = self.request("POST", "/v1/replays", json={"asset": asset, "file": file, "pace": pace})
+        answer: dict[str, Any] = self.request(
+            "POST", "/v1/replays", json={"asset": asset, "file": file, "pace": pace}
+        )
         return answer
 
     def replays(self) -> list[dict[str, Any]]:
@@ -335,7 +356,9 @@ class Client:
 
     # Events
 
-    def events(self, asset: str | None = None, *, last_event_id: str | None = None, reconnect: bool = True) -> Iterator[Event]:
+    def events(
+        self, asset: str | None = None, *, last_event_id: str | None = None, reconnect: bool = True
+    ) -> Iterator[Event]:
         """Events as they happen; a lost connection is taken up where it ended.
 
         The iterator waits for the next event. It does not end by itself while ``reconnect`` is true.
@@ -343,7 +366,9 @@ class Client:
         while True:
             headers = without_none({"accept": "text/event-stream", "last-event-id": last_event_id})
             try:
-                with self._http.stream("GET", "/v1/events", params=without_none({"asset": asset}), headers=headers, timeout=None) as answer:
+                with self._http.stream(
+                    "GET", "/v1/events", params=without_none({"asset": asset}), headers=headers, timeout=None
+                ) as answer:
                     if answer.status_code >= 400:
                         answer.read()
                         raise ServiceError(answer.status_code, {"detail": answer.text})

@@ -12,11 +12,13 @@ def as_frame(answer: Any, frame: str | None) -> Any:
     if frame is None:
         return rows
     if frame not in ("pandas", "polars"):
-        raise ValueError(f"frame is {frame!r}, expected \"pandas\", \"polars\" or None")
+        raise ValueError(f'frame is {frame!r}, expected "pandas", "polars" or None')
     try:
         library: Any = importlib.import_module(frame)
     except ImportError as error:
-        raise ImportError(f"frame={frame!r} needs {frame}, which is not installed: pip install 'flankwatch[frames]'") from error
+        raise ImportError(
+            f"frame={frame!r} needs {frame}, which is not installed: pip install 'flankwatch[frames]'"
+        ) from error
     if frame == "polars":
         table = library.DataFrame(rows, infer_schema_length=None)
         if "start_time" in table.columns:

@@ -16,7 +16,22 @@ import httpx
 from .client import Client, ServiceError
 
 #: Endings of files that are looked at.
-ENDINGS = {".mat", ".tdms", ".uff", ".unv", ".h5", ".hdf5", ".hdf", ".parquet", ".npy", ".npz", ".flac", ".wav", ".mcap", ".csv"}
+ENDINGS = {
+    ".mat",
+    ".tdms",
+    ".uff",
+    ".unv",
+    ".h5",
+    ".hdf5",
+    ".hdf",
+    ".parquet",
+    ".npy",
+    ".npz",
+    ".flac",
+    ".wav",
+    ".mcap",
+    ".csv",
+}
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -26,15 +41,21 @@ def arguments() -> argparse.ArgumentParser:
         description="Send the recordings of a folder to a flankwatch service. The same command goes on after a stop: "
         "what the service has already is not stored twice.",
     )
-    parser.add_argument("folder", type=Path, help="folder with recordings, searched with all folders in it; or one file")
+    parser.add_argument(
+        "folder", type=Path, help="folder with recordings, searched with all folders in it; or one file"
+    )
     parser.add_argument("--asset", required=True, help="asset that they belong to")
     parser.add_argument("--url", default="http://127.0.0.1:8600", help="address of the service")
-    parser.add_argument("--token", default=os.environ.get("FLANKWATCH_TOKEN"), help="token; else that of FLANKWATCH_TOKEN")
+    parser.add_argument(
+        "--token", default=os.environ.get("FLANKWATCH_TOKEN"), help="token; else that of FLANKWATCH_TOKEN"
+    )
     parser.add_argument("--ca", help="private certificate of the service")
     parser.add_argument("--rate-hz", type=float, help="sampling rate in hertz, where files do not say")
     parser.add_argument("--unit", help="unit of the samples")
     parser.add_argument("--channels", help="names of the channels to send, with commas between them")
-    parser.add_argument("--shaft-speed-hz", type=float, help="rotational frequency of the driving shaft in hertz")
+    parser.add_argument(
+        "--shaft-speed-hz", type=float, help="rotational frequency of the driving shaft in hertz"
+    )
     parser.add_argument("--torque-nm", type=float, help="torque on the driving shaft in N·m")
     parser.add_argument(
         "--time-pattern",
@@ -73,11 +94,22 @@ def send(client: Client, path: Path, options: argparse.Namespace) -> str:
     said_by_file = path.suffix.lower() == ".mcap"
     if not said_by_file and path.suffix.lower() not in (".wav", ".csv") and options.time_pattern is None:
         detect(path)
-        said = [channel.start_time for channel in read(path, channels=channels, rate_hz=options.rate_hz, unit=options.unit)]
+        said = [
+            channel.start_time
+            for channel in read(path, channels=channels, rate_hz=options.rate_hz, unit=options.unit)
+        ]
         said_by_file = all(time is not None for time in said)
     if said_by_file:
         when = None
-    sent = [options.asset, when, channels, options.rate_hz, options.unit, options.shaft_speed_hz, options.torque_nm]
+    sent = [
+        options.asset,
+        when,
+        channels,
+        options.rate_hz,
+        options.unit,
+        options.shaft_speed_hz,
+        options.torque_nm,
+    ]
     parameters = {"shaft_speed_hz": options.shaft_speed_hz, "torque_nm": options.torque_nm}
     answer = client.upload_file(
         options.asset,
@@ -97,11 +129,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command; the exit status is 0 where every file was sent."""
     options = arguments().parse_args(argv)
     if options.folder.is_dir():
-        files = sorted(path for path in options.folder.rglob("*") if path.suffix.lower() in ENDINGS and path.is_file())
+        files = sorted(
+            path for path in options.folder.rglob("*") if path.suffix.lower() in ENDINGS and path.is_file()
+        )
     else:
         files = [options.folder]
     if not files:
-        print(f"error: no recording in {options.folder}, expected files that end with {', '.join(sorted(ENDINGS))}", file=sys.stderr)
+        print(
+            f"error: no recording in {options.folder}, expected files that end with {', '.join(sorted(ENDINGS))}",
+            file=sys.stderr,
+        )
         return 1
     failed = 0
     begun = clock.monotonic()
@@ -110,7 +147,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             try:
                 outcome = send(client, path, options)
             except KeyboardInterrupt:
-                print(f"stopped after {number - 1} of {len(files)} files; the same command goes on", file=sys.stderr)
+                print(
+                    f"stopped after {number - 1} of {len(files)} files; the same command goes on",
+                    file=sys.stderr,
+                )
                 return 130
             except (ServiceError, ValueError, OSError, ImportError) as error:
                 outcome, failed = f"error: {error}", failed + 1

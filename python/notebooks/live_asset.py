@@ -15,7 +15,13 @@ name = "notebook-rig"
 
 with flankwatch.Client(url, token) as client:
     if name not in [asset["id"] for asset in client.assets()]:
-        client.create_asset({"id": name, "gear": {"teeth": list(pair.teeth), "shaft_speed_hz": pair.shaft_speed_hz}, "sensor": {"unit": "m/s2"}})
+        client.create_asset(
+            {
+                "id": name,
+                "gear": {"teeth": list(pair.teeth), "shaft_speed_hz": pair.shaft_speed_hz},
+                "sensor": {"unit": "m/s2"},
+            }
+        )
 
 
 # %%
@@ -24,7 +30,9 @@ def play() -> None:
     run = flankwatch.Run(pair, records=5, seconds=1.0)
     with flankwatch.Client(url, token) as machine:
         for record in run:
-            machine.upload(name, record.samples, record.rate_hz, start_time=record.time, torque_nm=record.torque_nm)
+            machine.upload(
+                name, record.samples, record.rate_hz, start_time=record.time, torque_nm=record.torque_nm
+            )
 
 
 # %%

@@ -42,5 +42,13 @@ band_hz = [1000.0, 2000.0]
 envelope = flankwatch.envelope_spectrum(x, rate_hz, band_hz=band_hz, unit=unit)
 sections = signal.butter(6, band_hz, btype="bandpass", fs=rate_hz, output="sos")
 analytic = np.abs(signal.hilbert(signal.sosfiltfilt(sections, exact)))
-spectrum = 2 * np.abs(np.fft.rfft((analytic - analytic.mean()) * signal.get_window("hann", x.size))) / (x.size / 2)
-print("strongest line:", envelope.frequency_hz[1 + np.argmax(envelope.amplitude[1:])], "Hz;", np.argmax(spectrum) * rate_hz / x.size, "Hz by SciPy")
+spectrum = (
+    2 * np.abs(np.fft.rfft((analytic - analytic.mean()) * signal.get_window("hann", x.size))) / (x.size / 2)
+)
+print(
+    "strongest line:",
+    envelope.frequency_hz[1 + np.argmax(envelope.amplitude[1:])],
+    "Hz;",
+    np.argmax(spectrum) * rate_hz / x.size,
+    "Hz by SciPy",
+)

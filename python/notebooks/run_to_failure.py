@@ -9,7 +9,9 @@ import numpy as np
 
 pair = flankwatch.Pair.shen2022()
 library = flankwatch.Library.build(pair, states=25, seconds=1.0)
-run = flankwatch.Run(pair, records=40, seconds=1.0, max_wear_um=200.0, wear_exponent=2.0, snr_db=20.0, interval_s=86_400.0)
+run = flankwatch.Run(
+    pair, records=40, seconds=1.0, max_wear_um=200.0, wear_exponent=2.0, snr_db=20.0, interval_s=86_400.0
+)
 tracker = flankwatch.Tracker(library, baseline_records=10, limit_um=200.0)
 
 # %%

@@ -34,7 +34,8 @@ pub(crate) fn real_array<'py>(x: &Bound<'py, PyAny>, name: &str, dimensions: usi
     Ok(array.call_method1("astype", ("float64",))?.cast_into::<PyArrayDyn<f64>>()?)
 }
 
-/// A time: RFC 3339 text, a `datetime` (UTC where it has no zone), a `numpy.datetime64` (UTC), or seconds since 1970.
+/// A time: RFC 3339 text, a `datetime` (UTC where it has no zone), a `numpy.datetime64` (UTC), or seconds
+/// since 1970.
 pub(crate) fn time(value: &Bound<'_, PyAny>) -> PyResult<Timestamp> {
     let expected = "an RFC 3339 time, a datetime, a numpy.datetime64 or seconds since 1970";
     let refuse = || {

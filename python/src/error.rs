@@ -17,7 +17,8 @@ pub(crate) fn argument_error(argument: &str, value: impl Display, expected: &str
     PyValueError::new_err(format!("{argument} is {value}, expected {expected}"))
 }
 
-/// An `OSError` where the file system refused, a `RuntimeError` where a build was stopped, else a `ValueError`.
+/// An `OSError` where the file system refused, a `RuntimeError` where a build was stopped, else a
+/// `ValueError`.
 pub(crate) fn library_error(error: LibraryError) -> PyErr {
     match error {
         LibraryError::Io { .. } => PyOSError::new_err(error.to_string()),

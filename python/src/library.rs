@@ -20,7 +20,8 @@ use crate::pair::Pair;
 /// How often a build looks for a pressed Ctrl-C and reports its progress.
 const WATCH: Duration = Duration::from_millis(50);
 
-/// Runs a build beside a watch that reports progress and stops it where Python wants to: at Ctrl-C, or where the callback raises.
+/// Runs a build beside a watch that reports progress and stops it where Python wants to: at Ctrl-C, or where
+/// the callback raises.
 fn watched<T: Send>(
     py: Python<'_>,
     progress: Option<Py<PyAny>>,

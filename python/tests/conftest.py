@@ -45,7 +45,9 @@ def client(service: tuple[str, Path]) -> Iterator[flankwatch.Client]:
         yield client
 
 
-def gear_signal(seed: int = 0, count: int = 40_000, rate_hz: float = 20_000.0, speed_hz: float = 25.0) -> np.ndarray:
+def gear_signal(
+    seed: int = 0, count: int = 40_000, rate_hz: float = 20_000.0, speed_hz: float = 25.0
+) -> np.ndarray:
     """A mesh of 24 teeth, modulated once a turn, in noise."""
     turn = 2 * np.pi * speed_hz * np.arange(count) / rate_hz
     noise = np.random.default_rng(seed).normal(size=count)

@@ -25,7 +25,9 @@ NAMES = itertools.count()
 def asset(client):
     """An asset of its own for each test."""
     name = f"rig-{next(NAMES)}"
-    client.create_asset({"id": name, "gear": {"teeth": [24, 36], "shaft_speed_hz": 24.5}, "sensor": {"unit": "m/s2"}})
+    client.create_asset(
+        {"id": name, "gear": {"teeth": [24, 36], "shaft_speed_hz": 24.5}, "sensor": {"unit": "m/s2"}}
+    )
     return name
 
 
@@ -42,7 +44,9 @@ def test_assets_are_made_changed_and_deleted(client, asset):
 def test_an_upload_has_the_indicators_that_are_computed_here(client, asset):
     x = gear_signal(1).astype(np.float32)
     segment = client.upload(asset, x, RATE_HZ, start_time="2026-03-01T08:00:00Z", shaft_speed_hz=25.0)
-    here = flankwatch.indicators(x, RATE_HZ, teeth=24, nominal_shaft_speed_hz=24.5, shaft_speed_hz=25.0, unit="m/s2")
+    here = flankwatch.indicators(
+        x, RATE_HZ, teeth=24, nominal_shaft_speed_hz=24.5, shaft_speed_hz=25.0, unit="m/s2"
+    )
     stored = client.segment(segment["id"])["indicators"]
     assert {name: value for name, value in stored.items() if name in here} == dict(here)
     waveform = client.waveform(segment["id"], max_points=200_000)
@@ -136,9 +140,14 @@ def test_a_stream_is_taken_apart():
 
 
 def test_a_service_that_is_busy_is_asked_again(monkeypatch):
-    answers = [httpx.Response(503, headers={"retry-after": "0"}), httpx.Response(200, json={"items": [], "next_cursor": None})]
+    answers = [
+        httpx.Response(503, headers={"retry-after": "0"}),
+        httpx.Response(200, json={"items": [], "next_cursor": None}),
+    ]
     client = flankwatch.Client("http://service")
-    client._http = httpx.Client(base_url="http://service", transport=httpx.MockTransport(lambda request: answers.pop(0)))
+    client._http = httpx.Client(
+        base_url="http://service", transport=httpx.MockTransport(lambda request: answers.pop(0))
+    )
     monkeypatch.setattr(time, "sleep", lambda seconds: None)
     assert client.assets() == [] and not answers
 
@@ -174,9 +183,13 @@ def test_a_folder_is_imported_once(client, service, asset, tmp_path, capsys):
     assert main(command) == 1
     assert capsys.readouterr().out.count(": was there already") == 4
     segments = list(client.segments(asset))
-    assert [segment["start_time"] for segment in segments] == [f"2026-03-01T0{hour}:00:00Z" for hour in (0, 1, 2, 4)]
+    assert [segment["start_time"] for segment in segments] == [
+        f"2026-03-01T0{hour}:00:00Z" for hour in (0, 1, 2, 4)
+    ]
     waveform = client.waveform(segments[1]["id"], max_points=200_000)
-    assert np.array_equal(np.asarray(waveform["value"], dtype=np.float32), gear_signal(1)[:8000].astype(np.float32))
+    assert np.array_equal(
+        np.asarray(waveform["value"], dtype=np.float32), gear_signal(1)[:8000].astype(np.float32)
+    )
 
 
 def test_what_cannot_be_imported_is_said(service, asset, tmp_path, capsys):

@@ -39,7 +39,9 @@ def test_a_simulation_says_its_truth(pair):
     assert (run.wear_um, run.torque_nm, run.shaft_speed_hz, run.unit) == (80.0, 900.0, 16.64, "m/s2")
     again = pair.simulate(20_000.0, 0.5, wear_um=80.0, torque_nm=900.0)
     assert np.array_equal(run.samples, again.samples)
-    assert not np.array_equal(run.samples, pair.simulate(20_000.0, 0.5, wear_um=80.0, torque_nm=900.0, seed=9).samples)
+    assert not np.array_equal(
+        run.samples, pair.simulate(20_000.0, 0.5, wear_um=80.0, torque_nm=900.0, seed=9).samples
+    )
 
 
 @pytest.mark.parametrize(
@@ -58,7 +60,10 @@ def test_a_simulation_says_its_truth(pair):
         (lambda pair: flankwatch.Run(pair, records=0), "records is 0"),
         (lambda pair: flankwatch.Tracker(), "library is None"),
         (lambda pair: flankwatch.Tracker(5), "library is int"),
-        (lambda pair: flankwatch.Tracker(teeth=24, nominal_shaft_speed_hz=25, baseline_records=2), "baseline_records is 2"),
+        (
+            lambda pair: flankwatch.Tracker(teeth=24, nominal_shaft_speed_hz=25, baseline_records=2),
+            "baseline_records is 2",
+        ),
     ],
 )
 def test_errors_name_argument_value_and_what_was_expected(pair, call, message):
@@ -84,7 +89,9 @@ def test_files_that_cannot_be_read_are_named(tmp_path, pair, library):
 
 def test_a_library_tells_its_progress(library, pair):
     told = []
-    again = flankwatch.Library.build(pair, states=5, seconds=0.5, progress=lambda done, total: told.append((done, total)))
+    again = flankwatch.Library.build(
+        pair, states=5, seconds=0.5, progress=lambda done, total: told.append((done, total))
+    )
     assert told[-1] == (5, 5) and told == sorted(told)
     assert again.id == library.id and len(library) == 5
     assert np.array_equal(again.indicator("rms"), library.indicator("rms"))
@@ -117,7 +124,10 @@ def test_a_tracker_learns_and_goes_on_from_its_state(pair, library, tmp_path):
     with pytest.raises(IndexError):
         run[10]
     tracker = flankwatch.Tracker(library, baseline_records=8)
-    times = [datetime.datetime(2026, 1, 1, n) for n in range(8)] + [np.datetime64("2026-01-01T08:00"), "2026-01-01T09:00:00Z"]
+    times = [datetime.datetime(2026, 1, 1, n) for n in range(8)] + [
+        np.datetime64("2026-01-01T08:00"),
+        "2026-01-01T09:00:00Z",
+    ]
     for record, time in zip(run, times):
         said = tracker.update(record.samples, record.rate_hz, time, torque_nm=record.torque_nm)
     assert said["time"] == "2026-01-01T09:00:00Z"

@@ -27,7 +27,10 @@ def printed(program: Path, *arguments: object) -> list[dict]:
         ([], {}),
         (["--wear-mm", "0.1", "--points", "64"], {"wear_um": 100.0, "points": 64}),
         (["--contact", "threshold", "--torque-nm", "500"], {"contact": "threshold", "torque_nm": 500.0}),
-        (["--turns", "40000", "--contact", "threshold", "--points", "50"], {"turns": 40000.0, "contact": "threshold", "points": 50}),
+        (
+            ["--turns", "40000", "--contact", "threshold", "--points", "50"],
+            {"turns": 40000.0, "contact": "threshold", "points": 50},
+        ),
     ],
 )
 def test_a_mesh_is_that_of_the_model_command(program, arguments, wanted):
@@ -40,11 +43,17 @@ def test_a_mesh_is_that_of_the_model_command(program, arguments, wanted):
 def test_a_wear_table_is_that_of_the_model_command(program, tmp_path):
     rows = [[1, 68.0, 12.5], [1, 72.0, 3.25], [2, 74.0, 8.125], [2, 80.0, 1 / 3]]
     table = tmp_path / "wear.csv"
-    table.write_text("gear,radius_mm,depth_um\n" + "".join(f"{gear},{radius!r},{depth!r}\n" for gear, radius, depth in rows))
+    table.write_text(
+        "gear,radius_mm,depth_um\n"
+        + "".join(f"{gear},{radius!r},{depth!r}\n" for gear, radius, depth in rows)
+    )
     expected = printed(program, "model", "--format", "json", "--profile", table, "--points", 40)
     cycle = flankwatch.Pair.shen2022().mesh(profile=np.array(rows), points=40)
     assert [row["stiffness_n_per_m"] for row in expected] == cycle.stiffness_n_per_m.tolist()
-    assert flankwatch.Pair.shen2022().mesh(profile=table.read_text(), points=40).uste_rad.tolist() == cycle.uste_rad.tolist()
+    assert (
+        flankwatch.Pair.shen2022().mesh(profile=table.read_text(), points=40).uste_rad.tolist()
+        == cycle.uste_rad.tolist()
+    )
 
 
 ASSET = """
@@ -108,7 +117,19 @@ def test_an_estimate_is_that_of_the_analyze_command(program, tmp_path):
             assert half.update(record.samples, record.rate_hz, number)["wear"] == estimates[-1]
     assert half.state == tracker.state
     # The program's records follow each other, one second apart.
-    records = printed(program, "analyze", *files, "--asset", description, "--data-dir", data, "--members", 0, "--format", "json")
+    records = printed(
+        program,
+        "analyze",
+        *files,
+        "--asset",
+        description,
+        "--data-dir",
+        data,
+        "--members",
+        0,
+        "--format",
+        "json",
+    )
     assert [record["wear"] for record in records] == estimates
     assert estimates[-1]["library_id"] == library.id
     again = flankwatch.Library.load(data / "libraries" / library.file_name)

@@ -32,14 +32,18 @@ def signals(number: int) -> dict[str, np.ndarray]:
 
 def write_mat(path: Path, x: dict[str, np.ndarray], number: int) -> None:
     content = {**x, "fs": RATE_HZ, "unit": "g"}
-    scipy.io.savemat(path, content, do_compression=bool(number % 2), oned_as="column" if number % 3 else "row")
+    scipy.io.savemat(
+        path, content, do_compression=bool(number % 2), oned_as="column" if number % 3 else "row"
+    )
 
 
 def write_mat73(path: Path, x: dict[str, np.ndarray], number: int) -> None:
     """As MATLAB writes it: HDF5 behind a block of 512 bytes, axes the other way round, text as numbers."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, samples in x.items():
-            dataset = file.create_dataset(name, data=samples.reshape(1, -1), compression="gzip" if number % 2 else None)
+            dataset = file.create_dataset(
+                name, data=samples.reshape(1, -1), compression="gzip" if number % 2 else None
+            )
             dataset.attrs["MATLAB_class"] = np.bytes_("double")
         file.create_dataset("fs", data=[[RATE_HZ]]).attrs["MATLAB_class"] = np.bytes_("double")
         text = file.create_dataset("unit", data=np.array([[ord("g")]], dtype="u2"))
@@ -62,7 +66,10 @@ def write_tdms(path: Path, x: dict[str, np.ndarray], number: int) -> None:
         parts = np.array_split(np.arange(x["a1"].size), 1 + number % 3)
         for part in parts:
             properties = {"wf_increment": 1 / RATE_HZ, "unit_string": "g", "wf_start_time": start}
-            channels = [ChannelObject("vibration", name, samples[part], properties=properties) for name, samples in x.items()]
+            channels = [
+                ChannelObject("vibration", name, samples[part], properties=properties)
+                for name, samples in x.items()
+            ]
             writer.write_segment([RootObject(), GroupObject("vibration"), *channels])
 
 
@@ -89,17 +96,26 @@ def write_uff(path: Path, x: dict[str, np.ndarray], number: int) -> None:
             return_full_dict=True,
         )
         texts = ("id", "rsp_ent", "ref_ent")
-        empty = {key: "NONE" if key.startswith(texts) or key.endswith("_lab") else 0 for key, value in dataset.items() if value is None}
+        empty = {
+            key: "NONE" if key.startswith(texts) or key.endswith("_lab") else 0
+            for key, value in dataset.items()
+            if value is None
+        }
         sets.append(dataset | empty)
     path.unlink(missing_ok=True)
     pyuff.UFF(str(path)).write_sets(sets, "add")
 
 
 def write_parquet(path: Path, x: dict[str, np.ndarray], number: int) -> None:
-    fields = [pa.field(name, pa.from_numpy_dtype(samples.dtype), metadata={"unit": "g"}) for name, samples in x.items()]
+    fields = [
+        pa.field(name, pa.from_numpy_dtype(samples.dtype), metadata={"unit": "g"})
+        for name, samples in x.items()
+    ]
     schema = pa.schema(fields, metadata={"sample_rate_hz": str(RATE_HZ)})
     table = pa.table(list(x.values()), schema=schema)
-    pyarrow.parquet.write_table(table, path, compression=["zstd", "snappy", "none"][number % 3], row_group_size=64)
+    pyarrow.parquet.write_table(
+        table, path, compression=["zstd", "snappy", "none"][number % 3], row_group_size=64
+    )
 
 
 def write_npy(path: Path, x: dict[str, np.ndarray], number: int) -> None:
@@ -256,7 +272,12 @@ def test_objects_in_numpy_files_are_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "module", "package"),
-    [("mat", "scipy.io", "SciPy"), ("tdms", "nptdms", "npTDMS"), ("hdf5", "h5py", "h5py"), ("parquet", "pyarrow", "pyarrow")],
+    [
+        ("mat", "scipy.io", "SciPy"),
+        ("tdms", "nptdms", "npTDMS"),
+        ("hdf5", "h5py", "h5py"),
+        ("parquet", "pyarrow", "pyarrow"),
+    ],
 )
 def test_a_missing_library_is_named(tmp_path, monkeypatch, name, module, package):
     path = tmp_path / "recording"

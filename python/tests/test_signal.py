@@ -23,7 +23,9 @@ def test_indicators_are_those_of_scipy():
     assert found["rms"] == pytest.approx(np.sqrt(np.mean(exact**2)), rel=1e-12)
     assert found["kurtosis"] == pytest.approx(stats.kurtosis(exact, fisher=False), rel=1e-12)
     assert found["peak"] == np.max(np.abs(exact))
-    assert found["crest_factor"] == pytest.approx(np.max(np.abs(exact)) / np.sqrt(np.mean(exact**2)), rel=1e-12)
+    assert found["crest_factor"] == pytest.approx(
+        np.max(np.abs(exact)) / np.sqrt(np.mean(exact**2)), rel=1e-12
+    )
     assert found["mesh_1"] == pytest.approx(1.0, rel=2e-3)
     assert found["mesh_2"] == pytest.approx(0.3, rel=1e-2)
     assert found.shaft_speed_hz == 25.0 and found.mesh_frequency_hz == 600.0

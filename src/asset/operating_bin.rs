@@ -1,4 +1,5 @@
-//! Operating bins: records told apart by speed and load, since a trend at one operating point says more than one over all.
+//! Operating bins: records told apart by speed and load, since a trend at one operating point says more than
+//! one over all.
 
 use serde::{Deserialize, Serialize};
 
@@ -29,7 +30,8 @@ pub struct OperatingBin {
 }
 
 impl OperatingBin {
-    /// Whether an operating point lies in it; one whose speed or torque is not known lies in no bin that asks for it.
+    /// Whether an operating point lies in it; one whose speed or torque is not known lies in no bin that asks
+    /// for it.
     pub fn holds(&self, shaft_speed_hz: Option<f64>, torque_nm: Option<f64>) -> bool {
         let within = |range: Option<[f64; 2]>, value: Option<f64>| {
             range.is_none_or(|[low, high]| value.is_some_and(|value| low <= value && value < high))
@@ -38,14 +40,21 @@ impl OperatingBin {
     }
 
     fn overlaps(&self, other: &Self) -> bool {
-        let meet = |one: Option<[f64; 2]>, two: Option<[f64; 2]>| one.zip(two).is_none_or(|(one, two)| one[0] < two[1] && two[0] < one[1]);
+        let meet = |one: Option<[f64; 2]>, two: Option<[f64; 2]>| {
+            one.zip(two)
+                .is_none_or(|(one, two)| one[0] < two[1] && two[0] < one[1])
+        };
         meet(self.shaft_speed_hz, other.shaft_speed_hz) && meet(self.torque_nm, other.torque_nm)
     }
 }
 
 pub(super) fn validate(bins: &[OperatingBin]) -> Result<(), AssetError> {
     if bins.len() > MAX_BINS {
-        return Err(field("operating_bins", format!("a list of {}", bins.len()), "at most 16 bins"));
+        return Err(field(
+            "operating_bins",
+            format!("a list of {}", bins.len()),
+            "at most 16 bins",
+        ));
     }
     for (index, bin) in bins.iter().enumerate() {
         let name = bin.name.as_str();

@@ -24,7 +24,8 @@ pub struct OtherMeshSpec {
     #[schema(example = json!([19, 57]))]
     #[serde(deserialize_with = "pair_of_numbers::other_teeth")]
     pub teeth: [u32; 2],
-    /// Turns of its driving shaft against turns of the shaft that speed, torque and tachometer of the records are of; as for the monitored mesh.
+    /// Turns of its driving shaft against turns of the shaft that speed, torque and tachometer of the records
+    /// are of; as for the monitored mesh.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
@@ -67,7 +68,8 @@ impl OtherMeshSpec {
 }
 
 impl GearSpec {
-    /// Turns of the driving shaft while the shaft that speed, torque and tachometer of the records are of makes one.
+    /// Turns of the driving shaft while the shaft that speed, torque and tachometer of the records are of
+    /// makes one.
     pub fn driving_shaft_turns(&self) -> f64 {
         turns(self.shaft_ratio)
     }
@@ -152,7 +154,10 @@ mod tests {
     fn what_cannot_be_used_names_its_field() {
         for (gear, name) in [
             ("teeth = [24, 36]\nshaft_ratio = [0, 36]", "gear.shaft_ratio"),
-            ("teeth = [24, 36]\nother_meshes = [{ teeth = [3, 57] }]", "gear.other_meshes"),
+            (
+                "teeth = [24, 36]\nother_meshes = [{ teeth = [3, 57] }]",
+                "gear.other_meshes",
+            ),
             (
                 "teeth = [24, 36]\nother_meshes = [{ teeth = [19, 57], shaft_ratio = [1, 2000000] }]",
                 "gear.other_meshes",

@@ -21,11 +21,15 @@ pub(super) fn other_teeth<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 /// `gear.shaft_ratio`, where it is given.
 pub(super) fn shaft_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[u32; 2]>, D::Error> {
     let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
-    numbers.map(|numbers| pair("gear.shaft_ratio", RATIO, &numbers)).transpose()
+    numbers
+        .map(|numbers| pair("gear.shaft_ratio", RATIO, &numbers))
+        .transpose()
 }
 
 /// `shaft_ratio` of other meshes, where it is given.
-pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[u32; 2]>, D::Error> {
+pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<[u32; 2]>, D::Error> {
     let numbers = Option::<Vec<f64>>::deserialize(deserializer)?;
     numbers
         .map(|numbers| pair("gear.other_meshes.shaft_ratio", RATIO, &numbers))
@@ -33,14 +37,19 @@ pub(super) fn other_shaft_ratio<'de, D: Deserializer<'de>>(deserializer: D) -> R
 }
 
 fn pair<E: Error>(field: &str, expected: &str, numbers: &[f64]) -> Result<[u32; 2], E> {
-    let whole = |value: &f64| (value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value)).then_some(*value as u32);
+    let whole = |value: &f64| {
+        (value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value)).then_some(*value as u32)
+    };
     let wholes: Option<Vec<u32>> = numbers.iter().take(TOLD).map(whole).collect();
     match wholes.as_deref() {
         Some([first, second]) if numbers.len() == 2 => Ok([*first, *second]),
         _ => {
             let told: Vec<String> = numbers.iter().take(TOLD).map(f64::to_string).collect();
             let more = if numbers.len() > TOLD { ", …" } else { "" };
-            Err(E::custom(format!("{field} is [{}{more}], expected {expected}", told.join(", "))))
+            Err(E::custom(format!(
+                "{field} is [{}{more}], expected {expected}",
+                told.join(", ")
+            )))
         }
     }
 }
@@ -51,7 +60,11 @@ mod tests {
 
     #[test]
     fn a_list_that_is_no_pair_is_refused_by_name() {
-        let spec = |teeth: &str| AssetSpec::from_toml(&format!("id = \"a\"\n[gear]\nteeth = {teeth}\nshaft_speed_hz = 10.0"));
+        let spec = |teeth: &str| {
+            AssetSpec::from_toml(&format!(
+                "id = \"a\"\n[gear]\nteeth = {teeth}\nshaft_speed_hz = 10.0"
+            ))
+        };
         assert_eq!(spec("[24, 36]").unwrap().gear.teeth, [24, 36]);
         for (teeth, told) in [
             (
@@ -61,7 +74,10 @@ mod tests {
             ("[24]", "gear.teeth is [24], expected"),
             ("[24, 26.5]", "gear.teeth is [24, 26.5], expected"),
             ("[24, -1]", "gear.teeth is [24, -1], expected"),
-            ("[1, 2, 3, 4, 5, 6, 7, 8, 9]", "gear.teeth is [1, 2, 3, 4, 5, 6, 7, 8, …], expected"),
+            (
+                "[1, 2, 3, 4, 5, 6, 7, 8, 9]",
+                "gear.teeth is [1, 2, 3, 4, 5, 6, 7, 8, …], expected",
+            ),
             (
                 "[24, 26]\nother_meshes = [{ teeth = [19] }]",
                 "gear.other_meshes.teeth is [19], expected",

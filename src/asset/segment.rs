@@ -10,10 +10,11 @@ use super::AssetId;
 use crate::estimate::WearEstimate;
 use crate::signal::{Basis, Features, Indicators, OperatingPoint, ShaftSpeed};
 
-/// Identifier of a segment: the same asset, channel, start time and raw bytes give the same identifier, so a repeat is found.
+/// Identifier of a segment: the same asset, channel, start time and raw bytes give the same identifier, so a
+/// repeat is found.
 ///
-/// It begins with the second of the start time, so that what comes together lies together in every index by identifier: by hash alone each of
-/// 10⁹ rows would go to a page of its own that has to be read first.
+/// It begins with the second of the start time, so that what comes together lies together in every index by
+/// identifier: by hash alone each of 10⁹ rows would go to a page of its own that has to be read first.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(transparent)]
 pub struct SegmentId(pub String);
@@ -33,8 +34,10 @@ impl SegmentId {
             hash.update(part.as_bytes());
         }
         let digest = hex::encode(&hash.finalize()[..8]);
-        // Every time that can be stored lies within ± 2⁶³ ns, which is less than ± 2³⁴ s; negative ones come first.
-        let second = (start_time.as_nanosecond().div_euclid(1_000_000_000) + (1 << 34)).clamp(0, (1 << 36) - 1);
+        // Every time that can be stored lies within ± 2⁶³ ns, which is less than ± 2³⁴ s; negative ones come
+        // first.
+        let second =
+            (start_time.as_nanosecond().div_euclid(1_000_000_000) + (1 << 34)).clamp(0, (1 << 36) - 1);
         Self(format!("{second:09x}{}", &digest[..15]))
     }
 }
@@ -81,12 +84,14 @@ pub struct Segment {
     pub operating_point: OperatingPoint,
     /// Shaft speed that was used, and where it came from; none where none was found.
     pub shaft_speed: Option<ShaftSpeed>,
-    /// Wear depth in µm known from elsewhere (an inspection, a simulation), for comparison only: the estimate never uses it.
+    /// Wear depth in µm known from elsewhere (an inspection, a simulation), for comparison only: the estimate
+    /// never uses it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_wear_um: Option<f64>,
     /// Where the raw bytes are.
     pub raw: RawReference,
-    /// People excluded it: it stays stored with its indicators, and takes no part in the baseline, the estimate and the alarms.
+    /// People excluded it: it stays stored with its indicators, and takes no part in the baseline, the
+    /// estimate and the alarms.
     #[serde(default)]
     pub excluded: bool,
     /// What indicators and features rest on: preprocessing, quality of the samples, the shaft's angle.
@@ -112,7 +117,12 @@ mod tests {
             media_type: "audio/wav".into(),
             channel_index: 0,
         };
-        SegmentId::derive(&AssetId::new("pump").unwrap(), channel, start_time.parse().unwrap(), &raw)
+        SegmentId::derive(
+            &AssetId::new("pump").unwrap(),
+            channel,
+            start_time.parse().unwrap(),
+            &raw,
+        )
     }
 
     #[test]

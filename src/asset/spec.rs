@@ -1,4 +1,5 @@
-//! An asset: one gear mesh seen by one or more measuring channels. Meshes that one sensor hears together are an asset each.
+//! An asset: one gear mesh seen by one or more measuring channels. Meshes that one sensor hears together are
+//! an asset each.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -16,7 +17,8 @@ use crate::estimate::AlarmRule;
 use crate::gear::PairSpec;
 use crate::signal::{Band, BandSource, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext, Record};
 
-/// An asset's name in addresses and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or digit.
+/// An asset's name in addresses and topics: 1 to 64 of `a-z`, `0-9`, `-`, `_`, starting with a letter or
+/// digit.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schema(value_type = String, pattern = "^[a-z0-9][a-z0-9_-]{0,63}$", example = "gearbox-1")]
@@ -26,7 +28,9 @@ pub struct AssetId(String);
 #[derive(Debug, Error)]
 pub enum AssetError {
     /// The name has characters that do not belong in addresses.
-    #[error("asset id {0:?} is not usable, expected 1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit")]
+    #[error(
+        "asset id {0:?} is not usable, expected 1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit"
+    )]
     Id(String),
     /// A field has a value that cannot be used.
     #[error("{field} is {value}, expected {expected}")]
@@ -101,9 +105,9 @@ pub struct GearSpec {
     pub teeth: [u32; 2],
     /// Nominal rotational frequency of the driving shaft in hertz.
     pub shaft_speed_hz: f64,
-    /// Turns of the driving shaft against turns of the shaft that speed, torque and tachometer of the records are of, for a further stage of a
-    /// gearbox: the teeth that drive, multiplied along the way from that shaft to this one, and those that are driven. Where not given it is that
-    /// shaft itself.
+    /// Turns of the driving shaft against turns of the shaft that speed, torque and tachometer of the records
+    /// are of, for a further stage of a gearbox: the teeth that drive, multiplied along the way from that
+    /// shaft to this one, and those that are driven. Where not given it is that shaft itself.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
@@ -111,7 +115,8 @@ pub struct GearSpec {
     )]
     #[schema(example = json!([24, 36]))]
     pub shaft_ratio: Option<[u32; 2]>,
-    /// Other meshes that the sensor hears and no asset watches, at most 7; those that assets watch through the same sensor are known without.
+    /// Other meshes that the sensor hears and no asset watches, at most 7; those that assets watch through
+    /// the same sensor are known without.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub other_meshes: Vec<OtherMeshSpec>,
     /// How far from nominal the speed is searched, as a fraction.
@@ -135,8 +140,9 @@ pub struct SensorSpec {
     /// The channel whose wear estimate speaks for the asset; the first one seen where not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub channel: Option<String>,
-    /// Another asset whose measuring points hear this mesh too: records that come for that one are looked at for this one as well, and none are
-    /// taken for this one alone. It stays what it is once there are records.
+    /// Another asset whose measuring points hear this mesh too: records that come for that one are looked at
+    /// for this one as well, and none are taken for this one alone. It stays what it is once there are
+    /// records.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<AssetId>,
 }
@@ -195,7 +201,10 @@ impl AssetId {
     /// Checks a name.
     pub fn new(id: impl Into<String>) -> Result<Self, AssetError> {
         let id = id.into();
-        let first_is_alphanumeric = id.chars().next().is_some_and(|c| c.is_ascii_lowercase() || c.is_ascii_digit());
+        let first_is_alphanumeric = id
+            .chars()
+            .next()
+            .is_some_and(|c| c.is_ascii_lowercase() || c.is_ascii_digit());
         let rest_is_usable = id
             .chars()
             .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_');
@@ -252,7 +261,11 @@ impl AssetSpec {
         alarm_rules::validate(self.alarms.as_deref().unwrap_or_default(), &self.bands)?;
         operating_bin::validate(&self.operating_bins)?;
         if !(8..=10_000).contains(&self.baseline.records) {
-            return Err(field("baseline.records", self.baseline.records, "a number from 8 to 10000"));
+            return Err(field(
+                "baseline.records",
+                self.baseline.records,
+                "a number from 8 to 10000",
+            ));
         }
         for (name, limit) in [
             ("limits.warning_um", self.limits.warning_um),
@@ -267,7 +280,11 @@ impl AssetSpec {
         if let (Some(warning), Some(danger)) = (self.limits.warning_um, self.limits.danger_um)
             && warning > danger
         {
-            return Err(field("limits.warning_um", warning, "a depth at or below limits.danger_um"));
+            return Err(field(
+                "limits.warning_um",
+                warning,
+                "a depth at or below limits.danger_um",
+            ));
         }
         if let Some([low, high]) = self.envelope_band_hz
             && !(low >= 0.0 && low < high && high <= GREATEST_FREQUENCY_HZ)
@@ -286,7 +303,11 @@ impl AssetSpec {
             ));
         }
         if self.bands.len() > MAX_BANDS {
-            return Err(field("bands", format!("a list of {}", self.bands.len()), "at most 16 bands"));
+            return Err(field(
+                "bands",
+                format!("a list of {}", self.bands.len()),
+                "at most 16 bands",
+            ));
         }
         for (index, band) in self.bands.iter().enumerate() {
             if !band.is_usable()
@@ -308,12 +329,17 @@ impl AssetSpec {
 
     /// The name for people, or the one in addresses where there is none.
     pub fn name_or_id(&self) -> &str {
-        if self.name.is_empty() { self.id.as_str() } else { &self.name }
+        if self.name.is_empty() {
+            self.id.as_str()
+        } else {
+            &self.name
+        }
     }
 
     /// The band of the envelope spectrum, where it is given.
     pub fn given_envelope_band(&self) -> Option<EnvelopeBand> {
-        self.envelope_band_hz.map(|band_hz| EnvelopeBand::given(band_hz, BandSource::Asset))
+        self.envelope_band_hz
+            .map(|band_hz| EnvelopeBand::given(band_hz, BandSource::Asset))
     }
 
     /// Units of the samples of measuring points that have one of their own, by channel.
@@ -356,7 +382,11 @@ impl GearSpec {
     /// Checks teeth and speed against their limits; the numbers of the pair are left to [`PairSpec::check`].
     pub fn check_beside_pair(&self) -> Result<(), AssetError> {
         if self.teeth.iter().any(|z| !(4..=1000).contains(z)) {
-            return Err(field("gear.teeth", format!("{:?}", self.teeth), "two tooth numbers from 4 to 1000"));
+            return Err(field(
+                "gear.teeth",
+                format!("{:?}", self.teeth),
+                "two tooth numbers from 4 to 1000",
+            ));
         }
         if !(self.shaft_speed_hz > 0.0 && self.shaft_speed_hz <= 10_000.0) {
             return Err(field(
@@ -366,7 +396,11 @@ impl GearSpec {
             ));
         }
         if !(0.0..=0.5).contains(&self.speed_tolerance) {
-            return Err(field("gear.speed_tolerance", self.speed_tolerance, "a fraction from 0 to 0.5"));
+            return Err(field(
+                "gear.speed_tolerance",
+                self.speed_tolerance,
+                "a fraction from 0 to 0.5",
+            ));
         }
         Ok(())
     }
@@ -384,7 +418,11 @@ impl GearSpec {
     }
 }
 
-pub(super) fn field(field: &'static str, value: impl fmt::Display, expected: impl Into<Cow<'static, str>>) -> AssetError {
+pub(super) fn field(
+    field: &'static str,
+    value: impl fmt::Display,
+    expected: impl Into<Cow<'static, str>>,
+) -> AssetError {
     AssetError::Field {
         field,
         value: value.to_string(),
@@ -397,7 +435,9 @@ mod tests {
     use super::*;
 
     fn with_bands(bands: &str) -> Result<AssetSpec, AssetError> {
-        AssetSpec::from_toml(&format!("id = \"a\"\n{bands}\n[gear]\nteeth = [24, 36]\nshaft_speed_hz = 16.6"))
+        AssetSpec::from_toml(&format!(
+            "id = \"a\"\n{bands}\n[gear]\nteeth = [24, 36]\nshaft_speed_hz = 16.6"
+        ))
     }
 
     #[test]
@@ -427,7 +467,10 @@ mod tests {
             ("limits = { danger_um = 1e308 }", "limits.danger_um"),
             ("envelope_band_hz = [1.0, 1e308]", "envelope_band_hz"),
             ("bands = [{ name = \"a\", band_hz = [1, 1e308] }]", "bands"),
-            ("points = [{ channel = \"a\", sensitivity = 1e308 }]", "points.sensitivity"),
+            (
+                "points = [{ channel = \"a\", sensitivity = 1e308 }]",
+                "points.sensitivity",
+            ),
             (
                 "operating_bins = [{ name = \"a\", torque_nm = [0, 1e308] }]",
                 "operating_bins.torque_nm",
@@ -439,7 +482,10 @@ mod tests {
         ] {
             match with_bands(text) {
                 Err(AssetError::Field { field, expected, .. }) => {
-                    assert!(field == name && expected.contains(char::is_numeric), "{text}: {field}, {expected}");
+                    assert!(
+                        field == name && expected.contains(char::is_numeric),
+                        "{text}: {field}, {expected}"
+                    );
                 }
                 other => panic!("{text}: {other:?}"),
             }
@@ -448,7 +494,9 @@ mod tests {
 
     #[test]
     fn bands_are_read_and_checked() {
-        let spec = with_bands("bands = [{ name = \"velocity\", band_hz = [10, 1000], quantity = \"velocity\" }]").unwrap();
+        let spec =
+            with_bands("bands = [{ name = \"velocity\", band_hz = [10, 1000], quantity = \"velocity\" }]")
+                .unwrap();
         assert_eq!(spec.bands[0].band_hz, [10.0, 1000.0]);
         assert!(with_bands("").unwrap().bands.is_empty());
         for band in [
@@ -457,7 +505,10 @@ mod tests {
             "{ name = \"a\", band_hz = [1, 10] }, { name = \"a\", band_hz = [1, 20] }",
         ] {
             let error = with_bands(&format!("bands = [{band}]")).unwrap_err();
-            assert!(matches!(error, AssetError::Field { field: "bands", .. }), "{error}");
+            assert!(
+                matches!(error, AssetError::Field { field: "bands", .. }),
+                "{error}"
+            );
         }
     }
 }

@@ -68,7 +68,10 @@ mod with_cluster {
 
     impl ClusterPlace {
         /// Does something with the cluster.
-        pub(in super::super) fn with<T>(&self, work: impl AsyncFnOnce(Cluster) -> Result<T, ClusterError>) -> Result<T, CliError> {
+        pub(in super::super) fn with<T>(
+            &self,
+            work: impl AsyncFnOnce(Cluster) -> Result<T, ClusterError>,
+        ) -> Result<T, CliError> {
             let serve = ServeArgs {
                 config: self.config.clone(),
                 ..ServeArgs::default()
@@ -109,7 +112,10 @@ mod with_cluster {
                 .map(|worker| worker.name.chars().count())
                 .max()
                 .unwrap_or_default();
-            text += &format!("\n{:longest$}  {:>8}  {:>7}  {:>12}\n", "worker", "version", "in work", "stored");
+            text += &format!(
+                "\n{:longest$}  {:>8}  {:>7}  {:>12}\n",
+                "worker", "version", "in work", "stored"
+            );
             for worker in &overview.workers {
                 let in_work = format!("{}/{}", worker.in_work, worker.at_once);
                 text += &format!(

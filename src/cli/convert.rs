@@ -11,7 +11,9 @@ use jiff::Timestamp;
 use thiserror::Error;
 
 use crate::asset::{AssetError, AssetId};
-use crate::recording::{Cut, CutPlan, Cutter, McapOptions, McapWriter, RecordDefaults, RecordingError, WavWriter};
+use crate::recording::{
+    Cut, CutPlan, Cutter, McapOptions, McapWriter, RecordDefaults, RecordingError, WavWriter,
+};
 use crate::signal::OperatingPoint;
 use source::Source;
 
@@ -45,8 +47,8 @@ pub(super) struct ConvertArgs {
     /// Torque on the driving shaft in newton metres
     #[arg(long, value_name = "NM", allow_negative_numbers = true)]
     pub torque_nm: Option<f64>,
-    /// Length of the MCAP records in seconds; without it up to 2 minutes are one record, more is cut into records of 10 s. A rest of less than
-    /// half a record is left out
+    /// Length of the MCAP records in seconds; without it up to 2 minutes are one record, more is cut into
+    /// records of 10 s. A rest of less than half a record is left out
     #[arg(long, value_name = "S")]
     pub record_seconds: Option<f64>,
     /// Replace OUT where it exists
@@ -122,13 +124,22 @@ impl Target {
         match extension.as_deref() {
             Some("mcap") => Ok(Self::Mcap),
             Some("wav") => Ok(Self::Wav),
-            _ => Err(argument("OUT", path.display(), "a name that ends in .mcap or .wav")),
+            _ => Err(argument(
+                "OUT",
+                path.display(),
+                "a name that ends in .mcap or .wav",
+            )),
         }
     }
 }
 
 /// Writes one message a record and channel; says what was written.
-fn write_mcap(args: &ConvertArgs, asset: &AssetId, source: &mut Source, file: &File) -> Result<String, ConvertError> {
+fn write_mcap(
+    args: &ConvertArgs,
+    asset: &AssetId,
+    source: &mut Source,
+    file: &File,
+) -> Result<String, ConvertError> {
     let input = |source: RecordingError| ConvertError::Input {
         path: args.input.clone(),
         source,
@@ -149,7 +160,13 @@ fn write_mcap(args: &ConvertArgs, asset: &AssetId, source: &mut Source, file: &F
         ..RecordDefaults::default()
     };
     let cut = args.record_seconds.map(Cut::Seconds);
-    let plan = CutPlan::new(cut, source.frames_at_most, source.sample_rate_hz, source.channels.len()).map_err(input)?;
+    let plan = CutPlan::new(
+        cut,
+        source.frames_at_most,
+        source.sample_rate_hz,
+        source.channels.len(),
+    )
+    .map_err(input)?;
     let mut cutter = Cutter::new(source.channels.clone(), source.sample_rate_hz, &defaults, plan);
     let mut writer = McapWriter::new(BufWriter::new(file), McapOptions::default()).map_err(output)?;
     let mut frame = vec![0.0; source.channels.len()];
@@ -171,10 +188,13 @@ fn write_mcap(args: &ConvertArgs, asset: &AssetId, source: &mut Source, file: &F
     }
     let mut inner = writer.finish().map_err(output)?;
     inner.flush().map_err(|error| output(error.into()))?;
-    let note = plan
-        .default_seconds
-        .map_or(String::new(), |seconds| format!(" of {seconds} s (--record-seconds changes it)"));
-    Ok(format!("{records} records{note}, channels {}", source.channels.join(", ")))
+    let note = plan.default_seconds.map_or(String::new(), |seconds| {
+        format!(" of {seconds} s (--record-seconds changes it)")
+    });
+    Ok(format!(
+        "{records} records{note}, channels {}",
+        source.channels.join(", ")
+    ))
 }
 
 /// Writes all chosen channels side by side; says what was written.
@@ -187,7 +207,8 @@ fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<Str
         path: args.input.clone(),
         source,
     };
-    let mut writer = WavWriter::new(BufWriter::new(file), source.channels.len(), source.sample_rate_hz).map_err(output)?;
+    let mut writer =
+        WavWriter::new(BufWriter::new(file), source.channels.len(), source.sample_rate_hz).map_err(output)?;
     let mut frame = vec![0.0; source.channels.len()];
     let mut frames = 0_u64;
     while source.next_frame(&mut frame).map_err(input)? {
@@ -202,10 +223,17 @@ fn write_wav(args: &ConvertArgs, source: &mut Source, file: &File) -> Result<Str
         frames += 1;
     }
     if frames == 0 {
-        return Err(input(RecordingError::field("the number of samples", 0, "at least 1")));
+        return Err(input(RecordingError::field(
+            "the number of samples",
+            0,
+            "at least 1",
+        )));
     }
     writer.finish().map_err(output)?;
-    Ok(format!("{frames} samples, channels {}", source.channels.join(", ")))
+    Ok(format!(
+        "{frames} samples, channels {}",
+        source.channels.join(", ")
+    ))
 }
 
 /// The output under a temporary name beside its own; removed again unless it is completed.

@@ -70,18 +70,24 @@ mod with_cluster {
                 }
             }
             Action::Show { number } => {
-                let letter = args.place.with(async |cluster| cluster.dead_letter(*number).await)?;
+                let letter = args
+                    .place
+                    .with(async |cluster| cluster.dead_letter(*number).await)?;
                 match format {
                     Format::Table => print(&description(&letter)),
                     Format::Json => print(&format!("{:#}\n", json!(letter))),
                 }
             }
             Action::Retry(which) => {
-                let done = each(args, which, async |cluster, number| cluster.retry_dead_letter(number).await)?;
+                let done = each(args, which, async |cluster, number| {
+                    cluster.retry_dead_letter(number).await
+                })?;
                 said(format, "retried", &done)
             }
             Action::Drop(which) => {
-                let done = each(args, which, async |cluster, number| cluster.drop_dead_letter(number).await)?;
+                let done = each(args, which, async |cluster, number| {
+                    cluster.drop_dead_letter(number).await
+                })?;
                 said(format, "dropped", &done)
             }
         }
@@ -95,7 +101,12 @@ mod with_cluster {
     ) -> Result<Vec<u64>, CliError> {
         args.place.with(async |cluster| {
             let numbers = if which.all {
-                cluster.dead_letters().await?.iter().map(|letter| letter.number).collect()
+                cluster
+                    .dead_letters()
+                    .await?
+                    .iter()
+                    .map(|letter| letter.number)
+                    .collect()
             } else {
                 which.numbers.clone()
             };
@@ -114,12 +125,19 @@ mod with_cluster {
     }
 
     fn width() -> usize {
-        let said = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
+        let said = std::env::var("COLUMNS")
+            .ok()
+            .and_then(|columns| columns.parse().ok());
         said.unwrap_or(USUAL_WIDTH)
     }
 
     fn table(letters: &[DeadLetter], width: usize) -> String {
-        let asset = |letter: &DeadLetter| letter.record.as_ref().map_or("-".to_owned(), |record| record.asset_id.to_string());
+        let asset = |letter: &DeadLetter| {
+            letter
+                .record
+                .as_ref()
+                .map_or("-".to_owned(), |record| record.asset_id.to_string())
+        };
         let longest = letters
             .iter()
             .map(|letter| asset(letter).len())
@@ -180,7 +198,8 @@ mod with_cluster {
         fn a_list_fits_a_terminal() {
             let letter = DeadLetter {
                 number: 17,
-                reason: "segment ab of pump: raw object cd is damaged: its bytes hash to ef (tried 5 times)".to_owned(),
+                reason: "segment ab of pump: raw object cd is damaged: its bytes hash to ef (tried 5 times)"
+                    .to_owned(),
                 put_at: "2026-01-01T00:00:00.5Z".parse().unwrap(),
                 message_bytes: 250,
                 record: None,

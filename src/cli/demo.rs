@@ -28,7 +28,8 @@ const ASSET: &str = "demo-gearbox";
 /// Seconds between the starts of two records.
 const INTERVAL_S: f64 = 60.0;
 
-/// Wear depth at the end: past the warning limit and short of the danger limit, so that an alarm and a forecast are there to be seen.
+/// Wear depth at the end: past the warning limit and short of the danger limit, so that an alarm and a
+/// forecast are there to be seen.
 const MAX_WEAR_UM: f64 = 190.0;
 
 /// Standard error of the inspection half-way, as of a replica under a microscope.
@@ -37,7 +38,8 @@ const INSPECTION_ERROR_UM: f64 = 5.0;
 /// Arguments of `flankwatch demo`.
 #[derive(Args)]
 pub(super) struct DemoArgs {
-    /// Address to listen on, port 0 for a free one; 127.0.0.1:8600 or, where that is taken, a free one where not given
+    /// Address to listen on, port 0 for a free one; 127.0.0.1:8600 or, where that is taken, a free one where
+    /// not given
     #[arg(long, value_name = "ADDR")]
     listen: Option<SocketAddr>,
     /// Keep the demonstration's data in this folder instead of a temporary one
@@ -107,11 +109,26 @@ async fn serve_and_replay(args: &DemoArgs, data_dir: PathBuf) -> Result<(), CliE
 }
 
 /// Listens where asked; where nothing was asked and the usual port is taken, on a free one.
-async fn start_anywhere(listen: Option<SocketAddr>, data_dir: PathBuf, clock: Arc<dyn Clock>) -> Result<RunningService, CliError> {
+async fn start_anywhere(
+    listen: Option<SocketAddr>,
+    data_dir: PathBuf,
+    clock: Arc<dyn Clock>,
+) -> Result<RunningService, CliError> {
     let usual = SocketAddr::from((Ipv4Addr::LOCALHOST, 8600));
-    match start(ServiceConfig::new(listen.unwrap_or(usual), &data_dir), clock.clone()).await {
-        Err(StartError::Listen { source, .. }) if listen.is_none() && source.kind() == ErrorKind::AddrInUse => {
-            Ok(start(ServiceConfig::new((Ipv4Addr::LOCALHOST, 0).into(), data_dir), clock).await?)
+    match start(
+        ServiceConfig::new(listen.unwrap_or(usual), &data_dir),
+        clock.clone(),
+    )
+    .await
+    {
+        Err(StartError::Listen { source, .. })
+            if listen.is_none() && source.kind() == ErrorKind::AddrInUse =>
+        {
+            Ok(start(
+                ServiceConfig::new((Ipv4Addr::LOCALHOST, 0).into(), data_dir),
+                clock,
+            )
+            .await?)
         }
         started => Ok(started?),
     }
@@ -174,7 +191,10 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
     for index in 0..args.records {
         due.tick().await;
         let run = run.clone();
-        let simulated = service.workers.run("simulate a record", move || run.record(index)).await??;
+        let simulated = service
+            .workers
+            .run("simulate a record", move || run.record(index))
+            .await??;
         let given = UploadMetadata {
             reference_wear_um: Some(simulated.wear_um),
             ..UploadMetadata::default()
@@ -185,7 +205,10 @@ async fn replay(service: &Arc<Service>, args: &DemoArgs, now: Timestamp) -> Resu
             service.maintenance.add(&id, inspected).await?;
         }
         let ticket = service.workers.admit()?;
-        service.pipeline.accept(&id, RecordFormat::Protobuf, bytes, given, ticket).await?;
+        service
+            .pipeline
+            .accept(&id, RecordFormat::Protobuf, bytes, given, ticket)
+            .await?;
     }
     Ok(())
 }

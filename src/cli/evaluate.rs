@@ -1,4 +1,5 @@
-//! `flankwatch evaluate`: what the wear estimate is worth, on simulated runs to failure whose true wear is known.
+//! `flankwatch evaluate`: what the wear estimate is worth, on simulated runs to failure whose true wear is
+//! known.
 
 use std::path::PathBuf;
 
@@ -61,11 +62,12 @@ pub(super) struct EvaluateArgs {
     /// The gear pair; the pair of Shen et al. 2022 where not given
     #[arg(long)]
     pair: Option<PathBuf>,
-    /// Score recorded runs in place of simulated ones: folders with WAV files in the order of their names, one a record, and a truth.csv
-    /// with a column wear_um
+    /// Score recorded runs in place of simulated ones: folders with WAV files in the order of their names,
+    /// one a record, and a truth.csv with a column wear_um
     #[arg(long, num_args = 1.., value_name = "FOLDER")]
     recorded: Vec<PathBuf>,
-    /// Score the estimate on runs of this many members of the ensemble in place of simulated ones, each with all others
+    /// Score the estimate on runs of this many members of the ensemble in place of simulated ones, each with
+    /// all others
     #[arg(long, value_name = "MEMBERS", conflicts_with = "recorded")]
     leave_one_out: Option<usize>,
     /// With --recorded: leave this many records in the middle of each run out
@@ -74,8 +76,8 @@ pub(super) struct EvaluateArgs {
     /// With --recorded: tell the estimator the true depth half-way, as an inspection with this error in µm
     #[arg(long, requires = "recorded")]
     inspection_um: Option<f64>,
-    /// With --recorded: score these answers in place of the estimator's: JSON, by run a list of median, 5 % and 95 % quantile in µm, or
-    /// null, one a record
+    /// With --recorded: score these answers in place of the estimator's: JSON, by run a list of median, 5 %
+    /// and 95 % quantile in µm, or null, one a record
     #[arg(long, requires = "recorded")]
     answers: Option<PathBuf>,
     /// With --recorded: print JSON
@@ -115,7 +117,14 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
             gap: args.gap,
             inspection_um: args.inspection_um,
         };
-        return recorded_runs::run(&args.recorded, &pair, &ensemble, trial, args.answers.as_deref(), args.json);
+        return recorded_runs::run(
+            &args.recorded,
+            &pair,
+            &ensemble,
+            trial,
+            args.answers.as_deref(),
+            args.json,
+        );
     }
     let settings = EvaluationSettings {
         runs: args.runs,
@@ -123,7 +132,8 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
         states: args.states,
         seed: args.seed,
     };
-    let wanted = |case: &Case| args.cases.hold(case) && args.case.as_ref().is_none_or(|text| case.name.contains(text));
+    let wanted =
+        |case: &Case| args.cases.hold(case) && args.case.as_ref().is_none_or(|text| case.name.contains(text));
     let all = Case::all(&pair);
     let cases: Vec<Case> = all.iter().filter(|case| wanted(case)).cloned().collect();
     if cases.is_empty() {
@@ -159,15 +169,34 @@ pub(super) fn run(args: &EvaluateArgs) -> Result<(), CliError> {
 fn header() -> String {
     format!(
         "{:<24} {:>7} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8} {:>8} {:>9}  {}\n",
-        "case", "error", "90 % <", "bias", "covered", "width", "rank", "flagged", "found", "crossing", "named"
+        "case",
+        "error",
+        "90 % <",
+        "bias",
+        "covered",
+        "width",
+        "rank",
+        "flagged",
+        "found",
+        "crossing",
+        "named"
     )
 }
 
 fn row(score: &Score) -> String {
     let told = score.estimates > 0;
-    let number = |value: f64, digits: usize| if told { format!("{value:.digits$}") } else { "-".to_owned() };
+    let number = |value: f64, digits: usize| {
+        if told {
+            format!("{value:.digits$}")
+        } else {
+            "-".to_owned()
+        }
+    };
     let named = score.named.as_ref();
-    let named = named.map_or_else(|| "-".to_owned(), |(name, part)| format!("{name} ({:.0} %)", 100.0 * part));
+    let named = named.map_or_else(
+        || "-".to_owned(),
+        |(name, part)| format!("{name} ({:.0} %)", 100.0 * part),
+    );
     let part = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
     format!(
         "{:<24} {:>7} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8.4} {:>8} {:>9}  {}\n",
@@ -189,10 +218,18 @@ fn row(score: &Score) -> String {
 fn beside(scores: &[Score]) -> String {
     let mut text = format!(
         "\n{:<24} {:>8} {:>8} {:>8} {:>8}   {:<26} {}\n",
-        "rank correlation of", "wear", "rms", "kurtosis", "omx", "depth at twice the rms", "depth at half wear"
+        "rank correlation of",
+        "wear",
+        "rms",
+        "kurtosis",
+        "omx",
+        "depth at twice the rms",
+        "depth at half wear"
     );
     for score in scores {
-        let (Some(wear), Some([rms, kurtosis, omx])) = (score.rank_correlation, score.single_rank_correlation) else {
+        let (Some(wear), Some([rms, kurtosis, omx])) =
+            (score.rank_correlation, score.single_rank_correlation)
+        else {
             continue;
         };
         let alarm = |depths: Option<[f64; 3]>| {
@@ -213,7 +250,9 @@ fn beside(scores: &[Score]) -> String {
 
 fn page(scores: &[Score], settings: &EvaluationSettings) -> String {
     let mut plot = Plot::new();
-    let ideal = Scatter::new(vec![0.0, 1.0], vec![0.0, 1.0]).mode(Mode::Lines).name("ideal");
+    let ideal = Scatter::new(vec![0.0, 1.0], vec![0.0, 1.0])
+        .mode(Mode::Lines)
+        .name("ideal");
     plot.add_trace(ideal.line(Line::new().color("#000000").width(1.0)));
     for score in scores.iter().filter(|score| score.rank_correlation.is_some()) {
         plot.add_trace(
@@ -225,13 +264,18 @@ fn page(scores: &[Score], settings: &EvaluationSettings) -> String {
     let axis = |title: &str| Axis::new().title(Title::with_text(title)).range(vec![0.0, 1.0]);
     plot.set_layout(
         Layout::new()
-            .title(Title::with_text("Calibration: how often the central interval holds the truth"))
+            .title(Title::with_text(
+                "Calibration: how often the central interval holds the truth",
+            ))
             .height(560)
             .x_axis(axis("nominal coverage"))
             .y_axis(axis("actual coverage")),
     );
     let mut widths = Plot::new();
-    let worn: Vec<&Score> = scores.iter().filter(|score| score.rank_correlation.is_some()).collect();
+    let worn: Vec<&Score> = scores
+        .iter()
+        .filter(|score| score.rank_correlation.is_some())
+        .collect();
     let names: Vec<String> = worn.iter().map(|score| score.case.clone()).collect();
     for (i, name) in ["median", "90 %", "99 %"].into_iter().enumerate() {
         let values: Vec<f64> = worn.iter().map(|score| score.error_quantiles_um[i]).collect();

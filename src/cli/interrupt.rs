@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Exit code of a process that Ctrl-C ended.
 const INTERRUPTED: i32 = 130;
 
-/// A flag that becomes true with the first Ctrl-C. Where Ctrl-C cannot be caught it ends the process, as ever.
+/// A flag that becomes true with the first Ctrl-C. Where Ctrl-C cannot be caught it ends the process, as
+/// ever.
 pub(super) fn interrupted() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     if let Err(error) = listen(Arc::clone(&flag)) {
@@ -17,7 +18,9 @@ pub(super) fn interrupted() -> Arc<AtomicBool> {
 }
 
 fn listen(flag: Arc<AtomicBool>) -> io::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()?;
     let wait = move || {
         runtime.block_on(async {
             while tokio::signal::ctrl_c().await.is_ok() {
@@ -27,5 +30,8 @@ fn listen(flag: Arc<AtomicBool>) -> io::Result<()> {
             }
         });
     };
-    std::thread::Builder::new().name("interrupt".into()).spawn(wait).map(|_| ())
+    std::thread::Builder::new()
+        .name("interrupt".into())
+        .spawn(wait)
+        .map(|_| ())
 }

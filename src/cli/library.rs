@@ -10,7 +10,8 @@ use super::interrupt::interrupted;
 use super::{CliError, output, pair_file};
 use crate::gear::{ContactRule, PairSpec};
 use crate::library::{
-    self, BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, build_into, decode,
+    self, BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf,
+    build_into, decode,
 };
 
 /// Arguments of `flankwatch library`.
@@ -22,7 +23,8 @@ pub(super) struct LibraryArgs {
 
 #[derive(Subcommand)]
 enum LibraryCommand {
-    /// Simulate the wear states of a gear pair, or load them if nothing has changed. Ctrl-C keeps what is done for the next time
+    /// Simulate the wear states of a gear pair, or load them if nothing has changed. Ctrl-C keeps what is
+    /// done for the next time
     Build(BuildArgs),
     /// The libraries that are kept
     List(ShelfArgs),
@@ -45,7 +47,8 @@ struct BuildArgs {
     /// Number of wear states
     #[arg(long, default_value_t = 50)]
     states: usize,
-    /// Greatest wear depth of the last state in µm; 245 at module 6 mm, in proportion to the module, where not given
+    /// Greatest wear depth of the last state in µm; 245 at module 6 mm, in proportion to the module, where
+    /// not given
     #[arg(long)]
     max_wear_um: Option<f64>,
     /// Length of each simulated record in seconds
@@ -54,7 +57,8 @@ struct BuildArgs {
     /// Sampling rate of each simulated record in hertz
     #[arg(long, default_value_t = 20_000.0)]
     rate: f64,
-    /// Torques to simulate as parts of the pair's own, for example 0.5,0.75,1,1.25,1.5: rising, with 1 among them
+    /// Torques to simulate as parts of the pair's own, for example 0.5,0.75,1,1.25,1.5: rising, with 1 among
+    /// them
     #[arg(long, value_delimiter = ',', default_value = "1")]
     torques: Vec<f64>,
     /// Speeds to simulate as parts of the pair's own, in the same way
@@ -114,7 +118,11 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     let control = BuildControl::with_progress(&progress).cancelled_by(&interrupted);
     let id = library::library_id(&pair, &grid);
     let built = match &args.out {
-        None => args.shelf.shelf().get_or_build(&pair, &grid, &control).map(|_| ()),
+        None => args
+            .shelf
+            .shelf()
+            .get_or_build(&pair, &grid, &control)
+            .map(|_| ()),
         Some(path) => match not_reusable(path, &id) {
             None => Ok(()),
             Some(reason) => {
@@ -130,7 +138,10 @@ fn build(args: &BuildArgs) -> Result<(), CliError> {
     }
     built?;
     bar.finish_and_clear();
-    let place = args.out.clone().unwrap_or_else(|| args.shelf.data_dir.join("libraries"));
+    let place = args
+        .out
+        .clone()
+        .unwrap_or_else(|| args.shelf.data_dir.join("libraries"));
     output::print(&format!("library {id} in {}\n", place.display()))
 }
 
@@ -214,7 +225,12 @@ fn table(library: &Library) -> String {
         "state", "wear_um", "rms_m_s2", "kurtosis", "omx_m_s2", "turns"
     );
     for state in library.states() {
-        let value = |name| state.indicators.get(name).map_or_else(|| "-".to_owned(), |x| format!("{x:.4}"));
+        let value = |name| {
+            state
+                .indicators
+                .get(name)
+                .map_or_else(|| "-".to_owned(), |x| format!("{x:.4}"))
+        };
         text += &format!(
             "{:>5} {:>9.1} {:>12} {:>10} {:>12} {:>12}\n",
             state.index,
@@ -222,14 +238,21 @@ fn table(library: &Library) -> String {
             value("rms"),
             value("kurtosis"),
             value("omx"),
-            state.driving_turns.map_or_else(|| "-".to_owned(), |turns| format!("{turns:.3e}"))
+            state
+                .driving_turns
+                .map_or_else(|| "-".to_owned(), |turns| format!("{turns:.3e}"))
         );
     }
     text
 }
 
-/// A pair's library and the ensemble around it from the data folder's `libraries`, simulated where they are not kept yet.
-pub(super) fn kept_ensemble(data_dir: &Path, pair: &PairSpec, members: usize) -> Result<Arc<Ensemble>, CliError> {
+/// A pair's library and the ensemble around it from the data folder's `libraries`, simulated where they are
+/// not kept yet.
+pub(super) fn kept_ensemble(
+    data_dir: &Path,
+    pair: &PairSpec,
+    members: usize,
+) -> Result<Arc<Ensemble>, CliError> {
     let shelf = LibraryShelf::new(data_dir.join("libraries"));
     let grid = GridSettings::default().for_pair(pair);
     let bar = progress_bar(grid.states as u64, "wear states");
@@ -246,6 +269,8 @@ pub(super) fn kept_ensemble(data_dir: &Path, pair: &PairSpec, members: usize) ->
 
 /// A progress bar on standard error, drawn only on a terminal.
 pub(super) fn progress_bar(length: u64, unit: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template(&format!("{{bar:32}} {{pos}}/{{len}} {unit} {{elapsed}}, {{eta}} left {{msg}}"));
+    let style = ProgressStyle::with_template(&format!(
+        "{{bar:32}} {{pos}}/{{len}} {unit} {{elapsed}}, {{eta}} left {{msg}}"
+    ));
     ProgressBar::new(length).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }

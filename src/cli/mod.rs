@@ -100,7 +100,9 @@ enum Command {
 
 /// What is logged: levels by module as `FLANKWATCH_LOG` says (`info,flankwatch::store=debug`).
 fn logged() -> Targets {
-    let asked = std::env::var("FLANKWATCH_LOG").ok().filter(|text| !text.is_empty());
+    let asked = std::env::var("FLANKWATCH_LOG")
+        .ok()
+        .filter(|text| !text.is_empty());
     let usual = || {
         Targets::new()
             .with_default(LevelFilter::WARN)

@@ -19,7 +19,8 @@ pub(super) struct ModelArgs {
     /// Greatest wear depth in mm, in the pair's wear shape
     #[arg(long, conflicts_with = "profile")]
     wear_mm: Option<f64>,
-    /// Wear after this many turns of the driving gear by Archard's law, with the pair's wear coefficient and hardness
+    /// Wear after this many turns of the driving gear by Archard's law, with the pair's wear coefficient and
+    /// hardness
     #[arg(long, conflicts_with_all = ["profile", "wear_mm"])]
     turns: Option<f64>,
     /// Wear table: CSV of gear,radius_mm,depth_um
@@ -58,12 +59,14 @@ struct Row {
     pairs_in_contact: u32,
 }
 
-/// Prints one mesh period, `points` evenly spaced angles from the nominal start of contact on, the period's end excluded.
-/// A reader that closes the output early is no error.
+/// Prints one mesh period, `points` evenly spaced angles from the nominal start of contact on, the period's
+/// end excluded. A reader that closes the output early is no error.
 pub(super) fn run(args: &ModelArgs) -> Result<(), CliError> {
     let cycle = cycle(args)?;
     match write(&cycle, args.format, BufWriter::new(io::stdout().lock())) {
-        Err(source) if source.kind() != ErrorKind::BrokenPipe => Err(CliError::io(Path::new("standard output"))(source)),
+        Err(source) if source.kind() != ErrorKind::BrokenPipe => {
+            Err(CliError::io(Path::new("standard output"))(source))
+        }
         _ => Ok(()),
     }
 }
@@ -137,7 +140,8 @@ mod tests {
     }
 
     fn printed(arguments: &[&str], format: Format) -> Result<String, String> {
-        let line = Line::try_parse_from(std::iter::once(&"model").chain(arguments)).map_err(|error| error.to_string())?;
+        let line = Line::try_parse_from(std::iter::once(&"model").chain(arguments))
+            .map_err(|error| error.to_string())?;
         let cycle = cycle(&line.model).map_err(|error| error.to_string())?;
         let mut out = Vec::new();
         write(&cycle, format, &mut out).map_err(|error| error.to_string())?;
@@ -148,8 +152,16 @@ mod tests {
     fn csv_has_the_stated_columns_from_the_nominal_start_of_contact_on() {
         let text = printed(&[], Format::Csv).unwrap();
         let mut lines = text.lines();
-        assert_eq!(lines.next(), Some("phi1_rad,phi2_rad,stiffness_n_per_m,uste_rad,pairs_in_contact"));
-        let first: Vec<f64> = lines.next().unwrap().split(',').map(|field| field.parse().unwrap()).collect();
+        assert_eq!(
+            lines.next(),
+            Some("phi1_rad,phi2_rad,stiffness_n_per_m,uste_rad,pairs_in_contact")
+        );
+        let first: Vec<f64> = lines
+            .next()
+            .unwrap()
+            .split(',')
+            .map(|field| field.parse().unwrap())
+            .collect();
         assert!((first[0] + 0.277_624_056).abs() < 1e-9);
         assert_eq!(first[4], 2.0);
         assert_eq!(lines.count(), 999);
@@ -157,8 +169,18 @@ mod tests {
 
     #[test]
     fn json_has_the_same_numbers() {
-        let arguments = ["--wear-mm", "0.1", "--points", "50", "--torque-nm", "500", "--contact", "threshold"];
-        let rows: Vec<serde_json::Value> = serde_json::from_str(&printed(&arguments, Format::Json).unwrap()).unwrap();
+        let arguments = [
+            "--wear-mm",
+            "0.1",
+            "--points",
+            "50",
+            "--torque-nm",
+            "500",
+            "--contact",
+            "threshold",
+        ];
+        let rows: Vec<serde_json::Value> =
+            serde_json::from_str(&printed(&arguments, Format::Json).unwrap()).unwrap();
         let csv = printed(&arguments, Format::Csv).unwrap();
         assert_eq!(rows.len(), 50);
         for (row, line) in rows.iter().zip(csv.lines().skip(1)) {
@@ -186,8 +208,9 @@ mod tests {
         }
     }
 
-    /// In single contact, x from the pitch point along the line of action, flanks of curvature radii L₁, L₂ slide by (1 + z₁/z₂) |x| a radian while the contact
-    /// moves over them by L₁ and L₂ z₁/z₂: a turn takes k F/b (1 + z₁/z₂) |x| (1/L₁ + 1/L₂) off both, by which the driven gear lags.
+    /// In single contact, x from the pitch point along the line of action, flanks of curvature radii L₁, L₂
+    /// slide by (1 + z₁/z₂) |x| a radian while the contact moves over them by L₁ and L₂ z₁/z₂: a turn takes k
+    /// F/b (1 + z₁/z₂) |x| (1/L₁ + 1/L₂) off both, by which the driven gear lags.
     #[test]
     fn turns_wear_as_archards_law_says() {
         let turns = 40_000.0;
@@ -230,7 +253,11 @@ mod tests {
         let lag_mm = row[3] * bases[1];
         assert!((lag_mm / lost - 1.0).abs() < 0.05, "{lag_mm} {lost}");
         assert!(rows("0").iter().all(|row| row[3].abs() < 1e-12));
-        assert!(printed(&["--turns=-1"], Format::Csv).unwrap_err().contains("turns is -1"));
+        assert!(
+            printed(&["--turns=-1"], Format::Csv)
+                .unwrap_err()
+                .contains("turns is -1")
+        );
         assert!(printed(&["--turns", "1e9"], Format::Csv).is_err());
         assert!(printed(&["--turns", "5", "--wear-mm", "0.1"], Format::Csv).is_err());
     }
@@ -247,13 +274,21 @@ mod tests {
                 .unwrap_err()
                 .contains("wear depth in mm is NaN")
         );
-        assert!(printed(&["--points", "1"], Format::Csv).unwrap_err().contains("points is 1"));
+        assert!(
+            printed(&["--points", "1"], Format::Csv)
+                .unwrap_err()
+                .contains("points is 1")
+        );
         assert!(
             printed(&["--pair", "no/such.toml"], Format::Csv)
                 .unwrap_err()
                 .contains("no/such.toml")
         );
         assert!(printed(&["--wear-mm", "0.1", "--profile", "x.csv"], Format::Csv).is_err());
-        assert!(printed(&["--contact", "elastic"], Format::Csv).unwrap_err().contains("threshold"));
+        assert!(
+            printed(&["--contact", "elastic"], Format::Csv)
+                .unwrap_err()
+                .contains("threshold")
+        );
     }
 }

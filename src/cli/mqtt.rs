@@ -7,14 +7,20 @@ use crate::cluster::mqtt::{MqttCredentials, MqttError, MqttSettings, MqttTable};
 /// Records from an MQTT broker.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct MqttArgs {
-    /// Broker whose messages are taken as records, mqtt://HOST[:1883] or mqtts://HOST[:8883]; the table mqtt of the settings file says more.
+    /// Broker whose messages are taken as records, mqtt://HOST[:1883] or mqtts://HOST[:8883]; the table mqtt
+    /// of the settings file says more.
     #[arg(long = "mqtt", value_name = "URL")]
     url: Option<String>,
 }
 
 impl MqttArgs {
-    /// The settings that follow with the settings file's table; none where neither names a broker. `max_bytes` is the largest record taken.
-    pub(super) fn resolve(&self, table: Option<MqttTable>, max_bytes: usize) -> Result<Option<MqttSettings>, MqttError> {
+    /// The settings that follow with the settings file's table; none where neither names a broker.
+    /// `max_bytes` is the largest record taken.
+    pub(super) fn resolve(
+        &self,
+        table: Option<MqttTable>,
+        max_bytes: usize,
+    ) -> Result<Option<MqttSettings>, MqttError> {
         if table.is_none() && self.url.is_none() {
             return Ok(None);
         }

@@ -45,9 +45,14 @@ pub(super) async fn open_once(settings: SharedSettings) -> Result<Store, ServeEr
 }
 
 /// Starts an API node.
-pub(super) async fn start_api(service: ServiceConfig, settings: ClusterSettings) -> Result<RunningService, ServeError> {
+pub(super) async fn start_api(
+    service: ServiceConfig,
+    settings: ClusterSettings,
+) -> Result<RunningService, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
-    let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
+    let store = open(settings.store)
+        .await
+        .map_err(crate::cluster::ClusterError::from)?;
     let subscription = cluster.subscribe().await;
     let node = Node {
         store,
@@ -78,15 +83,24 @@ pub(super) async fn start_worker(
     health: Option<SocketAddr>,
 ) -> Result<Working, ServeError> {
     let cluster = Cluster::join(settings.nats).await?;
-    let store = open(settings.store).await.map_err(crate::cluster::ClusterError::from)?;
+    let store = open(settings.store)
+        .await
+        .map_err(crate::cluster::ClusterError::from)?;
     let folders = ServiceFolders {
         libraries: config.data_dir.join("libraries"),
         recordings: config.data_dir.join("recordings"),
         uploads: config.data_dir.join("uploads"),
     };
     let role = Role::Worker(cluster.queue_of_worker());
-    let service =
-        Service::new(store, folders, &config.work, config.grid, Arc::new(SystemClock), role).map_err(crate::cluster::ClusterError::from)?;
+    let service = Service::new(
+        store,
+        folders,
+        &config.work,
+        config.grid,
+        Arc::new(SystemClock),
+        role,
+    )
+    .map_err(crate::cluster::ClusterError::from)?;
     let health = match health {
         Some(address) => Some(HealthServer::start(address, service.clone()).await?),
         None => None,

@@ -20,7 +20,8 @@ pub(super) struct QuarantineArgs {
 enum Action {
     /// List what is in quarantine: since when, bytes, name
     List,
-    /// Put raw recordings back; `flankwatch rebuild` then takes them in, before the next start puts them here again
+    /// Put raw recordings back; `flankwatch rebuild` then takes them in, before the next start puts them here
+    /// again
     Restore {
         /// Their names, or how they begin.
         #[arg(required_unless_present = "all")]
@@ -47,7 +48,10 @@ pub(super) fn run(args: &QuarantineArgs) -> Result<(), CliError> {
             }
         }
         Action::Restore { names, all } => {
-            if let Some(name) = names.iter().find(|name| !quarantined.iter().any(|one| one.name.starts_with(*name))) {
+            if let Some(name) = names
+                .iter()
+                .find(|name| !quarantined.iter().any(|one| one.name.starts_with(*name)))
+            {
                 return Err(CliError::Argument(format!(
                     "{name} is not in quarantine, expected a name that is listed"
                 )));

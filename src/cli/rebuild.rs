@@ -14,7 +14,8 @@ use super::store_place::{StorePlace, runtime};
 use crate::service::{Role, Service, ServiceFolders, SystemClock};
 use crate::store::{Store, StoreSettings};
 
-/// Take in every raw recording that the database does not have, and compute what is derived from it. The service must not run.
+/// Take in every raw recording that the database does not have, and compute what is derived from it. The
+/// service must not run.
 #[derive(Debug, Clone, Args)]
 pub(super) struct RebuildArgs {
     #[command(flatten)]
@@ -71,7 +72,12 @@ pub(super) fn run(args: &RebuildArgs) -> Result<(), CliError> {
     }
     text += &format!(
         "{} assets and {} records taken in; {} records were there, {} had been deleted, {} have no raw recording any more, {} no asset\n",
-        rebuilt.assets, rebuilt.records, rebuilt.known, rebuilt.removed, rebuilt.without_raw, rebuilt.without_asset
+        rebuilt.assets,
+        rebuilt.records,
+        rebuilt.known,
+        rebuilt.removed,
+        rebuilt.without_raw,
+        rebuilt.without_asset
     );
     print(&text)?;
     match rebuilt.failed {

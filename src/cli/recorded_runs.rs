@@ -1,4 +1,5 @@
-//! Recorded runs with the truth beside them: what the estimator, or somebody else's answers, are worth on them.
+//! Recorded runs with the truth beside them: what the estimator, or somebody else's answers, are worth on
+//! them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,7 +10,8 @@ use serde::Deserialize;
 
 use super::{CliError, output};
 use crate::evaluation::{
-    Answer, Observation, RecordedRun, RunScore, SingleIndicators, Trial, follow, leave_one_out, score_run, single_indicators,
+    Answer, Observation, RecordedRun, RunScore, SingleIndicators, Trial, follow, leave_one_out, score_run,
+    single_indicators,
 };
 use crate::gear::PairSpec;
 use crate::library::Ensemble;
@@ -39,7 +41,10 @@ pub(super) fn run(
     answers: Option<&Path>,
     json: bool,
 ) -> Result<(), CliError> {
-    let runs: Vec<RecordedRun> = folders.iter().map(|folder| read(folder, pair)).collect::<Result<_, _>>()?;
+    let runs: Vec<RecordedRun> = folders
+        .iter()
+        .map(|folder| read(folder, pair))
+        .collect::<Result<_, _>>()?;
     let given: Option<Answers> = answers.map(read_answers).transpose()?;
     let mut scores = Vec::new();
     let followed: Vec<(String, Vec<Answer>)> = match &given {
@@ -78,7 +83,12 @@ pub(super) fn run_members(ensemble: &Ensemble, count: usize, trial: Trial) -> Re
         .par_iter()
         .map(|(run, others)| {
             let inspected_at = trial.inspection_um.map(|_| run.records.len() / 2);
-            score_run(&run.name, &follow(run, others, BASELINE, trial), BASELINE as usize, inspected_at)
+            score_run(
+                &run.name,
+                &follow(run, others, BASELINE, trial),
+                BASELINE as usize,
+                inspected_at,
+            )
         })
         .collect();
     scores.iter().try_for_each(|score| output::print(&row(score)))?;
@@ -99,7 +109,9 @@ fn beside(scores: &[SingleIndicators]) -> String {
         "\n{:<24} {:>20} {:>26} {:>10}\n",
         "single indicators", "rms doubled, at µm", "regression on OMX, error", "its rank"
     );
-    let or_dash = |value: Option<f64>, digits: usize| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"));
+    let or_dash = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+    };
     for score in scores {
         text += &format!(
             "{:<24} {:>20} {:>26} {:>10}\n",
@@ -115,7 +127,18 @@ fn beside(scores: &[SingleIndicators]) -> String {
 fn header() -> String {
     format!(
         "{:<24} {:>9} {:>8} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7} {:>8} {:>12}  {}\n",
-        "run", "estimated", "flagged", "covered", "longest", "rank", "error", "bias", "width", "narrow", "after", "last"
+        "run",
+        "estimated",
+        "flagged",
+        "covered",
+        "longest",
+        "rank",
+        "error",
+        "bias",
+        "width",
+        "narrow",
+        "after",
+        "last"
     )
 }
 
@@ -125,7 +148,9 @@ fn row(score: &RunScore) -> String {
         .error_after_um
         .zip(score.width_after_um)
         .map(|(error, width)| format!("{error:.1} {width:.1}"));
-    let last = score.last.map(|[median, low, high]| format!("{median:.0} [{low:.0}, {high:.0}]"));
+    let last = score
+        .last
+        .map(|[median, low, high]| format!("{median:.0} [{low:.0}, {high:.0}]"));
     format!(
         "{:<24} {:>9} {:>8} {:>8.3} {:>8} {:>7} {:>7.1} {:>+7.1} {:>7.1} {:>8} {:>12}  {}\n",
         score.run,
@@ -146,16 +171,21 @@ fn row(score: &RunScore) -> String {
 /// A folder's records in the order of their names, with the truth.
 fn read(folder: &Path, pair: &PairSpec) -> Result<RecordedRun, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", folder.display()));
-    let name = folder
-        .file_name()
-        .map_or_else(|| folder.display().to_string(), |name| name.to_string_lossy().into_owned());
+    let name = folder.file_name().map_or_else(
+        || folder.display().to_string(),
+        |name| name.to_string_lossy().into_owned(),
+    );
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(|error| failed(error.to_string()))?
         .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("wav")))
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|extension| extension.eq_ignore_ascii_case("wav"))
+        })
         .collect();
     files.sort();
-    let mut table = csv::Reader::from_path(folder.join("truth.csv")).map_err(|error| failed(format!("truth.csv: {error}")))?;
+    let mut table = csv::Reader::from_path(folder.join("truth.csv"))
+        .map_err(|error| failed(format!("truth.csv: {error}")))?;
     let truth: Vec<f64> = table
         .deserialize()
         .map(|row| row.map(|Truth { wear_um }| wear_um))
@@ -180,9 +210,15 @@ fn read(folder: &Path, pair: &PairSpec) -> Result<RecordedRun, CliError> {
 }
 
 /// A file's first record.
-fn analyse(analyzer: &mut Analyzer, path: &Path, wear_um: f64, pair: &PairSpec) -> Result<Observation, CliError> {
+fn analyse(
+    analyzer: &mut Analyzer,
+    path: &Path,
+    wear_um: f64,
+    pair: &PairSpec,
+) -> Result<Observation, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
-    let mut file = RecordingFile::open(path, RecordDefaults::default(), None).map_err(|error| failed(error.to_string()))?;
+    let mut file = RecordingFile::open(path, RecordDefaults::default(), None)
+        .map_err(|error| failed(error.to_string()))?;
     let recorded = file
         .next()
         .ok_or_else(|| failed("no record".into()))?
@@ -206,15 +242,24 @@ fn analyse(analyzer: &mut Analyzer, path: &Path, wear_um: f64, pair: &PairSpec) 
 fn read_answers(path: &Path) -> Result<Answers, CliError> {
     let failed = |what: String| CliError::Argument(format!("{}: {what}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| failed(error.to_string()))?;
-    serde_json::from_str(&text).map_err(|error| failed(format!("{error}, expected lists of [median, p05, p95] or null by run")))
+    serde_json::from_str(&text).map_err(|error| {
+        failed(format!(
+            "{error}, expected lists of [median, p05, p95] or null by run"
+        ))
+    })
 }
 
 /// Somebody else's answers to a run.
 fn foreign(run: &RecordedRun, given: &Answers) -> Result<Vec<Answer>, CliError> {
-    let answers = given.get(&run.name).filter(|answers| answers.len() == run.records.len());
+    let answers = given
+        .get(&run.name)
+        .filter(|answers| answers.len() == run.records.len());
     let answers = answers.ok_or_else(|| {
         let expected = run.records.len();
-        CliError::Argument(format!("--answers has no list of {expected} answers for the run {:?}", run.name))
+        CliError::Argument(format!(
+            "--answers has no list of {expected} answers for the run {:?}",
+            run.name
+        ))
     })?;
     let answer = |(record, (wear_um, observation)): (usize, (&Option<[f64; 3]>, &Observation))| Answer {
         record,

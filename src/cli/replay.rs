@@ -28,7 +28,8 @@ const LONGEST_ASKED_WAIT: Duration = Duration::from_secs(600);
 /// Arguments of `flankwatch replay`.
 #[derive(Args)]
 pub(super) struct ReplayArgs {
-    /// MCAP, WAV or CSV (.csv.gz too) recordings in time order, or folders of them, which are taken in the order of names
+    /// MCAP, WAV or CSV (.csv.gz too) recordings in time order, or folders of them, which are taken in the
+    /// order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// The asset that they belong to
@@ -49,7 +50,8 @@ pub(super) struct ReplayArgs {
     /// Sampling rate in hertz of CSV that does not say it
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Cut WAV and CSV recordings into records of this length in seconds; a rest of less than half of it is left out
+    /// Cut WAV and CSV recordings into records of this length in seconds; a rest of less than half of it is
+    /// left out
     #[arg(long)]
     record_seconds: Option<f64>,
     /// Time of the first sample of the first recording that does not say; later ones follow on it
@@ -57,18 +59,26 @@ pub(super) struct ReplayArgs {
     start_time: Timestamp,
 }
 
-/// Runs the command. Sending a record again is harmless, so a replay that was stopped is resumed by starting it again.
+/// Runs the command. Sending a record again is harmless, so a replay that was stopped is resumed by starting
+/// it again.
 pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
     let asset = AssetId::new(args.asset.clone()).map_err(|error| CliError::Argument(error.to_string()))?;
     let mut sender = Sender {
         agent: ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(120)))
-            .tls_config(TlsConfig::builder().root_certs(trusted(args.ca.as_deref())?).build())
+            .tls_config(
+                TlsConfig::builder()
+                    .root_certs(trusted(args.ca.as_deref())?)
+                    .build(),
+            )
             .build()
             .into(),
         url: format!("{}/v1/assets/{asset}/segments", args.url.trim_end_matches('/')),
-        token: args.token.clone().or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()),
+        token: args
+            .token
+            .clone()
+            .or_else(|| std::env::var("FLANKWATCH_TOKEN").ok()),
         pace: args.pace,
         first: None,
         sent: 0,
@@ -90,7 +100,9 @@ pub(super) fn run(args: &ReplayArgs) -> Result<(), CliError> {
 
 /// The certificates of a file, or those that browsers trust.
 pub(super) fn trusted(file: Option<&Path>) -> Result<RootCerts, CliError> {
-    let Some(file) = file else { return Ok(RootCerts::WebPki) };
+    let Some(file) = file else {
+        return Ok(RootCerts::WebPki);
+    };
     let bytes = std::fs::read(file).map_err(CliError::io(file))?;
     let certificates = parse_pem(&bytes).filter_map(|item| match item {
         Ok(PemItem::Certificate(certificate)) => Some(certificate),
@@ -116,17 +128,25 @@ struct Sender {
 }
 
 impl Sender {
-    fn send_file(&mut self, path: &Path, args: &ReplayArgs, next_start: &mut Timestamp, bar: &ProgressBar) -> Result<(), CliError> {
+    fn send_file(
+        &mut self,
+        path: &Path,
+        args: &ReplayArgs,
+        next_start: &mut Timestamp,
+        bar: &ProgressBar,
+    ) -> Result<(), CliError> {
         let defaults = RecordDefaults {
             start_time: *next_start,
             sample_rate_hz: args.rate,
             ..RecordDefaults::default()
         };
-        let mut file = RecordingFile::open(path, defaults, args.record_seconds.map(Cut::Seconds)).map_err(CliError::recording(path))?;
+        let mut file = RecordingFile::open(path, defaults, args.record_seconds.map(Cut::Seconds))
+            .map_err(CliError::recording(path))?;
         let before = bar.position();
         while let Some(recorded) = file.next() {
             let recorded = recorded.map_err(CliError::recording(path))?;
-            let end = recorded.record.start_time() + jiff::SignedDuration::from_secs_f64(recorded.record.duration_s());
+            let end = recorded.record.start_time()
+                + jiff::SignedDuration::from_secs_f64(recorded.record.duration_s());
             *next_start = (*next_start).max(end);
             self.wait_for_its_time(recorded.record.start_time());
             self.send(&recorded)?;

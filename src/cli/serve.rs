@@ -43,8 +43,8 @@ pub(super) struct ServeArgs {
     /// Ask nobody for a token: everyone who reaches the address may do everything.
     #[arg(long)]
     pub insecure_no_tokens: bool,
-    /// A name by which others reach the service through another server on this machine; may be given more than once. Needed where nobody is
-    /// asked for a token.
+    /// A name by which others reach the service through another server on this machine; may be given more
+    /// than once. Needed where nobody is asked for a token.
     #[arg(long, value_name = "NAME")]
     pub host_name: Vec<String>,
     #[cfg(feature = "cluster")]
@@ -81,11 +81,15 @@ pub enum ServeError {
     #[error(transparent)]
     Service(#[from] StartError),
     /// The program cannot be a part of a cluster.
-    #[error("{0} needs a program with the feature `cluster`, and this one was built without it: cargo build --release --features cluster")]
+    #[error(
+        "{0} needs a program with the feature `cluster`, and this one was built without it: cargo build --release --features cluster"
+    )]
     WithoutCluster(&'static str),
     /// The settings file says nothing of a cluster.
     #[cfg(feature = "cluster")]
-    #[error("settings file: the table cluster is missing, expected cluster.database, cluster.nats and cluster.objects")]
+    #[error(
+        "settings file: the table cluster is missing, expected cluster.database, cluster.nats and cluster.objects"
+    )]
     NoClusterTable,
     /// The process cannot be a part of the cluster.
     #[cfg(feature = "cluster")]
@@ -127,7 +131,8 @@ pub(super) struct Resolved {
     mqtt: Option<MqttTable>,
 }
 
-/// The table `retention` of the settings file: raw recordings that are kept; what is derived from them always is.
+/// The table `retention` of the settings file: raw recordings that are kept; what is derived from them always
+/// is.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct RetentionTable {
@@ -200,7 +205,9 @@ impl ServeArgs {
         }
         #[cfg(not(feature = "cluster"))]
         if file.cluster.is_some() {
-            return Err(ServeError::WithoutCluster("the table cluster of the settings file"));
+            return Err(ServeError::WithoutCluster(
+                "the table cluster of the settings file",
+            ));
         }
         Ok(Resolved {
             #[cfg(feature = "cluster")]
@@ -234,23 +241,53 @@ impl LimitsTable {
         }
         set(&mut config.http.record_bytes, self.record_bytes);
         set(&mut config.http.recording_bytes, self.recording_bytes);
-        set(&mut config.http.uploads_at_once, self.uploads_at_once.map(|n| n.max(1)));
-        set(&mut config.http.body_timeout, self.body_timeout_s.map(Duration::from_secs));
-        set(&mut config.http.body_idle, self.body_idle_s.map(Duration::from_secs));
+        set(
+            &mut config.http.uploads_at_once,
+            self.uploads_at_once.map(|n| n.max(1)),
+        );
+        set(
+            &mut config.http.body_timeout,
+            self.body_timeout_s.map(Duration::from_secs),
+        );
+        set(
+            &mut config.http.body_idle,
+            self.body_idle_s.map(Duration::from_secs),
+        );
         set(&mut config.http.body_bytes_per_s, self.body_bytes_per_s);
-        set(&mut config.http.request_timeout, self.request_timeout_s.map(Duration::from_secs));
+        set(
+            &mut config.http.request_timeout,
+            self.request_timeout_s.map(Duration::from_secs),
+        );
         set(&mut config.http.grace, self.grace_s.map(Duration::from_secs));
         set(&mut config.http.connections, self.connections.map(|n| n.max(1)));
         // Less than this the HTTP library does not take.
-        set(&mut config.http.header_bytes, self.header_bytes.map(|n| n.max(8192)));
-        set(&mut config.http.header_timeout, self.header_timeout_s.map(Duration::from_secs));
-        set(&mut config.http.write_timeout, self.write_timeout_s.map(Duration::from_secs));
+        set(
+            &mut config.http.header_bytes,
+            self.header_bytes.map(|n| n.max(8192)),
+        );
+        set(
+            &mut config.http.header_timeout,
+            self.header_timeout_s.map(Duration::from_secs),
+        );
+        set(
+            &mut config.http.write_timeout,
+            self.write_timeout_s.map(Duration::from_secs),
+        );
         set(&mut config.http.requests_per_s, self.requests_per_s);
         set(&mut config.http.events_kept, self.events_kept);
-        set(&mut config.work.start_time_ahead, self.start_time_ahead_s.map(Duration::from_secs));
+        set(
+            &mut config.work.start_time_ahead,
+            self.start_time_ahead_s.map(Duration::from_secs),
+        );
         set(&mut config.work.bytes_at_once, self.bytes_at_once);
-        set(&mut config.work.requests_at_once, self.requests_at_once.map(|n| n.max(1)));
-        set(&mut config.work.recordings_at_once, self.recordings_at_once.map(|n| n.max(1)));
+        set(
+            &mut config.work.requests_at_once,
+            self.requests_at_once.map(|n| n.max(1)),
+        );
+        set(
+            &mut config.work.recordings_at_once,
+            self.recordings_at_once.map(|n| n.max(1)),
+        );
         set(&mut config.work.workers, self.workers.map(|n| n.max(1)));
     }
 }
@@ -259,7 +296,9 @@ impl LimitsTable {
 pub(super) fn run(args: &ServeArgs) -> Result<(), ServeError> {
     let resolved = args.resolve()?;
     #[cfg(feature = "cluster")]
-    let mqtt = args.mqtt.resolve(resolved.mqtt, resolved.service.http.record_bytes)?;
+    let mqtt = args
+        .mqtt
+        .resolve(resolved.mqtt, resolved.service.http.record_bytes)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(async {
         #[cfg(feature = "cluster")]
@@ -331,7 +370,10 @@ mod tests {
         assert_eq!(config.listen.port(), 2);
         assert_eq!(config.data_dir, PathBuf::from("d"));
         assert_eq!((config.http.record_bytes, config.http.uploads_at_once), (1000, 3));
-        assert_eq!((config.work.quotas.bytes, config.work.quotas.bytes_per_asset), (Some(5), None));
+        assert_eq!(
+            (config.work.quotas.bytes, config.work.quotas.bytes_per_asset),
+            (Some(5), None)
+        );
     }
 
     #[test]
@@ -344,6 +386,9 @@ mod tests {
             ..ServeArgs::default()
         };
         let error = args.resolve().map(|_| ()).unwrap_err().to_string();
-        assert!(error.contains("record_byte") && error.contains("flankwatch.toml"), "{error}");
+        assert!(
+            error.contains("record_byte") && error.contains("flankwatch.toml"),
+            "{error}"
+        );
     }
 }

@@ -40,7 +40,8 @@ pub(super) struct SimulateArgs {
     /// Seed of the transmission path, the noise and the operating points
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Greatest wear depth of the last record in µm; 245 at module 6 mm, in proportion to the module, where not given
+    /// Greatest wear depth of the last record in µm; 245 at module 6 mm, in proportion to the module, where
+    /// not given
     #[arg(long)]
     max_wear_um: Option<f64>,
     /// Wear grows with time to this power
@@ -105,7 +106,10 @@ pub(super) fn run(args: &SimulateArgs) -> Result<(), CliError> {
 }
 
 /// Simulates every record in parallel batches and hands them on in order.
-fn for_each_record(run: &Run, mut take: impl FnMut(u32, SimulatedRecord) -> Result<(), CliError>) -> Result<(), CliError> {
+fn for_each_record(
+    run: &Run,
+    mut take: impl FnMut(u32, SimulatedRecord) -> Result<(), CliError>,
+) -> Result<(), CliError> {
     let records = run.plan().records;
     for first in (0..records).step_by(BATCH as usize) {
         let batch: Vec<_> = (first..records.min(first + BATCH))
@@ -122,18 +126,25 @@ fn for_each_record(run: &Run, mut take: impl FnMut(u32, SimulatedRecord) -> Resu
 fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), CliError> {
     let temporary = args.out.with_extension("mcap.part");
     let file = File::create(&temporary).map_err(CliError::io(&temporary))?;
-    // The noise of a vibration does not compress: zstd takes 7 % off, and twice as long to read back as the SHA-256 of what it gives.
+    // The noise of a vibration does not compress: zstd takes 7 % off, and twice as long to read back as the
+    // SHA-256 of what it gives.
     let options = McapOptions {
         compression: McapCompression::None,
     };
-    let mut writer = McapWriter::new(BufWriter::new(file), options).map_err(CliError::recording(&args.out))?;
+    let mut writer =
+        McapWriter::new(BufWriter::new(file), options).map_err(CliError::recording(&args.out))?;
     let mut truth = BTreeMap::new();
     for index in 0..args.records {
-        truth.insert(run.start_time(index).as_nanosecond().to_string(), run.wear_um(index).to_string());
+        truth.insert(
+            run.start_time(index).as_nanosecond().to_string(),
+            run.wear_um(index).to_string(),
+        );
     }
-    writer.metadata("reference_wear", truth).map_err(CliError::recording(&args.out))?;
-    let pair =
-        toml::to_string(&run.plan().pair).map_err(|error| CliError::Argument(format!("the gear pair cannot be written: {error}")))?;
+    writer
+        .metadata("reference_wear", truth)
+        .map_err(CliError::recording(&args.out))?;
+    let pair = toml::to_string(&run.plan().pair)
+        .map_err(|error| CliError::Argument(format!("the gear pair cannot be written: {error}")))?;
     writer
         .metadata("gear_pair", BTreeMap::from([("toml".to_owned(), pair)]))
         .map_err(CliError::recording(&args.out))?;
@@ -142,13 +153,18 @@ fn write_mcap(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result<(), C
         ("seed", args.seed.to_string()),
         ("snr_db", args.snr_db.to_string()),
     ];
-    let acquisition = acquisition.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+    let acquisition = acquisition
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect();
     writer
         .metadata("acquisition", acquisition)
         .map_err(CliError::recording(&args.out))?;
     let topic = format!("/{}/{}/waveform", args.asset, run.plan().channel);
     for_each_record(run, |_, simulated| {
-        writer.write(&topic, &simulated.record).map_err(CliError::recording(&args.out))?;
+        writer
+            .write(&topic, &simulated.record)
+            .map_err(CliError::recording(&args.out))?;
         bar.inc(1);
         Ok(())
     })?;
@@ -178,7 +194,8 @@ fn write_wav_folder(args: &SimulateArgs, run: &Run, bar: &ProgressBar) -> Result
 
 fn write_wav(path: &Path, record: &Record) -> Result<(), CliError> {
     let mut bytes = Cursor::new(Vec::new());
-    let mut writer = WavWriter::new(&mut bytes, 1, record.sample_rate_hz()).map_err(CliError::recording(path))?;
+    let mut writer =
+        WavWriter::new(&mut bytes, 1, record.sample_rate_hz()).map_err(CliError::recording(path))?;
     for &sample in record.samples() {
         writer.write_frame(&[sample]).map_err(CliError::recording(path))?;
     }

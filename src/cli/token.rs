@@ -10,7 +10,8 @@ use super::output::print;
 use super::serve::ServeArgs;
 use crate::http::{Scope, Token, Tokens};
 
-/// Make, list and revoke the tokens of a service; a running one sees the change at once, those of a cluster within 2 s.
+/// Make, list and revoke the tokens of a service; a running one sees the change at once, those of a cluster
+/// within 2 s.
 #[derive(Debug, Clone, Args)]
 pub(super) struct TokenArgs {
     #[command(subcommand)]
@@ -85,6 +86,14 @@ async fn in_cluster(action: &Action, settings: crate::store::SharedSettings) -> 
 }
 
 fn listed(tokens: &[Token]) -> String {
-    let line = |token: &Token| format!("{}  {:5}  {:.0}  {}\n", token.id, token.scope.name(), token.created_at, token.name);
+    let line = |token: &Token| {
+        format!(
+            "{}  {:5}  {:.0}  {}\n",
+            token.id,
+            token.scope.name(),
+            token.created_at,
+            token.name
+        )
+    };
     tokens.iter().map(line).collect()
 }

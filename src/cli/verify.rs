@@ -7,7 +7,8 @@ use super::output::print;
 use super::store_place::{StorePlace, runtime};
 use crate::store::Store;
 
-/// Compare the database with the raw recordings, also while a service works on them. Fails where something is wrong.
+/// Compare the database with the raw recordings, also while a service works on them. Fails where something is
+/// wrong.
 #[derive(Debug, Clone, Args)]
 pub(super) struct VerifyArgs {
     #[command(flatten)]

@@ -33,7 +33,11 @@ impl Attempts {
         let Some(subject) = subject(connection, message) else {
             return Ok(Self::default());
         };
-        let stream = match connection.jetstream.get_stream_no_info(connection.attempts_stream()).await {
+        let stream = match connection
+            .jetstream
+            .get_stream_no_info(connection.attempts_stream())
+            .await
+        {
             Ok(stream) => stream,
             Err(error) => return Err(failed(error.into())),
         };
@@ -45,7 +49,11 @@ impl Attempts {
     }
 
     /// Excuses the present delivery of a record, and keeps why.
-    pub(super) async fn excuse(connection: &Connection, message: &Message, error: &str) -> Result<(), ClusterError> {
+    pub(super) async fn excuse(
+        connection: &Connection,
+        message: &Message,
+        error: &str,
+    ) -> Result<(), ClusterError> {
         let Some(subject) = subject(connection, message) else {
             return Ok(());
         };
@@ -58,7 +66,8 @@ impl Attempts {
             latest: delivery,
             last_error: error.chars().take(MAX_ERROR).collect(),
         };
-        let failed = |error: async_nats::Error| ClusterError::jetstream("keep what is known of a record")(error);
+        let failed =
+            |error: async_nats::Error| ClusterError::jetstream("keep what is known of a record")(error);
         let payload = serde_json::to_vec(&known).map_err(|error| failed(error.into()))?;
         let sent = connection.jetstream.publish(subject, payload.into()).await;
         sent.map_err(|error| failed(error.into()))?
@@ -69,9 +78,14 @@ impl Attempts {
 
     /// Forgets a record that is done. What stays where this fails goes with its age.
     pub(super) async fn forget(connection: &Connection, message: &Message) {
-        let Some(subject) = subject(connection, message) else { return };
+        let Some(subject) = subject(connection, message) else {
+            return;
+        };
         let forgotten = async {
-            let stream = connection.jetstream.get_stream_no_info(connection.attempts_stream()).await?;
+            let stream = connection
+                .jetstream
+                .get_stream_no_info(connection.attempts_stream())
+                .await?;
             stream.purge().filter(subject).await?;
             Ok::<_, async_nats::Error>(())
         };
@@ -84,5 +98,9 @@ impl Attempts {
 /// Where what is known of a message of the queue is kept: under its place there.
 fn subject(connection: &Connection, message: &Message) -> Option<String> {
     let info = message.info().ok()?;
-    Some(format!("{}.{}", connection.attempts_subject(), info.stream_sequence))
+    Some(format!(
+        "{}.{}",
+        connection.attempts_subject(),
+        info.stream_sequence
+    ))
 }

@@ -101,7 +101,9 @@ impl NatsSettings {
             });
         options = match &self.credentials {
             NatsCredentials::None => options,
-            NatsCredentials::Password { user, password } => options.user_and_password(user.clone(), password.clone()),
+            NatsCredentials::Password { user, password } => {
+                options.user_and_password(user.clone(), password.clone())
+            }
             NatsCredentials::Token(token) => options.token(token.clone()),
             NatsCredentials::File(path) => {
                 let read = options.credentials_file(path).await;

@@ -15,7 +15,11 @@ use crate::service::QueuedRecord;
 const REASON: &str = "Flankwatch-Reason";
 
 /// Keeps a message that will not be worked on again; it is safe once this returns.
-pub(super) async fn put(connection: &Connection, message: &Message, reason: &str) -> Result<(), ClusterError> {
+pub(super) async fn put(
+    connection: &Connection,
+    message: &Message,
+    reason: &str,
+) -> Result<(), ClusterError> {
     tracing::error!(reason, "put a record among the dead letters");
     let mut headers = HeaderMap::new();
     headers.insert(REASON, one_line(reason));
@@ -35,7 +39,11 @@ pub(super) async fn put(connection: &Connection, message: &Message, reason: &str
 
 /// A header's value ends with its line.
 fn one_line(reason: &str) -> String {
-    reason.chars().map(|c| if c.is_control() { ' ' } else { c }).take(1000).collect()
+    reason
+        .chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .take(1000)
+        .collect()
 }
 
 /// A record that could not be stored, as it is kept.
@@ -76,7 +84,10 @@ pub(super) async fn retry(connection: &Connection, number: u64) -> Result<(), Cl
     let stream = stream(connection).await?;
     let letter = message(&stream, number).await?;
     // Under no name: the queue may remember the record's as one that it had.
-    let sent = connection.jetstream.publish(connection.work_subject(), letter.payload).await;
+    let sent = connection
+        .jetstream
+        .publish(connection.work_subject(), letter.payload)
+        .await;
     sent.map_err(|error| failed()(error.into()))?
         .await
         .map_err(|error| failed()(error.into()))?;
@@ -122,7 +133,11 @@ async fn delete(stream: &Stream, number: u64) -> Result<(), ClusterError> {
 fn letter_of(message: &StreamMessage) -> DeadLetter {
     DeadLetter {
         number: message.sequence,
-        reason: message.headers.get(REASON).map(ToString::to_string).unwrap_or_default(),
+        reason: message
+            .headers
+            .get(REASON)
+            .map(ToString::to_string)
+            .unwrap_or_default(),
         put_at: Timestamp::from_nanosecond(message.time.unix_timestamp_nanos()).unwrap_or_default(),
         message_bytes: message.payload.len(),
         record: message::decode(&message.payload).ok(),

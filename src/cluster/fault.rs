@@ -16,11 +16,15 @@ pub(super) enum Fault {
 impl From<&ServiceError> for Fault {
     fn from(error: &ServiceError) -> Self {
         match error {
-            ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) | ServiceError::File { .. } => Self::Elsewhere,
+            ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) | ServiceError::File { .. } => {
+                Self::Elsewhere
+            }
             // What a database, an object store or a network says is no proof against a record.
             ServiceError::Store(error) if !error.may_be_of_record() => Self::Elsewhere,
             ServiceError::Recording(error) if error.is_full() => Self::Elsewhere,
-            ServiceError::Recording(_) | ServiceError::Field { .. } | ServiceError::QueuedOtherwise { .. } => Self::Own,
+            ServiceError::Recording(_)
+            | ServiceError::Field { .. }
+            | ServiceError::QueuedOtherwise { .. } => Self::Own,
             _ => Self::Doubtful,
         }
     }
@@ -58,7 +62,12 @@ mod tests {
             source: Box::new(away),
         };
         let lost = StoreError::Database(sqlx::Error::Io(std::io::ErrorKind::ConnectionReset.into()));
-        for error in [full, bucket.into(), lost.into(), StoreError::Outdated("the channel").into()] {
+        for error in [
+            full,
+            bucket.into(),
+            lost.into(),
+            StoreError::Outdated("the channel").into(),
+        ] {
             assert_eq!(Fault::from(&error), Fault::Elsewhere, "{error}");
         }
         let missing = ServiceError::Store(StoreError::ObjectMissing("ab".to_owned()));

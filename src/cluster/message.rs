@@ -9,7 +9,10 @@ use crate::asset::{AssetId, RawReference, SegmentId};
 use crate::service::QueuedRecord;
 use crate::signal::OperatingPoint;
 
-#[expect(unreachable_pub, reason = "generated from the schema, which says what each field is")]
+#[expect(
+    unreachable_pub,
+    reason = "generated from the schema, which says what each field is"
+)]
 mod generated {
     include!("message/work.rs");
 }
@@ -42,15 +45,18 @@ pub(super) fn encode(record: &QueuedRecord) -> Result<Bytes, ClusterError> {
 ///
 /// Error: [`ClusterError::Message`] with the field at fault.
 pub(super) fn decode(bytes: &[u8]) -> Result<QueuedRecord, ClusterError> {
-    let message = generated::QueuedRecord::decode(bytes).map_err(|error| ClusterError::Message(error.to_string()))?;
-    let is_hash = message.raw_sha256.len() == 64 && message.raw_sha256.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let message =
+        generated::QueuedRecord::decode(bytes).map_err(|error| ClusterError::Message(error.to_string()))?;
+    let is_hash =
+        message.raw_sha256.len() == 64 && message.raw_sha256.bytes().all(|byte| byte.is_ascii_hexdigit());
     if !is_hash {
         let found = &message.raw_sha256;
         return Err(ClusterError::Message(format!(
             "raw_sha256 is {found:?}, expected 64 hexadecimal digits"
         )));
     }
-    let asset = AssetId::new(message.asset).map_err(|error| ClusterError::Message(format!("asset: {error}")))?;
+    let asset =
+        AssetId::new(message.asset).map_err(|error| ClusterError::Message(format!("asset: {error}")))?;
     Ok(QueuedRecord {
         id: SegmentId(message.segment_id),
         asset_id: asset,

@@ -16,7 +16,8 @@ const WORKERS_ANSWER: Duration = Duration::from_millis(300);
 
 /// Looks at the queue and asks for workers.
 pub(super) async fn look(connection: &Connection) -> Result<QueueOverview, ClusterError> {
-    let (queue, dead_letters, workers) = tokio::join!(queue(connection), dead_letters(connection), workers(connection));
+    let (queue, dead_letters, workers) =
+        tokio::join!(queue(connection), dead_letters(connection), workers(connection));
     Ok(QueueOverview {
         dead_letters: dead_letters?,
         workers: workers?,
@@ -53,7 +54,10 @@ async fn queue(connection: &Connection) -> Result<QueueOverview, ClusterError> {
         None
     } else {
         let from = state.first_sequence.max(floor + 1);
-        match stream.get_first_raw_message_by_subject(&connection.work_subject(), from).await {
+        match stream
+            .get_first_raw_message_by_subject(&connection.work_subject(), from)
+            .await
+        {
             Ok(oldest) => Timestamp::from_nanosecond(oldest.time.unix_timestamp_nanos()).ok(),
             // It was done meanwhile.
             Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => None,
@@ -81,8 +85,13 @@ async fn workers(connection: &Connection) -> Result<Vec<WorkerOverview>, Cluster
     let failed = || ClusterError::jetstream("ask for workers");
     let client = &connection.client;
     let inbox = client.new_inbox();
-    let mut answers = client.subscribe(inbox.clone()).await.map_err(|error| failed()(error.into()))?;
-    let asked = client.publish_with_reply(connection.workers_subject(), inbox, "".into()).await;
+    let mut answers = client
+        .subscribe(inbox.clone())
+        .await
+        .map_err(|error| failed()(error.into()))?;
+    let asked = client
+        .publish_with_reply(connection.workers_subject(), inbox, "".into())
+        .await;
     asked.map_err(|error| failed()(error.into()))?;
     let mut workers = Vec::new();
     let collect = async {

@@ -49,7 +49,9 @@ impl Queue {
             value: error.to_string(),
             expected: "one that a message can hold",
         })?;
-        let message = PublishMessage::build().payload(payload).message_id(message_id(record));
+        let message = PublishMessage::build()
+            .payload(payload)
+            .message_id(message_id(record));
         let sent = self
             .connection
             .jetstream
@@ -94,7 +96,9 @@ impl WorkQueue for Queue {
             }
             for acknowledgement in acknowledgements {
                 match acknowledgement.await {
-                    Ok(acknowledged) => tracing::trace!(acknowledged.sequence, acknowledged.duplicate, "queued"),
+                    Ok(acknowledged) => {
+                        tracing::trace!(acknowledged.sequence, acknowledged.duplicate, "queued")
+                    }
                     Err(error) => {
                         if error.kind() == PublishErrorKind::StreamNotFound {
                             self.connection.prepare().await.map_err(|error| {
@@ -165,7 +169,11 @@ impl WorkQueue for Queue {
 }
 
 /// The raw objects of the records in a stream.
-async fn objects_of(connection: &Connection, stream: String, subject: &str) -> Result<HashSet<String>, ClusterError> {
+async fn objects_of(
+    connection: &Connection,
+    stream: String,
+    subject: &str,
+) -> Result<HashSet<String>, ClusterError> {
     let failed = ClusterError::jetstream("look through a stream");
     let stream = match connection.jetstream.get_stream(stream).await {
         Ok(stream) => stream,
@@ -190,7 +198,12 @@ impl Queue {
     async fn full_or_away(&self) -> Option<String> {
         match self.connection.work_state().await {
             // Where the stream is missing, making it says why it cannot be made.
-            Err(_) => self.connection.prepare().await.err().map(|error| error.to_string()),
+            Err(_) => self
+                .connection
+                .prepare()
+                .await
+                .err()
+                .map(|error| error.to_string()),
             Ok(state) => {
                 let settings = self.connection.settings();
                 let (most, most_bytes) = (settings.max_records, settings.max_bytes);
@@ -198,7 +211,10 @@ impl Queue {
                     return Some(format!("full: {} of {most} records wait", state.messages));
                 }
                 if self.fills && state.bytes.saturating_add(MESSAGE_BYTES) > most_bytes.unsigned_abs() {
-                    return Some(format!("full: {} of {most_bytes} bytes of messages wait", state.bytes));
+                    return Some(format!(
+                        "full: {} of {most_bytes} bytes of messages wait",
+                        state.bytes
+                    ));
                 }
                 let written = self.connection.check_writable().await;
                 written.err().map(|error| error.to_string())

@@ -96,9 +96,16 @@ impl ClusterTable {
     /// Error: [`ClusterError::Setting`] with the field, its value and what was expected.
     pub fn resolve(self, secrets: ClusterSecrets) -> Result<ClusterSettings, ClusterError> {
         let name = self.name.unwrap_or_else(|| "flankwatch".to_owned());
-        let is_usable = |name: &str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
+        let is_usable = |name: &str| {
+            name.bytes()
+                .all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte))
+        };
         if name.is_empty() || name.len() > MAX_NAME || !is_usable(&name) {
-            return Err(wrong("cluster.name", name, "1 to 64 characters of a-z, A-Z, 0-9, - and _"));
+            return Err(wrong(
+                "cluster.name",
+                name,
+                "1 to 64 characters of a-z, A-Z, 0-9, - and _",
+            ));
         }
         let objects = self.objects.resolve(&secrets)?;
         let mut store = self.database.resolve(secrets.database_url, objects)?;
@@ -106,7 +113,9 @@ impl ClusterTable {
             // Younger ones may be those of records that wait in the queue.
             store.orphan_age = Duration::from_secs(at_least("cluster.objects.orphan_age_s", age, 3600)?);
         }
-        let nats = self.nats.resolve(name, secrets.nats_password, secrets.nats_token)?;
+        let nats = self
+            .nats
+            .resolve(name, secrets.nats_password, secrets.nats_token)?;
         Ok(ClusterSettings {
             store,
             nats,
@@ -116,7 +125,11 @@ impl ClusterTable {
 }
 
 impl DatabaseTable {
-    fn resolve(self, secret_url: Option<String>, objects: ObjectsSettings) -> Result<SharedSettings, ClusterError> {
+    fn resolve(
+        self,
+        secret_url: Option<String>,
+        objects: ObjectsSettings,
+    ) -> Result<SharedSettings, ClusterError> {
         let missing = "postgres://user:password@host/name, here or in FLANKWATCH_DATABASE_URL";
         let url = secret_url.or(self.url);
         let url = url.ok_or_else(|| wrong("cluster.database.url", "missing", missing))?;
@@ -138,14 +151,20 @@ impl DatabaseTable {
             settings.read_connections = at_least("cluster.database.read_connections", connections, 1)?;
         }
         if let Some(timeout) = self.connect_timeout_s {
-            settings.connect_timeout = Duration::from_secs(at_least("cluster.database.connect_timeout_s", timeout, 1)?);
+            settings.connect_timeout =
+                Duration::from_secs(at_least("cluster.database.connect_timeout_s", timeout, 1)?);
         }
         Ok(settings)
     }
 }
 
 impl NatsTable {
-    fn resolve(self, name: String, password: Option<String>, token: Option<String>) -> Result<NatsSettings, ClusterError> {
+    fn resolve(
+        self,
+        name: String,
+        password: Option<String>,
+        token: Option<String>,
+    ) -> Result<NatsSettings, ClusterError> {
         let expected = "addresses nats://host:4222 or tls://host:4222";
         if self.urls.is_empty() {
             return Err(wrong("cluster.nats.urls", "missing", expected));
@@ -170,7 +189,8 @@ impl NatsTable {
                 return Err(wrong("cluster.nats.user", user, expected));
             }
             _ => {
-                let expected = "one of credentials_file, user with FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN";
+                let expected =
+                    "one of credentials_file, user with FLANKWATCH_NATS_PASSWORD, FLANKWATCH_NATS_TOKEN";
                 return Err(wrong("cluster.nats", "several credentials", expected));
             }
         };
@@ -180,7 +200,9 @@ impl NatsTable {
             }
             settings.replicas = replicas;
         }
-        let count = |field, given: u64| i64::try_from(at_least(field, given, 1)?).map_err(|_| wrong(field, given, "less than 2^63"));
+        let count = |field, given: u64| {
+            i64::try_from(at_least(field, given, 1)?).map_err(|_| wrong(field, given, "less than 2^63"))
+        };
         if let Some(most) = self.max_records {
             settings.max_records = count("cluster.nats.max_records", most)?;
         }
@@ -301,11 +323,17 @@ mod tests {
     fn a_whole_table_is_taken() {
         let settings = resolve(WHOLE, with_password()).unwrap();
         assert_eq!(
-            (settings.nats.urls.len(), settings.nats.replicas, settings.worker.at_once),
+            (
+                settings.nats.urls.len(),
+                settings.nats.replicas,
+                settings.worker.at_once
+            ),
             (2, 3, 3)
         );
         assert_eq!(settings.nats.name, "flankwatch");
-        assert!(matches!(settings.store.objects, ObjectsSettings::Bucket(bucket) if bucket.bucket == "records"));
+        assert!(
+            matches!(settings.store.objects, ObjectsSettings::Bucket(bucket) if bucket.bucket == "records")
+        );
     }
 
     #[test]
@@ -314,7 +342,10 @@ mod tests {
             database_url: Some("postgres://x:y@elsewhere/z".into()),
             ..with_password()
         };
-        assert_eq!(resolve(WHOLE, secrets).unwrap().store.database_url, "postgres://x:y@elsewhere/z");
+        assert_eq!(
+            resolve(WHOLE, secrets).unwrap().store.database_url,
+            "postgres://x:y@elsewhere/z"
+        );
     }
 
     #[test]
@@ -329,7 +360,10 @@ mod tests {
                 WHOLE.replace("postgres://flankwatch@", "mysql://u:hidden@"),
                 vec!["cluster.database.url", "mysql"],
             ),
-            (WHOLE.replace("nats://b", "http://b"), vec!["cluster.nats.urls", "http://b:4222"]),
+            (
+                WHOLE.replace("nats://b", "http://b"),
+                vec!["cluster.nats.urls", "http://b:4222"],
+            ),
             (
                 WHOLE.replace("replicas = 3", "replicas = 9"),
                 vec!["cluster.nats.replicas", "9", "1 to 5"],
@@ -338,7 +372,10 @@ mod tests {
                 WHOLE.replace("at_once = 3", "at_once = 0"),
                 vec!["cluster.worker.at_once", "0", "at least 1"],
             ),
-            (without("bucket = \"records\""), vec!["cluster.objects", "missing"]),
+            (
+                without("bucket = \"records\""),
+                vec!["cluster.objects", "missing"],
+            ),
             (WHOLE.replace("at_once", "at_onec"), vec!["at_onec"]),
             (format!("name = \"a.b\"\n{WHOLE}"), vec!["cluster.name", "a.b"]),
         ] {

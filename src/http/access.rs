@@ -37,7 +37,12 @@ impl TokenPlace {
     }
 
     /// Makes a token; returns it and what is kept of it.
-    pub(super) async fn issue(&self, name: String, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
+    pub(super) async fn issue(
+        &self,
+        name: String,
+        scope: Scope,
+        now: Timestamp,
+    ) -> Result<(String, Token), TokenError> {
         match self {
             Self::File(tokens) => {
                 let tokens = Arc::clone(tokens);
@@ -60,8 +65,12 @@ impl TokenPlace {
 }
 
 /// Does what waits for the disk.
-async fn off_thread<T: Send + 'static>(work: impl FnOnce() -> Result<T, TokenError> + Send + 'static) -> Result<T, TokenError> {
-    tokio::task::spawn_blocking(work).await.unwrap_or(Err(TokenError::Silent))
+async fn off_thread<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, TokenError> + Send + 'static,
+) -> Result<T, TokenError> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .unwrap_or(Err(TokenError::Silent))
 }
 
 /// Whether requests need a token.
@@ -108,7 +117,12 @@ impl Access {
         Ok(&self.tokens)
     }
 
-    async fn check(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<Option<Caller>, Problem> {
+    async fn check(
+        &self,
+        method: &Method,
+        uri: &Uri,
+        headers: &HeaderMap,
+    ) -> Result<Option<Caller>, Problem> {
         refuse_other_pages(method, uri, headers)?;
         let path = uri.path();
         if self.policy == AuthPolicy::Disabled || is_public(path) {
@@ -148,7 +162,9 @@ impl Access {
             return Err(Problem::new(StatusCode::FORBIDDEN, detail));
         }
         self.rate.check(&token.id, Instant::now()).map_err(|wait| {
-            let seconds = u32::try_from(wait.as_secs()).unwrap_or(u32::MAX).saturating_add(1);
+            let seconds = u32::try_from(wait.as_secs())
+                .unwrap_or(u32::MAX)
+                .saturating_add(1);
             Problem::new(
                 StatusCode::TOO_MANY_REQUESTS,
                 format!("too many requests with the token {}", token.id),
@@ -186,7 +202,11 @@ impl Access {
 
 /// The token of the `authorization` header.
 fn bearer(headers: &HeaderMap) -> Option<&str> {
-    let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
+    let (scheme, token) = headers
+        .get(header::AUTHORIZATION)?
+        .to_str()
+        .ok()?
+        .split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
@@ -223,18 +243,25 @@ fn host_of<'a>(uri: &'a Uri, headers: &'a HeaderMap) -> Option<&'a str> {
 /// A page of a host whose name is made to lead to this machine is, for a browser, one of this service. Its
 /// requests are for that name.
 fn refuse_other_hosts(uri: &Uri, headers: &HeaderMap, host_names: &[String]) -> Result<(), Problem> {
-    let Some(host) = host_of(uri, headers) else { return Ok(()) };
+    let Some(host) = host_of(uri, headers) else {
+        return Ok(());
+    };
     let name = host
         .parse()
         .map(|host: Authority| host.host().trim_end_matches('.').to_ascii_lowercase());
     let is_own = name.is_ok_and(|name| {
         let is_address = name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok();
-        is_address || name == "localhost" || name.ends_with(".localhost") || host_names.iter().any(|own| own.eq_ignore_ascii_case(&name))
+        is_address
+            || name == "localhost"
+            || name.ends_with(".localhost")
+            || host_names.iter().any(|own| own.eq_ignore_ascii_case(&name))
     });
     if is_own {
         return Ok(());
     }
-    let detail = format!("the request is for the host {host:?}, expected localhost, an address, or a name given with --host-name");
+    let detail = format!(
+        "the request is for the host {host:?}, expected localhost, an address, or a name given with --host-name"
+    );
     Err(Problem::new(StatusCode::FORBIDDEN, detail))
 }
 
@@ -243,7 +270,9 @@ fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result
     if matches!(*method, Method::GET | Method::HEAD) {
         return Ok(());
     }
-    let Some(origin) = headers.get(header::ORIGIN) else { return Ok(()) };
+    let Some(origin) = headers.get(header::ORIGIN) else {
+        return Ok(());
+    };
     let host = host_of(uri, headers);
     let from = origin
         .to_str()
@@ -259,7 +288,10 @@ fn refuse_other_pages(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result
 
 /// Lets a request through, or answers why not.
 pub(super) async fn guard(State(access): State<Arc<Access>>, mut request: Request, next: Next) -> Response {
-    match access.check(request.method(), request.uri(), request.headers()).await {
+    match access
+        .check(request.method(), request.uri(), request.headers())
+        .await
+    {
         Ok(caller) => {
             if let Some(caller) = caller {
                 request.extensions_mut().insert(caller);
@@ -323,9 +355,20 @@ mod tests {
         ] {
             let mut headers = HeaderMap::new();
             headers.insert(header::HOST, HeaderValue::from_static(host));
-            assert_eq!(refuse_other_hosts(&uri, &headers, &names).is_ok(), is_own, "{host:?}");
+            assert_eq!(
+                refuse_other_hosts(&uri, &headers, &names).is_ok(),
+                is_own,
+                "{host:?}"
+            );
         }
-        assert!(refuse_other_hosts(&Uri::from_static("http://evil.example/v1"), &HeaderMap::new(), &names).is_err());
+        assert!(
+            refuse_other_hosts(
+                &Uri::from_static("http://evil.example/v1"),
+                &HeaderMap::new(),
+                &names
+            )
+            .is_err()
+        );
     }
 
     #[test]
@@ -336,9 +379,16 @@ mod tests {
         assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_ok());
         headers.insert(header::ORIGIN, HeaderValue::from_static("http://127.0.0.1:8600"));
         assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_ok());
-        for origin in ["http://evil.example", "null", "http://127.0.0.1:8600.evil.example"] {
+        for origin in [
+            "http://evil.example",
+            "null",
+            "http://127.0.0.1:8600.evil.example",
+        ] {
             headers.insert(header::ORIGIN, HeaderValue::from_static(origin));
-            assert!(refuse_other_pages(&Method::POST, &uri, &headers).is_err(), "{origin}");
+            assert!(
+                refuse_other_pages(&Method::POST, &uri, &headers).is_err(),
+                "{origin}"
+            );
             assert!(refuse_other_pages(&Method::GET, &uri, &headers).is_ok());
         }
     }

@@ -70,8 +70,8 @@ pub(super) struct TrialChange {
 
 /// Try an alarm rule on the history
 ///
-/// Nothing is stored. The rule is folded over the records of a channel and the maintenance between them as alarms are; what people did to
-/// alarms does not count.
+/// Nothing is stored. The rule is folded over the records of a channel and the maintenance between them as
+/// alarms are; what people did to alarms does not count.
 #[utoipa::path(
     post,
     path = "/v1/assets/{asset}/alarms/try",
@@ -94,12 +94,20 @@ pub(super) async fn try_rule(
         return Err(Problem::content("rule.quantity", "stale_s", expected));
     }
     let (asset, channel) = assets::asset_and_channel(&app, &asset, channel.as_deref()).await?;
-    let is_unknown = |name: &&str| !Indicators::names(&asset.spec.bands).iter().any(|known| known == name);
+    let is_unknown = |name: &&str| {
+        !Indicators::names(&asset.spec.bands)
+            .iter()
+            .any(|known| known == name)
+    };
     if let Some(unknown) = rule.quantity.indicator().filter(is_unknown) {
         let known = Indicators::names(&asset.spec.bands);
         let nearest = Indicators::nearest(unknown, known.iter().map(String::as_str)).join(", ");
         let expected = format!("the name of an indicator; the nearest are {nearest}");
-        return Err(Problem::content("rule.quantity.indicator", format!("{unknown:?}"), &expected));
+        return Err(Problem::content(
+            "rule.quantity.indicator",
+            format!("{unknown:?}"),
+            &expected,
+        ));
     }
     let Some(channel) = channel else {
         return Ok(Json(AlarmTrial::default()));
@@ -118,7 +126,12 @@ struct Fold {
     trial: AlarmTrial,
 }
 
-async fn fold(service: &Service, channel: &ChannelSummary, rule: AlarmRule, events: Vec<MaintenanceEvent>) -> Result<AlarmTrial, Problem> {
+async fn fold(
+    service: &Service,
+    channel: &ChannelSummary,
+    rule: AlarmRule,
+    events: Vec<MaintenanceEvent>,
+) -> Result<AlarmTrial, Problem> {
     let rules = [rule];
     let mut fold = Fold {
         panel: AlarmPanel::of(&rules),
@@ -132,7 +145,10 @@ async fn fold(service: &Service, channel: &ChannelSummary, rule: AlarmRule, even
     };
     let mut after = None;
     loop {
-        let results = service.store.record_results(channel, after.as_ref(), AT_ONCE).await?;
+        let results = service
+            .store
+            .record_results(channel, after.as_ref(), AT_ONCE)
+            .await?;
         let Some(last) = results.last() else { break };
         after = Some(last.key.clone());
         let judge = move || {
@@ -141,7 +157,11 @@ async fn fold(service: &Service, channel: &ChannelSummary, rule: AlarmRule, even
         };
         fold = service.workers.run("try an alarm rule", judge).await?;
     }
-    fold.trial.severity = fold.panel.alarms().first().and_then(crate::estimate::Alarm::severity);
+    fold.trial.severity = fold
+        .panel
+        .alarms()
+        .first()
+        .and_then(crate::estimate::Alarm::severity);
     Ok(fold.trial)
 }
 
@@ -159,7 +179,11 @@ impl Fold {
             return;
         }
         let [own, run] = &results.indicators;
-        let before = self.panel.alarms().first().and_then(crate::estimate::Alarm::severity);
+        let before = self
+            .panel
+            .alarms()
+            .first()
+            .and_then(crate::estimate::Alarm::severity);
         self.trial.records += 1;
         self.trial.readings += u64::from(self.rules[0].quantity.value(&results.wear, [own, run]).is_some());
         for (_, change) in self.panel.reading(&self.rules, time, &results.wear, [own, run]) {
@@ -169,7 +193,13 @@ impl Fold {
 }
 
 impl AlarmTrial {
-    fn note(&mut self, time: Timestamp, severity: Option<Severity>, before: Option<Severity>, value: Option<f64>) {
+    fn note(
+        &mut self,
+        time: Timestamp,
+        severity: Option<Severity>,
+        before: Option<Severity>,
+        value: Option<f64>,
+    ) {
         self.changes_count += 1;
         match severity {
             Some(Severity::Warning) if severity > before => self.warnings += 1,
@@ -177,7 +207,11 @@ impl AlarmTrial {
             _ => {}
         }
         if self.changes.len() < MAX_CHANGES {
-            self.changes.push(TrialChange { time, severity, value });
+            self.changes.push(TrialChange {
+                time,
+                severity,
+                value,
+            });
         }
     }
 }

@@ -127,13 +127,21 @@ pub(super) struct ListParameters {
         (status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"),
     ),
 )]
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<ListParameters>) -> Result<Json<Page<AlarmView>>, Problem> {
+pub(super) async fn list(
+    State(app): State<App>,
+    Parameters(asked): Parameters<ListParameters>,
+) -> Result<Json<Page<AlarmView>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let unknown_state = |state: &str| {
         let expected = "normal, unacknowledged, acknowledged, returned_unacknowledged or shelved";
         Problem::query("state", state, expected)
     };
-    let states = asked.state.as_deref().unwrap_or_default().split(',').map(str::trim);
+    let states = asked
+        .state
+        .as_deref()
+        .unwrap_or_default()
+        .split(',')
+        .map(str::trim);
     let states = states.filter(|state| !state.is_empty());
     let states = states.map(|state| AlarmState::from_name(state).ok_or_else(|| unknown_state(state)));
     let unknown_severity = |severity: &str| Problem::query("severity", severity, "warning or danger");
@@ -153,7 +161,9 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<L
     }
     let now = app.service.now();
     let alarms = store.alarms(&filter, now, limit + 1).await?;
-    let page = Page::new(alarms, limit, |alarm: &StoredAlarm| query::cursor_at(alarm.changed_at, &alarm.id));
+    let page = Page::new(alarms, limit, |alarm: &StoredAlarm| {
+        query::cursor_at(alarm.changed_at, &alarm.id)
+    });
     Ok(Json(page.map(|alarm| AlarmView::new(alarm, now))))
 }
 
@@ -165,7 +175,10 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<L
     params(("alarm" = String, Path, description = "The alarm")),
     responses((status = 200, body = WholeAlarm)),
 )]
-pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<WholeAlarm>, Problem> {
+pub(super) async fn show(
+    State(app): State<App>,
+    NameInPath(id): NameInPath,
+) -> Result<Json<WholeAlarm>, Problem> {
     let alarm = app.service.store.alarm(&id).await?;
     let alarm = alarm.ok_or_else(|| Problem::not_found(format!("there is no alarm {id:?}")))?;
     whole(&app, alarm).await
@@ -287,14 +300,28 @@ pub(super) async fn comment(
 ) -> Result<Json<WholeAlarm>, Problem> {
     let SignedRemark { by, comment } = body::described(&app.limits, &headers, body).await?;
     if comment.trim().is_empty() {
-        return Err(Problem::content("comment", format!("{comment:?}"), "something said"));
+        return Err(Problem::content(
+            "comment",
+            format!("{comment:?}"),
+            "something said",
+        ));
     }
     act(&app, &id, AlarmAction::Comment, by, comment).await
 }
 
-async fn act(app: &App, id: &str, action: AlarmAction, by: String, comment: String) -> Result<Json<WholeAlarm>, Problem> {
+async fn act(
+    app: &App,
+    id: &str,
+    action: AlarmAction,
+    by: String,
+    comment: String,
+) -> Result<Json<WholeAlarm>, Problem> {
     check_signature(&by, &comment)?;
-    let alarm = app.service.alarms.act(id, OperatorAction { action, by, comment }).await?;
+    let alarm = app
+        .service
+        .alarms
+        .act(id, OperatorAction { action, by, comment })
+        .await?;
     whole(app, alarm).await
 }
 

@@ -55,7 +55,8 @@ pub(super) struct OrderView {
     order: Vec<f64>,
     /// Peak amplitude at each order in `unit`.
     amplitude: Vec<f64>,
-    /// Peak amplitudes of the mesh harmonics in `unit`, the first at order `teeth[0]`, read at full resolution.
+    /// Peak amplitudes of the mesh harmonics in `unit`, the first at order `teeth[0]`, read at full
+    /// resolution.
     mesh_amplitudes: Vec<f64>,
     /// Tooth numbers, driving and driven.
     teeth: [u32; 2],
@@ -81,13 +82,14 @@ pub(super) async fn orders(
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
     let _ticket = app.service.workers.admit_answer()?;
-    let computed = app
-        .service
-        .records
-        .analyse_stored(&segment, "compute an order spectrum", |analyzer, record, mesh| {
-            analyzer.order_spectrum(record, mesh, None)
-        });
-    let spectrum = computed.await?.map_err(|absence| absent("spectrum over orders", absence))?;
+    let computed = app.service.records.analyse_stored(
+        &segment,
+        "compute an order spectrum",
+        |analyzer, record, mesh| analyzer.order_spectrum(record, mesh, None),
+    );
+    let spectrum = computed
+        .await?
+        .map_err(|absence| absent("spectrum over orders", absence))?;
     let resolution_orders = spectrum.resolution_orders;
     let places = range.places(spectrum.amplitude.len(), resolution_orders);
     let mesh_amplitudes = mesh_amplitudes(&spectrum, teeth[0]);
@@ -101,7 +103,10 @@ pub(super) async fn orders(
         bandwidth_orders: spectrum.bandwidth_orders,
         resolution_orders,
         reduced: kept.len() < amplitude.len(),
-        order: kept.iter().map(|n| (first + n) as f64 * resolution_orders).collect(),
+        order: kept
+            .iter()
+            .map(|n| (first + n) as f64 * resolution_orders)
+            .collect(),
         amplitude: kept.iter().map(|n| amplitude[*n]).collect(),
         mesh_amplitudes,
         teeth,
@@ -109,13 +114,15 @@ pub(super) async fn orders(
     }))
 }
 
-/// Amplitudes of the first mesh harmonics, as far as the spectrum reaches. Each is the greatest of the line at its order and those beside it: the
-/// angle is followed, so it lies in no other.
+/// Amplitudes of the first mesh harmonics, as far as the spectrum reaches. Each is the greatest of the line
+/// at its order and those beside it: the angle is followed, so it lies in no other.
 fn mesh_amplitudes(spectrum: &OrderSpectrum, teeth: u32) -> Vec<f64> {
     let place = |harmonic: u32| (f64::from(harmonic * teeth) / spectrum.resolution_orders).round() as usize;
     let around = |place: usize| spectrum.amplitude.get(place.checked_sub(1)?..=place + 1);
     let amplitudes = (1..=MESH_HARMONICS).map_while(|harmonic| around(place(harmonic)));
-    amplitudes.map(|lines| lines.iter().copied().fold(0.0, f64::max)).collect()
+    amplitudes
+        .map(|lines| lines.iter().copied().fold(0.0, f64::max))
+        .collect()
 }
 
 /// The average over whole turns of the driving shaft, and its parts.
@@ -149,7 +156,10 @@ pub(super) struct TurnView {
     params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, body = TurnView), (status = 422, body = Details, description = "The record has no such curve", content_type = "application/problem+json")),
 )]
-pub(super) async fn turn(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<TurnView>, Problem> {
+pub(super) async fn turn(
+    State(app): State<App>,
+    SegmentInPath(id): SegmentInPath,
+) -> Result<Json<TurnView>, Problem> {
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
     let _ticket = app.service.workers.admit_answer()?;
@@ -180,6 +190,13 @@ pub(super) async fn turn(State(app): State<App>, SegmentInPath(id): SegmentInPat
 /// The problem that a record has no such curve.
 pub(super) fn absent(what: &str, absence: Absence) -> Problem {
     let reason = serde_json::to_value(absence).ok();
-    let reason = reason.as_ref().and_then(|name| name.as_str()).unwrap_or_default().replace('_', " ");
-    Problem::new(StatusCode::UNPROCESSABLE_ENTITY, format!("this record has no {what}: {reason}"))
+    let reason = reason
+        .as_ref()
+        .and_then(|name| name.as_str())
+        .unwrap_or_default()
+        .replace('_', " ");
+    Problem::new(
+        StatusCode::UNPROCESSABLE_ENTITY,
+        format!("this record has no {what}: {reason}"),
+    )
 }

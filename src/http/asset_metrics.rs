@@ -15,9 +15,18 @@ const MAX_ALARMS: u32 = 10_000;
 /// The state of each alarm.
 pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Problem> {
     let now = app.service.now();
-    let alarms = app.service.store.alarms(&AlarmFilter::default(), now, MAX_ALARMS).await?;
-    let mut alarms: Vec<_> = alarms.into_iter().map(|stored| (stored.quantity.to_string(), stored)).collect();
-    alarms.sort_by(|(a, left), (b, right)| (&left.asset_id, &left.channel, a).cmp(&(&right.asset_id, &right.channel, b)));
+    let alarms = app
+        .service
+        .store
+        .alarms(&AlarmFilter::default(), now, MAX_ALARMS)
+        .await?;
+    let mut alarms: Vec<_> = alarms
+        .into_iter()
+        .map(|stored| (stored.quantity.to_string(), stored))
+        .collect();
+    alarms.sort_by(|(a, left), (b, right)| {
+        (&left.asset_id, &left.channel, a).cmp(&(&right.asset_id, &right.channel, b))
+    });
     let mut gauge = |name: &str, help: &str, value: &dyn Fn(&StoredAlarm) -> u8| {
         text.head(name, "gauge", help);
         for (quantity, stored) in &alarms {
@@ -43,12 +52,17 @@ pub(super) async fn alarms(app: &App, text: &mut MetricsText) -> Result<(), Prob
         "Whether the alarm is to be acknowledged, also where it is over.",
         &|stored| {
             let state = stored.alarm.standing();
-            u8::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged))
+            u8::from(matches!(
+                state,
+                AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged
+            ))
         },
     );
-    gauge("flankwatch_alarm_shelved", "Whether the alarm is put aside.", &|stored| {
-        u8::from(stored.alarm.state(now) == AlarmState::Shelved)
-    });
+    gauge(
+        "flankwatch_alarm_shelved",
+        "Whether the alarm is put aside.",
+        &|stored| u8::from(stored.alarm.state(now) == AlarmState::Shelved),
+    );
     Ok(())
 }
 
@@ -77,18 +91,31 @@ impl Latest {
             asset: segment.asset_id,
             channel: segment.channel,
             start_time: segment.start_time,
-            indicators: segment.indicators.values.into_iter().filter(|(name, _)| is_wanted(name)).collect(),
+            indicators: segment
+                .indicators
+                .values
+                .into_iter()
+                .filter(|(name, _)| is_wanted(name))
+                .collect(),
         }
     }
 
     fn labels<'a>(&'a self, name: &'a str, value: &'a str) -> [(&'a str, &'a str); 3] {
-        [("asset", self.asset.as_str()), ("channel", &self.channel), (name, value)]
+        [
+            ("asset", self.asset.as_str()),
+            ("channel", &self.channel),
+            (name, value),
+        ]
     }
 }
 
 /// Wear, indicators and time of each channel's latest record; `wanted` are the indicators, all where not
 /// given.
-pub(super) async fn assets(app: &App, wanted: Option<&[&str]>, text: &mut MetricsText) -> Result<(), Problem> {
+pub(super) async fn assets(
+    app: &App,
+    wanted: Option<&[&str]>,
+    text: &mut MetricsText,
+) -> Result<(), Problem> {
     let store = &app.service.store;
     let mut latest = Vec::new();
     let mut after: Option<String> = None;
@@ -98,7 +125,10 @@ pub(super) async fn assets(app: &App, wanted: Option<&[&str]>, text: &mut Metric
         after = Some(last.spec.id.to_string());
         let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
         let channels = store.channels_of(&ids).await?;
-        let segments: Vec<SegmentId> = channels.into_iter().filter_map(|channel| channel.last_segment).collect();
+        let segments: Vec<SegmentId> = channels
+            .into_iter()
+            .filter_map(|channel| channel.last_segment)
+            .collect();
         let segments = store.segments_by_id(&segments).await?;
         latest.extend(segments.into_iter().map(|segment| Latest::of(segment, wanted)));
     }
@@ -111,7 +141,11 @@ pub(super) async fn assets(app: &App, wanted: Option<&[&str]>, text: &mut Metric
     for record in &latest {
         for (quantile, value) in record.wear_um {
             if let Some(value) = value {
-                text.line("flankwatch_wear_depth_um", &record.labels("quantile", quantile), value);
+                text.line(
+                    "flankwatch_wear_depth_um",
+                    &record.labels("quantile", quantile),
+                    value,
+                );
             }
         }
     }

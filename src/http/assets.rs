@@ -52,14 +52,17 @@ struct Summary {
     library_id: Option<String>,
     /// `none`, `building`, `ready` or `failed`.
     library_state: &'static str,
-    /// Why the library, or the pairs around it, could not be simulated. It is tried again when the description changes.
+    /// Why the library, or the pairs around it, could not be simulated. It is tried again when the
+    /// description changes.
     #[serde(skip_serializing_if = "Option::is_none")]
     library_error: Option<String>,
-    /// How far the simulation of the library, or of the pairs around it, is; not given where nothing is simulated.
+    /// How far the simulation of the library, or of the pairs around it, is; not given where nothing is
+    /// simulated.
     #[serde(skip_serializing_if = "Option::is_none")]
     simulation: Option<SimulationView>,
-    /// The latest estimate of the channel that speaks for the asset, of a record that is not excluded: the channel that the description
-    /// names; else one that something else than wear has changed, before one with an estimate, before the others; else the one seen first.
+    /// The latest estimate of the channel that speaks for the asset, of a record that is not excluded: the
+    /// channel that the description names; else one that something else than wear has changed, before one
+    /// with an estimate, before the others; else the one seen first.
     wear: Option<WearEstimate>,
     /// That channel.
     wear_channel: Option<String>,
@@ -106,10 +109,18 @@ impl From<SimulationProgress> for SimulationView {
     params(PageParameters),
     responses((status = 200, body = Page<AssetView>)),
 )]
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<AssetView>>, Problem> {
+pub(super) async fn list(
+    State(app): State<App>,
+    Parameters(asked): Parameters<PageParameters>,
+) -> Result<Json<Page<AssetView>>, Problem> {
     let limit = query::limit(asked.limit)?;
-    let assets = app.service.store.assets(asked.cursor.as_deref(), limit + 1).await?;
-    let (assets, next_cursor) = Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
+    let assets = app
+        .service
+        .store
+        .assets(asked.cursor.as_deref(), limit + 1)
+        .await?;
+    let (assets, next_cursor) =
+        Page::new(assets, limit, |asset: &Asset| asset.spec.id.to_string()).into_parts();
     let ids: Vec<&AssetId> = assets.iter().map(|asset| &asset.spec.id).collect();
     let alarms = app.service.store.open_alarms(&ids).await?;
     let mut views = Vec::with_capacity(assets.len());
@@ -127,7 +138,11 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<P
     request_body(content((AssetSpec = "application/json"), (String = "application/toml")), description = "The asset's description"),
     responses((status = 201, body = AssetView, headers(("location" = String, description = "Its address"))), (status = 409, body = Details, content_type = "application/problem+json", description = "There is one of that id")),
 )]
-pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
+pub(super) async fn create(
+    State(app): State<App>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<impl IntoResponse, Problem> {
     let spec = description(&app, &headers, body, &[]).await?;
     let asset = app.service.assets.create(&spec).await?;
     let location = format!("/v1/assets/{}", spec.id);
@@ -140,7 +155,8 @@ pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Bod
 
 /// One asset
 ///
-/// Its entity tag serves a change that is conditional on the description (`If-Match`), also after further records have come.
+/// Its entity tag serves a change that is conditional on the description (`If-Match`), also after further
+/// records have come.
 #[utoipa::path(
     get,
     path = "/v1/assets/{asset}",
@@ -148,7 +164,11 @@ pub(super) async fn create(State(app): State<App>, headers: HeaderMap, body: Bod
     params(("asset" = AssetId, Path, description = "The asset")),
     responses((status = 200, body = AssetView)),
 )]
-pub(super) async fn show(State(app): State<App>, AssetInPath(id): AssetInPath, headers: HeaderMap) -> Result<Response, Problem> {
+pub(super) async fn show(
+    State(app): State<App>,
+    AssetInPath(id): AssetInPath,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
     let asset = app.service.store.asset(&id).await?;
     tagged(&app, asset, Some(&headers)).await
 }
@@ -156,7 +176,8 @@ pub(super) async fn show(State(app): State<App>, AssetInPath(id): AssetInPath, h
 /// An asset's answer with its entity tag; without the answer where the client that asks has it.
 async fn tagged(app: &App, asset: Asset, asked: Option<&HeaderMap>) -> Result<Response, Problem> {
     let view = view(app, asset.clone()).await?;
-    let json = serde_json::to_vec(&view).map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    let json = serde_json::to_vec(&view)
+        .map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
     let etag = etag::of_asset(&asset, &json)?;
     if asked.is_some_and(|headers| etag::is_known(headers, &etag)) {
         return Ok(etag::not_modified(etag));
@@ -173,8 +194,8 @@ async fn tagged(app: &App, asset: Asset, asked: Option<&HeaderMap>) -> Result<Re
 
 /// Replace an asset's description
 ///
-/// Its wear history is estimated anew in the background where it depends on what changed. What `GET` answers can be sent back: the fields beside the
-/// description are left out.
+/// Its wear history is estimated anew in the background where it depends on what changed. What `GET` answers
+/// can be sent back: the fields beside the description are left out.
 #[utoipa::path(
     put,
     path = "/v1/assets/{asset}",
@@ -195,16 +216,24 @@ pub(super) async fn replace(
 ) -> Result<Response, Problem> {
     let spec = description(&app, &headers, body, &ANSWERED).await?;
     if spec.id != id {
-        return Err(Problem::content("id", &spec.id, &format!("{id}, as in the address")));
+        return Err(Problem::content(
+            "id",
+            &spec.id,
+            &format!("{id}, as in the address"),
+        ));
     }
-    let asset = app.service.assets.update(&spec, &etag::precondition(&headers)).await?;
+    let asset = app
+        .service
+        .assets
+        .update(&spec, &etag::precondition(&headers))
+        .await?;
     tagged(&app, asset, None).await
 }
 
 /// Delete an asset
 ///
-/// Its records and estimates go with it, its raw recordings into quarantine. One whose sensor others share cannot go before
-/// those.
+/// Its records and estimates go with it, its raw recordings into quarantine. One whose sensor others share
+/// cannot go before those.
 #[utoipa::path(
     delete,
     path = "/v1/assets/{asset}",
@@ -216,8 +245,15 @@ pub(super) async fn replace(
     ),
     responses((status = 204, description = "Gone"), (status = 412, body = Details, content_type = "application/problem+json", description = "Its description is another one"), (status = 409, body = Details, content_type = "application/problem+json", description = "Others hear through its measuring points")),
 )]
-pub(super) async fn remove(State(app): State<App>, AssetInPath(id): AssetInPath, headers: HeaderMap) -> Result<StatusCode, Problem> {
-    app.service.assets.delete(&id, &etag::precondition(&headers)).await?;
+pub(super) async fn remove(
+    State(app): State<App>,
+    AssetInPath(id): AssetInPath,
+    headers: HeaderMap,
+) -> Result<StatusCode, Problem> {
+    app.service
+        .assets
+        .delete(&id, &etag::precondition(&headers))
+        .await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -225,24 +261,37 @@ pub(super) async fn remove(State(app): State<App>, AssetInPath(id): AssetInPath,
 const ANSWERED: [&str; 3] = ["created_at", "updated_at", "summary"];
 
 /// The description in a body; its fields of these names are left out.
-async fn description(app: &App, headers: &HeaderMap, body: Body, left_out: &[&str]) -> Result<AssetSpec, Problem> {
+async fn description(
+    app: &App,
+    headers: &HeaderMap,
+    body: Body,
+    left_out: &[&str],
+) -> Result<AssetSpec, Problem> {
     let media_type = body::media_type(headers);
     match media_type.as_deref() {
         Some("application/json") => {
             let bytes = body::read_description(headers, body, &app.limits).await?;
             let mut fields: Value = body::from_json(&bytes)?;
-            let had = fields
-                .as_object_mut()
-                .map_or(0, |fields| left_out.iter().filter(|name| fields.remove(**name).is_some()).count());
-            let bytes = if had > 0 { fields.to_string().into_bytes().into() } else { bytes };
+            let had = fields.as_object_mut().map_or(0, |fields| {
+                left_out
+                    .iter()
+                    .filter(|name| fields.remove(**name).is_some())
+                    .count()
+            });
+            let bytes = if had > 0 {
+                fields.to_string().into_bytes().into()
+            } else {
+                bytes
+            };
             let spec: AssetSpec = body::from_json(&bytes)?;
             spec.validate()?;
             Ok(spec)
         }
         Some("application/toml") => {
             let bytes = body::read_description(headers, body, &app.limits).await?;
-            let text = std::str::from_utf8(&bytes)
-                .map_err(|error| Problem::new(StatusCode::BAD_REQUEST, format!("the body is not UTF-8: {error}")))?;
+            let text = std::str::from_utf8(&bytes).map_err(|error| {
+                Problem::new(StatusCode::BAD_REQUEST, format!("the body is not UTF-8: {error}"))
+            })?;
             Ok(AssetSpec::from_toml(text)?)
         }
         other => Err(body::unsupported(other, "application/json or application/toml")),
@@ -277,7 +326,11 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
     if let Some(channel) = speaking {
         wear = store.latest_counted(channel).await?.map(|segment| segment.wear);
         // Where the description names no channel, one that sees what the others do not speaks for the asset.
-        for other in channels.iter().skip(1).filter(|_| asset.spec.sensor.channel.is_none()) {
+        for other in channels
+            .iter()
+            .skip(1)
+            .filter(|_| asset.spec.sensor.channel.is_none())
+        {
             let latest = store.latest_counted(other).await?.map(|segment| segment.wear);
             if urgency(latest.as_ref()) > urgency(wear.as_ref()) {
                 (speaking, wear) = (Some(other), latest);
@@ -291,15 +344,27 @@ async fn summary(app: &App, asset: &Asset, alarms: AlarmCounts) -> Result<Summar
         recent_wear_um = store.wear_curve(channel).await?.to_vec();
     }
     let alarm_rules = asset.spec.alarm_rules();
-    let is_watched = alarm_rules.iter().any(|rule| rule.quantity == AlarmQuantity::WearUm);
-    let unwatched = if is_watched { WearLimits::default() } else { asset.spec.limits };
+    let is_watched = alarm_rules
+        .iter()
+        .any(|rule| rule.quantity == AlarmQuantity::WearUm);
+    let unwatched = if is_watched {
+        WearLimits::default()
+    } else {
+        asset.spec.limits
+    };
     Ok(Summary {
         category: Category::of(alarms, wear.as_ref(), unwatched, library_state),
         alarms,
         alarm_rules,
         segments: channels.iter().map(|channel| channel.segments).sum(),
-        first_start_time: channels.iter().filter_map(|channel| channel.first_start_time).min(),
-        last_start_time: channels.iter().filter_map(|channel| channel.last_start_time).max(),
+        first_start_time: channels
+            .iter()
+            .filter_map(|channel| channel.first_start_time)
+            .min(),
+        last_start_time: channels
+            .iter()
+            .filter_map(|channel| channel.last_start_time)
+            .max(),
         library_id,
         library_state,
         library_error: simulation.error,
@@ -338,7 +403,9 @@ pub(super) async fn asset_and_channel(
     if channel.is_none()
         && let Some(asked) = asked
     {
-        return Err(Problem::not_found(format!("asset {id} has no records of channel {asked:?}")));
+        return Err(Problem::not_found(format!(
+            "asset {id} has no records of channel {asked:?}"
+        )));
     }
     Ok((asset, channel))
 }

@@ -22,7 +22,14 @@ use crate::service::ServiceError;
 /// The media type of a body without its parameters, in lower case; none where the client does not say.
 pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
     let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
-    Some(value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
+    Some(
+        value
+            .split(';')
+            .next()
+            .unwrap_or_default()
+            .trim()
+            .to_ascii_lowercase(),
+    )
 }
 
 /// The problem of a body that is of none of the `expected` media types, or of a coding of its content.
@@ -67,7 +74,10 @@ impl BodySource {
         let until = self.deadline.min(Instant::now() + self.idle);
         let Ok(next) = tokio::time::timeout_at(until.into(), next_piece(&mut self.body)).await else {
             return Err(slow(if until == self.deadline {
-                format!("the body took longer than {} s", (self.deadline - self.began).as_secs())
+                format!(
+                    "the body took longer than {} s",
+                    (self.deadline - self.began).as_secs()
+                )
             } else {
                 format!("nothing of the body came for {} s", self.idle.as_secs())
             }));
@@ -79,7 +89,10 @@ impl BodySource {
         }
         let elapsed = self.began.elapsed();
         if elapsed > self.idle && self.bytes < elapsed.as_secs() * self.bytes_per_s {
-            return Err(slow(format!("the body came with less than {} bytes a second", self.bytes_per_s)));
+            return Err(slow(format!(
+                "the body came with less than {} bytes a second",
+                self.bytes_per_s
+            )));
         }
         Ok(Some(piece))
     }
@@ -113,7 +126,9 @@ impl DecodedBody {
 
     /// The next decoded bytes, which may be none yet; nothing at the end.
     async fn next(&mut self) -> Result<Option<Bytes>, Problem> {
-        let Some(encoding) = &mut self.encoding else { return Ok(None) };
+        let Some(encoding) = &mut self.encoding else {
+            return Ok(None);
+        };
         if self.piece.is_empty()
             && let Some(piece) = self.source.next().await?
         {
@@ -159,12 +174,20 @@ pub(super) async fn read(
 }
 
 /// The body of a description (JSON or TOML), at most as long as such a body may be.
-pub(super) async fn read_description(headers: &HeaderMap, body: Body, limits: &HttpLimits) -> Result<Bytes, Problem> {
+pub(super) async fn read_description(
+    headers: &HeaderMap,
+    body: Body,
+    limits: &HttpLimits,
+) -> Result<Bytes, Problem> {
     read(headers, body, limits.description_bytes, limits, |_| Ok(())).await
 }
 
 /// What a JSON body describes, read whole within the limit on descriptions.
-pub(super) async fn described<T: DeserializeOwned>(limits: &HttpLimits, headers: &HeaderMap, body: Body) -> Result<T, Problem> {
+pub(super) async fn described<T: DeserializeOwned>(
+    limits: &HttpLimits,
+    headers: &HeaderMap,
+    body: Body,
+) -> Result<T, Problem> {
     let media_type = media_type(headers);
     if media_type.as_deref() != Some("application/json") {
         return Err(unsupported(media_type.as_deref(), "application/json"));
@@ -197,7 +220,12 @@ pub(super) struct SpooledBody {
 
 impl SpooledBody {
     /// Writes the whole of a body that is to be MCAP, decoded, to a file in `folder`.
-    pub(super) async fn receive(headers: &HeaderMap, body: Body, folder: &Path, limits: &HttpLimits) -> Result<Self, Problem> {
+    pub(super) async fn receive(
+        headers: &HeaderMap,
+        body: Body,
+        folder: &Path,
+        limits: &HttpLimits,
+    ) -> Result<Self, Problem> {
         static COUNTER: AtomicU64 = AtomicU64::new(0);
         let mut body = DecodedBody::new(headers, body, limits.recording_bytes, limits)?;
         let mut spooled = Self::at(folder.join(COUNTER.fetch_add(1, Ordering::Relaxed).to_string()));
@@ -234,7 +262,10 @@ impl SpooledBody {
 
     /// A file that is there already.
     pub(super) fn at(path: PathBuf) -> Self {
-        Self { path, sha256: Vec::new() }
+        Self {
+            path,
+            sha256: Vec::new(),
+        }
     }
 
     /// SHA-256 of what was received.

@@ -50,7 +50,10 @@ impl AlarmCounts {
             }
             counts.danger += u32::from(alarm.severity() == Some(Severity::Danger));
             counts.warning += u32::from(alarm.severity() == Some(Severity::Warning));
-            counts.unacknowledged += u32::from(matches!(state, AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged));
+            counts.unacknowledged += u32::from(matches!(
+                state,
+                AlarmState::Unacknowledged | AlarmState::ReturnedUnacknowledged
+            ));
         }
         counts
     }
@@ -59,7 +62,12 @@ impl AlarmCounts {
 impl Category {
     /// Of an asset with these alarms, this latest wear and a library in this state. `limits` are to be those
     /// that no alarm watches.
-    pub(super) fn of(alarms: AlarmCounts, wear: Option<&WearEstimate>, limits: WearLimits, library_state: &str) -> Self {
+    pub(super) fn of(
+        alarms: AlarmCounts,
+        wear: Option<&WearEstimate>,
+        limits: WearLimits,
+        library_state: &str,
+    ) -> Self {
         let beyond = |limit: Option<f64>| {
             limit
                 .zip(wear.and_then(|wear| wear.median_um))
@@ -85,7 +93,9 @@ impl Category {
                 | WearStatus::SpeedInDoubt
                 | WearStatus::LibraryFailed,
             ) => Self::OutOfSpecification,
-            Some(WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary | WearStatus::Recomputing) => Self::CheckFunction,
+            Some(WearStatus::CollectingBaseline | WearStatus::AwaitingLibrary | WearStatus::Recomputing) => {
+                Self::CheckFunction
+            }
             _ if library_state == "building" => Self::CheckFunction,
             Some(WearStatus::NoLibrary | WearStatus::SensorFault | WearStatus::Excluded) | None => Self::None,
         }
@@ -120,8 +130,20 @@ mod tests {
         let estimated = wear(WearStatus::Estimated, Some(150.0));
         for (alarms, wear, limits, library, category) in [
             (raised(1, 1), Some(&estimated), none, "ready", Category::Failure),
-            (raised(0, 1), Some(&estimated), none, "ready", Category::MaintenanceRequired),
-            (raised(0, 0), Some(&estimated), limits, "ready", Category::MaintenanceRequired),
+            (
+                raised(0, 1),
+                Some(&estimated),
+                none,
+                "ready",
+                Category::MaintenanceRequired,
+            ),
+            (
+                raised(0, 0),
+                Some(&estimated),
+                limits,
+                "ready",
+                Category::MaintenanceRequired,
+            ),
             (raised(0, 0), Some(&estimated), none, "ready", Category::Normal),
             (
                 raised(0, 0),
@@ -144,12 +166,22 @@ mod tests {
                 "ready",
                 Category::CheckFunction,
             ),
-            (raised(0, 0), Some(&wear(WearStatus::NoLibrary, None)), none, "none", Category::None),
+            (
+                raised(0, 0),
+                Some(&wear(WearStatus::NoLibrary, None)),
+                none,
+                "none",
+                Category::None,
+            ),
             (raised(0, 0), None, none, "building", Category::CheckFunction),
             (raised(0, 0), None, none, "failed", Category::OutOfSpecification),
             (raised(0, 0), None, none, "none", Category::None),
         ] {
-            assert_eq!(Category::of(alarms, wear, limits, library), category, "{alarms:?} {wear:?}");
+            assert_eq!(
+                Category::of(alarms, wear, limits, library),
+                category,
+                "{alarms:?} {wear:?}"
+            );
         }
     }
 }

@@ -67,10 +67,12 @@ pub(super) async fn cepstrum(
     let segment = segments::find(&app, &id).await?;
     let teeth = app.service.store.asset(&segment.asset_id).await?.spec.gear.teeth;
     let _ticket = app.service.workers.admit_answer()?;
-    let computed = app
-        .service
-        .records
-        .analyse_stored(&segment, "compute a cepstrum", |analyzer, record, _| analyzer.cepstrum(record));
+    let computed =
+        app.service
+            .records
+            .analyse_stored(&segment, "compute a cepstrum", |analyzer, record, _| {
+                analyzer.cepstrum(record)
+            });
     let cepstrum = computed.await?.map_err(|absence| absent("cepstrum", absence))?;
     let resolution_s = cepstrum.resolution_s;
     // The value at zero is the mean level of the spectrum and dwarfs the others.

@@ -57,9 +57,11 @@ impl TlsFiles {
             path: path.to_path_buf(),
             reason,
         };
-        let certificates: Result<Vec<_>, _> = CertificateDer::pem_file_iter(&self.certificate).and_then(Iterator::collect);
+        let certificates: Result<Vec<_>, _> =
+            CertificateDer::pem_file_iter(&self.certificate).and_then(Iterator::collect);
         let certificates = certificates.map_err(|error| tls(&self.certificate, error.to_string()))?;
-        let key = PrivateKeyDer::from_pem_file(&self.key).map_err(|error| tls(&self.key, error.to_string()))?;
+        let key =
+            PrivateKeyDer::from_pem_file(&self.key).map_err(|error| tls(&self.key, error.to_string()))?;
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let config = ServerConfig::builder_with_provider(provider)
             .with_safe_default_protocol_versions()
@@ -101,7 +103,12 @@ pub(super) async fn serve(
                 continue;
             }
         };
-        let (router, tls, limits, watcher) = (router.clone(), tls.clone(), Arc::clone(&limits), graceful.watcher());
+        let (router, tls, limits, watcher) = (
+            router.clone(),
+            tls.clone(),
+            Arc::clone(&limits),
+            graceful.watcher(),
+        );
         let place = places.take(Client::Address(Some(from)));
         let peer = Peer {
             address: from,
@@ -146,18 +153,32 @@ impl Peer {
     /// Why a request is not answered here.
     fn refusal(self, path: &str) -> Option<Response> {
         let is_refused = self.is_in_reserve && !matches!(path, "/healthz" | "/readyz");
-        is_refused.then(|| Problem::busy("all connections that one client or all together may have are taken", 1).into_response())
+        is_refused.then(|| {
+            Problem::busy(
+                "all connections that one client or all together may have are taken",
+                1,
+            )
+            .into_response()
+        })
     }
 }
 
 /// Has the connection end after an answer.
 pub(super) fn closing(mut response: Response) -> Response {
-    response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    response
+        .headers_mut()
+        .insert(header::CONNECTION, HeaderValue::from_static("close"));
     response
 }
 
 /// Serves the requests of one connection.
-async fn talk(stream: impl AsyncRead + AsyncWrite + Send + 'static, router: Router, limits: &HttpLimits, peer: Peer, watcher: Watcher) {
+async fn talk(
+    stream: impl AsyncRead + AsyncWrite + Send + 'static,
+    router: Router,
+    limits: &HttpLimits,
+    peer: Peer,
+    watcher: Watcher,
+) {
     // A client that does not read its answer gives its place free.
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.write_timeout));
@@ -172,7 +193,11 @@ async fn talk(stream: impl AsyncRead + AsyncWrite + Send + 'static, router: Rout
                 (None, Some(answered)) => answered.await?,
                 (None, None) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
             };
-            Ok::<_, Infallible>(if peer.is_in_reserve { closing(response) } else { response })
+            Ok::<_, Infallible>(if peer.is_in_reserve {
+                closing(response)
+            } else {
+                response
+            })
         }
     };
     let connection = http1::Builder::new()

@@ -32,7 +32,10 @@ impl HttpBody for WholeBody {
     type Data = Bytes;
     type Error = axum::Error;
 
-    fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
         self.is_begun.store(true, Ordering::Relaxed);
         Pin::new(&mut self.body).poll_frame(context)
     }
@@ -85,7 +88,9 @@ pub(super) async fn layer(request: Request, next: Next) -> Response {
     });
     let mut response = next.run(request).await;
     if waits && !is_begun.load(Ordering::Relaxed) {
-        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+        response
+            .headers_mut()
+            .insert(header::CONNECTION, HeaderValue::from_static("close"));
     }
     response
 }

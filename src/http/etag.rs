@@ -24,12 +24,19 @@ pub(super) fn of_bytes(parts: &[&[u8]]) -> HeaderValue {
 
 /// The entity tag of an answer that follows from a channel's records, its asset's description and the
 /// address.
-pub(super) fn of_channel(asset: &Asset, channel: Option<&ChannelSummary>, uri: &Uri, headers: &HeaderMap) -> HeaderValue {
+pub(super) fn of_channel(
+    asset: &Asset,
+    channel: Option<&ChannelSummary>,
+    uri: &Uri,
+    headers: &HeaderMap,
+) -> HeaderValue {
     let number = |number: i64| number.to_le_bytes();
     let (channel_no, revision) = channel.map_or((0, 0), ChannelSummary::version);
     let updated_at = asset.updated_at.as_nanosecond().to_le_bytes();
     let address = uri.path_and_query().map_or("", |address| address.as_str());
-    let accept = headers.get(header::ACCEPT).map_or(&b""[..], HeaderValue::as_bytes);
+    let accept = headers
+        .get(header::ACCEPT)
+        .map_or(&b""[..], HeaderValue::as_bytes);
     let version = env!("CARGO_PKG_VERSION").as_bytes();
     of_bytes(&[
         version,
@@ -50,11 +57,22 @@ pub(super) fn of_asset(asset: &Asset, body: &[u8]) -> Result<HeaderValue, Proble
     tag.map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))
 }
 
-/// What a change of an asset is conditional on. Only descriptions are compared: what else an answer holds changes with every record.
+/// What a change of an asset is conditional on. Only descriptions are compared: what else an answer holds
+/// changes with every record.
 pub(super) fn precondition(headers: &HeaderMap) -> Precondition {
     let tags = |name: HeaderName| {
-        let given: Vec<&str> = headers.get_all(name).iter().filter_map(|value| value.to_str().ok()).collect();
-        (!given.is_empty()).then(|| given.iter().flat_map(|list| list.split(',')).map(description_in).collect())
+        let given: Vec<&str> = headers
+            .get_all(name)
+            .iter()
+            .filter_map(|value| value.to_str().ok())
+            .collect();
+        (!given.is_empty()).then(|| {
+            given
+                .iter()
+                .flat_map(|list| list.split(','))
+                .map(description_in)
+                .collect()
+        })
     };
     Precondition {
         matches: tags(header::IF_MATCH),
@@ -65,7 +83,9 @@ pub(super) fn precondition(headers: &HeaderMap) -> Precondition {
 /// The part of an asset's tag that is its description's.
 fn description_in(tag: &str) -> String {
     let tag = tag.trim().trim_start_matches("W/").trim_matches('"');
-    tag.split_once('-').map_or(tag, |(description, _)| description).to_owned()
+    tag.split_once('-')
+        .map_or(tag, |(description, _)| description)
+        .to_owned()
 }
 
 /// Whether the client has what has this tag.

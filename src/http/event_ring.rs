@@ -129,7 +129,10 @@ impl EventRing {
     /// is none yet.
     pub(super) fn next(&self, position: &mut u64, asset: Option<&AssetId>) -> Next {
         let entries = self.lock();
-        let oldest = entries.events.front().map_or(entries.last_number + 1, |event| event.number);
+        let oldest = entries
+            .events
+            .front()
+            .map_or(entries.last_number + 1, |event| event.number);
         if *position + 1 < oldest {
             let gone = oldest - 1 - *position;
             *position = oldest - 1;
@@ -142,7 +145,9 @@ impl EventRing {
         };
         let found = entries.events.iter().skip(from).find(is_wanted).cloned();
         // A client may have seen more at another node than has come here yet.
-        *position = found.as_ref().map_or(entries.last_number.max(*position), |event| event.number);
+        *position = found
+            .as_ref()
+            .map_or(entries.last_number.max(*position), |event| event.number);
         found.map_or(Next::Nothing, Next::Event)
     }
 
@@ -192,7 +197,11 @@ mod tests {
         let events = EventRing::follow(receiver, "r".into(), 3);
         let (a, b) = (AssetId::new("a").unwrap(), AssetId::new("b").unwrap());
         for n in 0..5 {
-            events.add(LiveEvent::AssetChanged(if n % 2 == 0 { a.clone() } else { b.clone() }));
+            events.add(LiveEvent::AssetChanged(if n % 2 == 0 {
+                a.clone()
+            } else {
+                b.clone()
+            }));
         }
         let mut position = 0;
         assert!(matches!(events.next(&mut position, None), Next::Lost(2)));

@@ -19,8 +19,9 @@ pub(super) struct Changed {
 
 /// Exclude one segment
 ///
-/// It stays stored with its indicators, and takes no part in the baseline, the estimate and the alarms any more, also for the other
-/// assets of its sensor. The histories that it was part of are estimated anew in the background.
+/// It stays stored with its indicators, and takes no part in the baseline, the estimate and the alarms any
+/// more, also for the other assets of its sensor. The histories that it was part of are estimated anew in the
+/// background.
 #[utoipa::path(
     post,
     path = "/v1/segments/{segment}/exclude",
@@ -28,7 +29,10 @@ pub(super) struct Changed {
     params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, body = Changed), (status = 409, body = Details, content_type = "application/problem+json", description = "It came for another asset, whose sensor this one shares")),
 )]
-pub(super) async fn exclude(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<Changed>, Problem> {
+pub(super) async fn exclude(
+    State(app): State<App>,
+    SegmentInPath(id): SegmentInPath,
+) -> Result<Json<Changed>, Problem> {
     set_one(&app, &id, true).await
 }
 
@@ -42,7 +46,10 @@ pub(super) async fn exclude(State(app): State<App>, SegmentInPath(id): SegmentIn
     params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, body = Changed), (status = 409, body = Details, content_type = "application/problem+json", description = "It came for another asset, whose sensor this one shares")),
 )]
-pub(super) async fn include(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<Changed>, Problem> {
+pub(super) async fn include(
+    State(app): State<App>,
+    SegmentInPath(id): SegmentInPath,
+) -> Result<Json<Changed>, Problem> {
     set_one(&app, &id, false).await
 }
 
@@ -88,8 +95,17 @@ async fn set_one(app: &App, id: &SegmentId, is_excluded: bool) -> Result<Json<Ch
     Ok(Json(Changed { changed }))
 }
 
-async fn set_range(app: &App, asset: &AssetId, asked: RangeParameters, is_excluded: bool) -> Result<Json<Changed>, Problem> {
+async fn set_range(
+    app: &App,
+    asset: &AssetId,
+    asked: RangeParameters,
+    is_excluded: bool,
+) -> Result<Json<Changed>, Problem> {
     let ranges = asked.ranges(app, asset, "a time here or in to, or ids").await?;
-    let changed = app.service.exclusions.set_each(asset, &ranges, is_excluded).await?;
+    let changed = app
+        .service
+        .exclusions
+        .set_each(asset, &ranges, is_excluded)
+        .await?;
     Ok(Json(Changed { changed }))
 }

@@ -85,13 +85,21 @@ pub(super) async fn export(
     let _ticket = app.service.workers.admit_answer()?;
     match written(&app, &asset, &asked, spectra, &app.uploads).await {
         // What is kept can be read also while there is no room beside it.
-        Err(problem) if problem.is_no_room() => written(&app, &asset, &asked, spectra, &std::env::temp_dir()).await,
+        Err(problem) if problem.is_no_room() => {
+            written(&app, &asset, &asked, spectra, &std::env::temp_dir()).await
+        }
         answer => answer,
     }
 }
 
 /// The answer, by way of a file in `folder`.
-async fn written(app: &App, asset: &AssetId, asked: &ExportParameters, spectra: u64, folder: &Path) -> Result<Response, Problem> {
+async fn written(
+    app: &App,
+    asset: &AssetId,
+    asked: &ExportParameters,
+    spectra: u64,
+    folder: &Path,
+) -> Result<Response, Problem> {
     let store = &app.service.store;
     let spec = store.asset(asset).await?.spec;
     let channels = store.channels(asset).await?;
@@ -102,9 +110,12 @@ async fn written(app: &App, asset: &AssetId, asked: &ExportParameters, spectra: 
         .map(|channel| channel.segments)
         .sum();
     let (file, spooled) = new_file(folder)?;
-    let mut writer = HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(ServiceError::from)?;
+    let mut writer =
+        HistoryWriter::new(BufWriter::with_capacity(1 << 20, file)).map_err(ServiceError::from)?;
     let wanted = channels.iter().filter(|channel| is_wanted(&channel.channel));
-    let latest: Vec<_> = wanted.filter_map(|channel| channel.last_segment.clone()).collect();
+    let latest: Vec<_> = wanted
+        .filter_map(|channel| channel.last_segment.clone())
+        .collect();
     for (name, entries) in provenance::metadata(&spec, &store.segments_by_id(&latest).await?) {
         writer.metadata(name, entries).map_err(ServiceError::from)?;
     }
@@ -133,7 +144,11 @@ async fn written(app: &App, asset: &AssetId, asked: &ExportParameters, spectra: 
             // Every k-th record, so that there are about as many as were asked for.
             let is_chosen = spectra > 0 && number % segments.div_ceil(spectra).max(1) == 0;
             number += 1;
-            let spectrum = if is_chosen { spectrum_of(app, &segment).await? } else { None };
+            let spectrum = if is_chosen {
+                spectrum_of(app, &segment).await?
+            } else {
+                None
+            };
             with_spectra.push((segment, spectrum));
         }
         let written = app.service.workers.run("write a history", move || {
@@ -153,7 +168,10 @@ async fn written(app: &App, asset: &AssetId, asked: &ExportParameters, spectra: 
         Ok::<_, RecordingError>(writer)
     });
     let writer = written.await?.map_err(ServiceError::from)?;
-    let finished = app.service.workers.run("write a history", move || writer.finish().map(drop));
+    let finished = app
+        .service
+        .workers
+        .run("write a history", move || writer.finish().map(drop));
     finished.await?.map_err(ServiceError::from)?;
     let name = format!("attachment; filename=\"{asset}.mcap\"");
     let fields = [
@@ -183,7 +201,11 @@ async fn spectrum_of(app: &App, segment: &Segment) -> Result<Option<Spectrum>, P
 
 /// What happened to the asset's alarms in the time asked for, in order, each with its topic's beginning. What
 /// was withdrawn is left out.
-async fn alarm_changes(app: &App, asset: &AssetId, asked: &ExportParameters) -> Result<Vec<(String, AlarmState)>, Problem> {
+async fn alarm_changes(
+    app: &App,
+    asset: &AssetId,
+    asked: &ExportParameters,
+) -> Result<Vec<(String, AlarmState)>, Problem> {
     let store = &app.service.store;
     let filter = AlarmFilter {
         asset: Some(asset.clone()),
@@ -193,7 +215,9 @@ async fn alarm_changes(app: &App, asset: &AssetId, asked: &ExportParameters) -> 
     let mut changes = Vec::new();
     for alarm in store.alarms(&filter, app.service.now(), u32::MAX).await? {
         let (history, _) = store.alarm_history(&alarm.id, u32::MAX).await?;
-        let is_asked = |time: Timestamp| asked.from.is_none_or(|from| from <= time) && asked.to.is_none_or(|to| time < to);
+        let is_asked = |time: Timestamp| {
+            asked.from.is_none_or(|from| from <= time) && asked.to.is_none_or(|to| time < to)
+        };
         let told = history
             .into_iter()
             .filter(|entry| entry.withdrawn_at.is_none() && is_asked(entry.change.time));
@@ -247,7 +271,8 @@ fn nanoseconds(time: Timestamp) -> i64 {
     i64::try_from(time.as_nanosecond()).unwrap_or(i64::MAX)
 }
 
-/// A new file in a folder that others may write to as well: its name cannot be guessed, and nobody else reads it.
+/// A new file in a folder that others may write to as well: its name cannot be guessed, and nobody else reads
+/// it.
 fn new_file(folder: &Path) -> Result<(File, SpooledBody), ServiceError> {
     let failed = |source: std::io::Error| ServiceError::File {
         action: "write",

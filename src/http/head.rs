@@ -23,7 +23,8 @@ fn check(request: &Request, most: usize) -> Result<(), Problem> {
         let detail = format!("the head of the request has {bytes} bytes, expected at most {most}");
         return Err(Problem::new(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE, detail));
     }
-    // RFC 9112, 3.2: behind a proxy that takes another one of two hosts than this does, each would guard another name.
+    // RFC 9112, 3.2: behind a proxy that takes another one of two hosts than this does, each would guard
+    // another name.
     let hosts = request.headers().get_all(header::HOST).iter().count();
     let may_be_missing = request.version() < Version::HTTP_11;
     if hosts > 1 || (hosts == 0 && !may_be_missing) {
@@ -35,7 +36,10 @@ fn check(request: &Request, most: usize) -> Result<(), Problem> {
 
 /// The bytes of a request's line and its fields.
 fn head_bytes(request: &Request) -> usize {
-    let path = request.uri().path_and_query().map_or(1, |path| path.as_str().len());
+    let path = request
+        .uri()
+        .path_and_query()
+        .map_or(1, |path| path.as_str().len());
     let line = request.method().as_str().len() + path + "  HTTP/1.1\r\n".len();
     let fields = request.headers().iter();
     let fields = fields.map(|(name, value)| name.as_str().len() + value.len() + ": \r\n".len());
@@ -67,7 +71,11 @@ mod tests {
             (Version::HTTP_11, &[own, own][..]),
             (Version::HTTP_10, &[own, other][..]),
         ] {
-            assert_eq!(status(version, fields), Some(StatusCode::BAD_REQUEST), "{fields:?}");
+            assert_eq!(
+                status(version, fields),
+                Some(StatusCode::BAD_REQUEST),
+                "{fields:?}"
+            );
         }
     }
 
@@ -75,8 +83,16 @@ mod tests {
     fn a_head_has_a_greatest_length() {
         // `GET /v1/assets HTTP/1.1`, the host, and what `x: ` and line ends take.
         let rest = 1000 - 25 - 17 - 5 - 2;
-        let fields = |length: usize| status(Version::HTTP_11, &[("host", "localhost"), ("x", &"a".repeat(length))]);
+        let fields = |length: usize| {
+            status(
+                Version::HTTP_11,
+                &[("host", "localhost"), ("x", &"a".repeat(length))],
+            )
+        };
         assert_eq!(fields(rest), None);
-        assert_eq!(fields(rest + 1), Some(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE));
+        assert_eq!(
+            fields(rest + 1),
+            Some(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE)
+        );
     }
 }

@@ -121,7 +121,10 @@ pub(super) async fn alive() -> Json<Alive> {
     params(ReadyParameters),
     responses((status = 200, body = Ready), (status = 503, body = Ready, description = "Not now")),
 )]
-pub(super) async fn ready(State(app): State<App>, Parameters(asked): Parameters<ReadyParameters>) -> Response {
+pub(super) async fn ready(
+    State(app): State<App>,
+    Parameters(asked): Parameters<ReadyParameters>,
+) -> Response {
     readiness(&app.service, &app.write_probe, asked.purpose).await
 }
 
@@ -157,7 +160,9 @@ async fn readiness(service: &Arc<Service>, probe: &WriteProbe, purpose: Purpose)
         return Json(ready).into_response();
     }
     let mut response = (StatusCode::SERVICE_UNAVAILABLE, Json(ready)).into_response();
-    response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(5));
+    response
+        .headers_mut()
+        .insert(header::RETRY_AFTER, HeaderValue::from(5));
     response
 }
 
@@ -206,7 +211,10 @@ impl HealthServer {
     }
 }
 
-async fn ready_of_worker(State(watched): State<Watched>, Parameters(asked): Parameters<ReadyParameters>) -> Response {
+async fn ready_of_worker(
+    State(watched): State<Watched>,
+    Parameters(asked): Parameters<ReadyParameters>,
+) -> Response {
     readiness(&watched.service, &watched.write_probe, asked.purpose).await
 }
 

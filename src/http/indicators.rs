@@ -86,9 +86,15 @@ pub(super) async fn trend(
         names.map(str::to_owned).collect()
     });
     if let Some(names) = names.as_ref().filter(|names| names.len() > 64) {
-        return Err(Problem::query("names", format!("{} names", names.len()), "at most 64 names"));
+        return Err(Problem::query(
+            "names",
+            format!("{} names", names.len()),
+            "at most 64 names",
+        ));
     }
-    let check = |known: &BTreeMap<String, Vec<f64>>| check_names(names.as_deref().unwrap_or_default(), known, &asset.spec);
+    let check = |known: &BTreeMap<String, Vec<f64>>| {
+        check_names(names.as_deref().unwrap_or_default(), known, &asset.spec)
+    };
     let Some(channel) = channel else {
         check(&BTreeMap::new())?;
         return table::answer(tag, wants_csv, TrendView::default(), table_of);
@@ -106,14 +112,21 @@ pub(super) async fn trend(
     table::answer(tag, wants_csv, view, table_of)
 }
 
-/// A name that is no indicator's, and that no record has a value of from before a change of the bands, is a slip.
-pub(super) fn check_names(names: &[String], recorded: &BTreeMap<String, Vec<f64>>, spec: &AssetSpec) -> Result<(), Problem> {
+/// A name that is no indicator's, and that no record has a value of from before a change of the bands, is a
+/// slip.
+pub(super) fn check_names(
+    names: &[String],
+    recorded: &BTreeMap<String, Vec<f64>>,
+    spec: &AssetSpec,
+) -> Result<(), Problem> {
     let known = Indicators::names(&spec.bands);
     let is_known = |name: &&String| known.contains(name) || recorded.contains_key(*name);
     let Some(unknown) = names.iter().find(|name| !is_known(name)) else {
         return Ok(());
     };
-    let all = known.iter().chain(recorded.keys().filter(|name| !known.contains(name)));
+    let all = known
+        .iter()
+        .chain(recorded.keys().filter(|name| !known.contains(name)));
     let nearest = Indicators::nearest(unknown, all.map(String::as_str)).join(", ");
     let expected = format!("names of indicators; the nearest are {nearest}");
     Err(Problem::query("names", format!("{unknown:?}"), &expected))

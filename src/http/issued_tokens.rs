@@ -1,4 +1,5 @@
-//! `/v1/tokens`: the tokens of the service, made and revoked from the dashboard. A secret is answered once, and neither listed nor logged.
+//! `/v1/tokens`: the tokens of the service, made and revoked from the dashboard. A secret is answered once,
+//! and neither listed nor logged.
 
 use axum::body::Body;
 use axum::extract::State;
@@ -78,14 +79,28 @@ pub(super) struct TokenRequest {
     params(PageParameters),
     responses((status = 200, body = Page<TokenView>)),
 )]
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<TokenView>>, Problem> {
+pub(super) async fn list(
+    State(app): State<App>,
+    Parameters(asked): Parameters<PageParameters>,
+) -> Result<Json<Page<TokenView>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let after = query::place_cursor(asked.cursor.as_deref())?;
-    let known = app.access.managed_tokens()?.list().await.map_err(|error| unreadable(&error))?;
+    let known = app
+        .access
+        .managed_tokens()?
+        .list()
+        .await
+        .map_err(|error| unreadable(&error))?;
     let mut tokens = known.map(|tokens| tokens.to_vec()).unwrap_or_default();
     tokens.sort_by(|a, b| place(a).cmp(&place(b)));
-    tokens.retain(|token| after.as_ref().is_none_or(|(time, id)| place(token) > (*time, id.as_str())));
-    let page = Page::new(tokens, limit, |token: &Token| query::cursor_at(token.created_at, &token.id));
+    tokens.retain(|token| {
+        after
+            .as_ref()
+            .is_none_or(|(time, id)| place(token) > (*time, id.as_str()))
+    });
+    let page = Page::new(tokens, limit, |token: &Token| {
+        query::cursor_at(token.created_at, &token.id)
+    });
     Ok(Json(page.map(|token| TokenView::from(&token))))
 }
 
@@ -95,8 +110,8 @@ fn place(token: &Token) -> (Timestamp, &str) {
 
 /// Make a token
 ///
-/// Its secret is in this answer and nowhere else. The first token of a service has to have the scope `admin`: from then on every request
-/// needs one. Needs the scope `admin`.
+/// Its secret is in this answer and nowhere else. The first token of a service has to have the scope `admin`:
+/// from then on every request needs one. Needs the scope `admin`.
 #[utoipa::path(
     post,
     path = "/v1/tokens",
@@ -140,18 +155,28 @@ pub(super) async fn create(
     }
     let issued = place.issue(name, scope, app.service.now()).await;
     let (token, kept) = issued.map_err(|error| unreadable(&error))?;
-    tracing::info!(token = kept.id, scope = scope.name(), by = by(caller.as_deref()), "made a token");
+    tracing::info!(
+        token = kept.id,
+        scope = scope.name(),
+        by = by(caller.as_deref()),
+        "made a token"
+    );
     let answer = NewToken {
         kept: TokenView::from(&kept),
         token,
     };
-    Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(answer)).into_response())
+    Ok((
+        StatusCode::CREATED,
+        [(header::CACHE_CONTROL, "no-store")],
+        Json(answer),
+    )
+        .into_response())
 }
 
 /// Revoke a token
 ///
-/// It opens nothing from then on, nor do sessions that were begun with it. The last token of the scope `admin` can only be revoked with
-/// `flankwatch token revoke`. Needs the scope `admin`.
+/// It opens nothing from then on, nor do sessions that were begun with it. The last token of the scope
+/// `admin` can only be revoked with `flankwatch token revoke`. Needs the scope `admin`.
 #[utoipa::path(
     delete,
     path = "/v1/tokens/{token}",
@@ -174,7 +199,9 @@ pub(super) async fn revoke(
     let found = known.iter().find(|token| token.id == id).ok_or_else(unknown)?;
     let admins = known.iter().filter(|token| token.scope == Scope::Admin).count();
     if found.scope == Scope::Admin && admins == 1 {
-        let detail = format!("the token {id} is the last one of the scope admin: make another one first, or use `flankwatch token revoke`");
+        let detail = format!(
+            "the token {id} is the last one of the scope admin: make another one first, or use `flankwatch token revoke`"
+        );
         return Err(Problem::new(StatusCode::CONFLICT, detail));
     }
     match place.revoke(id.clone(), app.service.now()).await {

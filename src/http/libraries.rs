@@ -22,7 +22,10 @@ use crate::signal::{Features, Indicators};
     params(PageParameters),
     responses((status = 200, body = Page<LibraryRow>)),
 )]
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<LibraryRow>>, Problem> {
+pub(super) async fn list(
+    State(app): State<App>,
+    Parameters(asked): Parameters<PageParameters>,
+) -> Result<Json<Page<LibraryRow>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let shelf = app.service.simulations.shelf();
     let mut all = blocking(move || shelf.list()).await?;
@@ -97,7 +100,10 @@ pub(super) struct LibraryView {
     params(("library" = String, Path, description = "The library")),
     responses((status = 200, body = LibraryView)),
 )]
-pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<LibraryView>, Problem> {
+pub(super) async fn show(
+    State(app): State<App>,
+    NameInPath(id): NameInPath,
+) -> Result<Json<LibraryView>, Problem> {
     let library = find(&app, &id).await?;
     Ok(Json(LibraryView {
         row: LibraryRow::from(library.manifest()),
@@ -146,7 +152,10 @@ pub(super) async fn state(
 ) -> Result<Json<StateView>, Problem> {
     let Path((id, index)) = path.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
     let library = find(&app, &id).await?;
-    let state = index.parse::<usize>().ok().and_then(|index| library.states().get(index));
+    let state = index
+        .parse::<usize>()
+        .ok()
+        .and_then(|index| library.states().get(index));
     let state = state.ok_or_else(|| {
         let last = library.states().len().saturating_sub(1);
         Problem::not_found(format!("library {id} has no state {index}, only 0 to {last}"))
@@ -169,7 +178,10 @@ pub(super) async fn state(
 pub(super) async fn find(app: &App, id: &str) -> Result<Arc<Library>, Problem> {
     let unknown = || Problem::not_found(format!("there is no library {id:?}"));
     // It becomes a file's name.
-    if !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_') {
+    if !id
+        .bytes()
+        .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_')
+    {
         return Err(unknown());
     }
     let (shelf, name) = (app.service.simulations.shelf(), id.to_string());

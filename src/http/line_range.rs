@@ -46,7 +46,9 @@ mod tests {
     use super::*;
 
     fn places(from: Option<f64>, to: Option<f64>) -> Range<usize> {
-        LineRange::new(["from_hz", "to_hz"], from, to).unwrap().places(1001, 0.1)
+        LineRange::new(["from_hz", "to_hz"], from, to)
+            .unwrap()
+            .places(1001, 0.1)
     }
 
     #[test]

@@ -127,7 +127,9 @@ pub(super) async fn list(
     let after = query::place_cursor(asked.cursor.as_deref())?;
     let store = &app.service.store;
     store.asset(&asset).await?;
-    let events = store.latest_maintenance(&asset, after.as_ref(), limit + 1).await?;
+    let events = store
+        .latest_maintenance(&asset, after.as_ref(), limit + 1)
+        .await?;
     let page = Page::new(events, limit, |stored: &StoredEvent| {
         query::cursor_at(stored.event.time, &stored.id)
     });
@@ -147,7 +149,10 @@ pub(super) async fn list(
     ),
     responses((status = 204, description = "Gone")),
 )]
-pub(super) async fn remove(State(app): State<App>, EventInPath { asset, event }: EventInPath) -> Result<StatusCode, Problem> {
+pub(super) async fn remove(
+    State(app): State<App>,
+    EventInPath { asset, event }: EventInPath,
+) -> Result<StatusCode, Problem> {
     app.service.maintenance.remove(&asset, &event).await?;
     Ok(StatusCode::NO_CONTENT)
 }
@@ -164,7 +169,8 @@ impl<S: Send + Sync> FromRequestParts<S> for EventInPath {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let parsed = Path::<(String, String)>::from_request_parts(parts, state).await;
         let Path((asset, event)) = parsed.map_err(|rejection| Problem::not_found(rejection.body_text()))?;
-        let asset = AssetId::new(asset).map_err(|error| Problem::not_found(format!("there is no such asset: {error}")))?;
+        let asset = AssetId::new(asset)
+            .map_err(|error| Problem::not_found(format!("there is no such asset: {error}")))?;
         Ok(Self { asset, event })
     }
 }
@@ -180,7 +186,9 @@ fn check_until(kind: MaintenanceKind, time: Timestamp, until: Option<Timestamp>)
             refused(format!("until is {until}, expected a time after {time}"))
         }
         (MaintenanceKind::BaselineChosen, Some(_)) | (_, None) => Ok(()),
-        (_, Some(until)) => refused(format!("until is {until}, expected it only for the kind baseline_chosen")),
+        (_, Some(until)) => refused(format!(
+            "until is {until}, expected it only for the kind baseline_chosen"
+        )),
     }
 }
 
@@ -188,7 +196,9 @@ fn check_until(kind: MaintenanceKind, time: Timestamp, until: Option<Timestamp>)
 fn check_inspection(kind: MaintenanceKind, inspection: Option<&Inspection>) -> Result<(), Problem> {
     let refused = |detail: String| Err(Problem::new(StatusCode::BAD_REQUEST, detail));
     match (kind, inspection) {
-        (MaintenanceKind::Inspected, None) => refused("inspection is missing, expected its depth_um for the kind inspected".into()),
+        (MaintenanceKind::Inspected, None) => {
+            refused("inspection is missing, expected its depth_um for the kind inspected".into())
+        }
         (MaintenanceKind::Inspected, Some(inspection)) => match inspection.fault() {
             Some((field, value, expected)) => refused(format!("{field} is {value}, expected {expected}")),
             None => Ok(()),

@@ -64,12 +64,19 @@ struct FeatureRow {
     params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, body = MatchView)),
 )]
-pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<MatchView>, Problem> {
+pub(super) async fn show(
+    State(app): State<App>,
+    SegmentInPath(id): SegmentInPath,
+) -> Result<Json<MatchView>, Problem> {
     let segment = segments::find(&app, &id).await?;
     let wear = &segment.wear;
-    let (Some(library_id), Some(state), Some(median), Some(low), Some(high)) =
-        (&wear.library_id, &wear.best_state, wear.median_um, wear.p05_um, wear.p95_um)
-    else {
+    let (Some(library_id), Some(state), Some(median), Some(low), Some(high)) = (
+        &wear.library_id,
+        &wear.best_state,
+        wear.median_um,
+        wear.p05_um,
+        wear.p95_um,
+    ) else {
         return Err(Problem::not_found(format!(
             "there is nothing to match this record with: {}",
             wear.reason
@@ -92,7 +99,9 @@ pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPat
 /// maintenance before the record; fewer than it needs while it is being learnt.
 pub(super) async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment>, Problem> {
     let events = app.service.store.maintenance(&segment.asset_id).await?;
-    let begins_baseline = |event: &&MaintenanceEvent| event.kind != MaintenanceKind::Inspected && event.time <= segment.start_time;
+    let begins_baseline = |event: &&MaintenanceEvent| {
+        event.kind != MaintenanceKind::Inspected && event.time <= segment.start_time
+    };
     let before = events.iter().rev().find(begins_baseline);
     let filter = SegmentFilter {
         channel: Some(segment.channel.clone()),
@@ -102,7 +111,11 @@ pub(super) async fn baseline(app: &App, segment: &Segment) -> Result<Vec<Segment
         order: Order::Asc,
     };
     let need = segment.wear.baseline.need.min(1000);
-    Ok(app.service.store.segments(&segment.asset_id, &filter, need).await?)
+    Ok(app
+        .service
+        .store
+        .segments(&segment.asset_id, &filter, need)
+        .await?)
 }
 
 fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f64; 3]) -> Vec<FeatureRow> {
@@ -110,7 +123,10 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
     let depths: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
     let measured = segment.features.values.iter();
     let row = |(name, value): (&String, &f64)| {
-        let healthy: Option<Vec<f64>> = baseline.iter().map(|record| record.features.values.get(name).copied()).collect();
+        let healthy: Option<Vec<f64>> = baseline
+            .iter()
+            .map(|record| record.features.values.get(name).copied())
+            .collect();
         let healthy = healthy.filter(|values| !values.is_empty())?;
         let (mean, deviation) = moments(&healthy);
         let noise: Vec<f64> = baseline
@@ -128,7 +144,9 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
                 let within = depths.iter().filter(|um| (wear_um[0]..=wear_um[2]).contains(*um));
                 within
                     .filter_map(|um| change(*um))
-                    .fold([first.min(last), first.max(last)], |[low, high], db| [low.min(db), high.max(db)])
+                    .fold([first.min(last), first.max(last)], |[low, high], db| {
+                        [low.min(db), high.max(db)]
+                    })
             }),
             above_noise: noise.is_empty() || mean >= moments(&noise).0 + MIN_LINE_TO_BACKGROUND.ln(),
         })
@@ -140,12 +158,17 @@ fn rows(segment: &Segment, baseline: &[Segment], library: &Library, wear_um: [f6
 fn moments(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (mean, (squares / values.len().saturating_sub(1).max(1) as f64).sqrt())
+    (
+        mean,
+        (squares / values.len().saturating_sub(1).max(1) as f64).sqrt(),
+    )
 }
 
 /// Linear between rising nodes, held at the ends.
 fn interpolate(nodes: &[f64], values: &[f64], x: f64) -> f64 {
-    let upper = nodes.partition_point(|node| *node <= x).clamp(1, nodes.len().max(2) - 1);
+    let upper = nodes
+        .partition_point(|node| *node <= x)
+        .clamp(1, nodes.len().max(2) - 1);
     let part = (x - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]);
     values[upper - 1] + part.clamp(0.0, 1.0) * (values[upper] - values[upper - 1])
 }
@@ -157,7 +180,10 @@ mod tests {
     #[test]
     fn between_states_the_library_is_linear_and_beyond_them_held() {
         let at = |x| interpolate(&[0.0, 5.0, 10.0], &[1.0, 2.0, 0.0], x);
-        assert_eq!([-1.0, 0.0, 2.5, 5.0, 7.5, 10.0, 99.0].map(at), [1.0, 1.0, 1.5, 2.0, 1.0, 0.0, 0.0]);
+        assert_eq!(
+            [-1.0, 0.0, 2.5, 5.0, 7.5, 10.0, 99.0].map(at),
+            [1.0, 1.0, 1.5, 2.0, 1.0, 0.0, 0.0]
+        );
     }
 
     #[test]

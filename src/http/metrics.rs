@@ -31,8 +31,14 @@ pub(super) struct MetricsParameters {
     params(MetricsParameters),
     responses((status = 200, body = String, content_type = "text/plain")),
 )]
-pub(super) async fn show(State(app): State<App>, Parameters(asked): Parameters<MetricsParameters>) -> Result<impl IntoResponse, Problem> {
-    let wanted: Option<Vec<&str>> = asked.indicators.as_deref().map(|names| names.split(',').map(str::trim).collect());
+pub(super) async fn show(
+    State(app): State<App>,
+    Parameters(asked): Parameters<MetricsParameters>,
+) -> Result<impl IntoResponse, Problem> {
+    let wanted: Option<Vec<&str>> = asked
+        .indicators
+        .as_deref()
+        .map(|names| names.split(',').map(str::trim).collect());
     let mut text = MetricsText::default();
     process(&app.service, &mut text).await?;
     app.measurements.write(&mut text);
@@ -43,7 +49,10 @@ pub(super) async fn show(State(app): State<App>, Parameters(asked): Parameters<M
 }
 
 /// What a worker measures: nothing of single assets, which API nodes show.
-pub(super) async fn of_worker(service: &Service, queue: &QueueWatch) -> Result<impl IntoResponse + use<>, Problem> {
+pub(super) async fn of_worker(
+    service: &Service,
+    queue: &QueueWatch,
+) -> Result<impl IntoResponse + use<>, Problem> {
     let mut text = MetricsText::default();
     process(service, &mut text).await?;
     queue.write(service, &mut text).await;
@@ -57,7 +66,11 @@ fn page(text: MetricsText) -> impl IntoResponse + use<> {
 
 async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Problem> {
     text.head("flankwatch_build_info", "gauge", "The running version.");
-    text.line("flankwatch_build_info", &[("version", env!("CARGO_PKG_VERSION"))], 1);
+    text.line(
+        "flankwatch_build_info",
+        &[("version", env!("CARGO_PKG_VERSION"))],
+        1,
+    );
     let segments = service.store.segment_count().await?;
     text.single("flankwatch_segments", "gauge", "Segments in the store.", segments);
     let tally = &service.tally;
@@ -76,7 +89,12 @@ async fn process(service: &Service, text: &mut MetricsText) -> Result<(), Proble
         text.line("flankwatch_records_total", &[("outcome", outcome)], count);
     }
     let (used, most) = service.workers.queue();
-    text.single("flankwatch_ingest_queue_used", "gauge", "Uploads being processed or waiting.", used);
+    text.single(
+        "flankwatch_ingest_queue_used",
+        "gauge",
+        "Uploads being processed or waiting.",
+        used,
+    );
     text.single(
         "flankwatch_ingest_queue_limit",
         "gauge",
@@ -116,11 +134,23 @@ fn feeds(service: &Service, text: &mut MetricsText) {
     );
     for feed in &feeds {
         let count = feed.counted(FeedCount::Reconnected);
-        text.line("flankwatch_feed_reconnects_total", &[("feed", feed.name())], count);
+        text.line(
+            "flankwatch_feed_reconnects_total",
+            &[("feed", feed.name())],
+            count,
+        );
     }
-    text.head("flankwatch_feed_connected", "gauge", "Whether a feed's connection stands.");
+    text.head(
+        "flankwatch_feed_connected",
+        "gauge",
+        "Whether a feed's connection stands.",
+    );
     for feed in &feeds {
-        text.line("flankwatch_feed_connected", &[("feed", feed.name())], u8::from(feed.is_connected()));
+        text.line(
+            "flankwatch_feed_connected",
+            &[("feed", feed.name())],
+            u8::from(feed.is_connected()),
+        );
     }
     text.head(
         "flankwatch_feed_messages_held",
@@ -128,6 +158,10 @@ fn feeds(service: &Service, text: &mut MetricsText) {
         "Messages of a feed that cannot be taken now and wait, unacknowledged.",
     );
     for feed in &feeds {
-        text.line("flankwatch_feed_messages_held", &[("feed", feed.name())], feed.held());
+        text.line(
+            "flankwatch_feed_messages_held",
+            &[("feed", feed.name())],
+            feed.held(),
+        );
     }
 }

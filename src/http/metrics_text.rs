@@ -15,7 +15,10 @@ impl MetricsText {
         let labels: Vec<String> = labels
             .iter()
             .map(|(name, value)| {
-                let value = value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n");
+                let value = value
+                    .replace('\\', "\\\\")
+                    .replace('"', "\\\"")
+                    .replace('\n', "\\n");
                 format!("{name}=\"{value}\"")
             })
             .collect();

@@ -50,7 +50,15 @@ const WITH_BODY: &[(&str, &str)] = &[
 
 /// Of operations that read a record's raw bytes.
 const FROM_RAW: &[(&str, &str)] = &[("410", "The raw recording was given up for the quota")];
-const READ_RAW: [&str; 7] = ["/raw", "/waveform", "/spectrum", "/envelope", "/orders", "/turn", "/cepstrum"];
+const READ_RAW: [&str; 7] = [
+    "/raw",
+    "/waveform",
+    "/spectrum",
+    "/envelope",
+    "/orders",
+    "/turn",
+    "/cepstrum",
+];
 
 /// Of operations without a body that write a file.
 const WITH_FILE: &[(&str, &str)] = &[("507", "There is no room")];
@@ -118,7 +126,9 @@ fn add_problems(path: &str, operation: &mut Value) {
 /// A schema that others take in whole cannot refuse their members: it is written out there without that rule.
 fn open_what_is_flattened(part: &mut Value, schemas: &Value) {
     match part {
-        Value::Array(parts) => parts.iter_mut().for_each(|part| open_what_is_flattened(part, schemas)),
+        Value::Array(parts) => parts
+            .iter_mut()
+            .for_each(|part| open_what_is_flattened(part, schemas)),
         Value::Object(members) => {
             for (name, member) in members {
                 if name == "allOf" {
@@ -136,7 +146,10 @@ fn open_what_is_flattened(part: &mut Value, schemas: &Value) {
 }
 
 fn write_out(part: &mut Value, schemas: &Value) {
-    let name = part.get("$ref").and_then(Value::as_str).and_then(|text| text.rsplit('/').next());
+    let name = part
+        .get("$ref")
+        .and_then(Value::as_str)
+        .and_then(|text| text.rsplit('/').next());
     let Some(named) = name.and_then(|name| schemas.get(name)) else {
         return;
     };
@@ -158,15 +171,27 @@ pub(super) fn routes<S: Clone + Send + Sync + 'static>(document: &Value) -> Rout
         title: None,
     });
     Router::new()
-        .route("/openapi.json", get(move || async move { typed("application/json", text) }))
+        .route(
+            "/openapi.json",
+            get(move || async move { typed("application/json", text) }),
+        )
         .route("/docs", get(|| async { Html(PAGE) }))
         .route(
             "/docs/docs.js",
-            get(|| async { typed("text/javascript; charset=utf-8", Bytes::from_static(SCRIPT.as_bytes())) }),
+            get(|| async {
+                typed(
+                    "text/javascript; charset=utf-8",
+                    Bytes::from_static(SCRIPT.as_bytes()),
+                )
+            }),
         )
         .merge(ui.with_state(()))
 }
 
 fn typed(media_type: &'static str, bytes: Bytes) -> Response {
-    ([(header::CONTENT_TYPE, HeaderValue::from_static(media_type))], bytes).into_response()
+    (
+        [(header::CONTENT_TYPE, HeaderValue::from_static(media_type))],
+        bytes,
+    )
+        .into_response()
 }

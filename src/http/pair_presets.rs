@@ -10,10 +10,19 @@ use crate::gear::PairSpec;
 
 /// Names and pair files.
 const PRESETS: [(&str, &str); 4] = [
-    ("steel-module-1", include_str!("../../fixtures/pairs/steel-module-1.toml")),
+    (
+        "steel-module-1",
+        include_str!("../../fixtures/pairs/steel-module-1.toml"),
+    ),
     ("shen2022", include_str!("../../fixtures/pairs/shen2022.toml")),
-    ("steel-module-12", include_str!("../../fixtures/pairs/steel-module-12.toml")),
-    ("plastic-module-0.5", include_str!("../../fixtures/pairs/plastic-module-0.5.toml")),
+    (
+        "steel-module-12",
+        include_str!("../../fixtures/pairs/steel-module-12.toml"),
+    ),
+    (
+        "plastic-module-0.5",
+        include_str!("../../fixtures/pairs/plastic-module-0.5.toml"),
+    ),
 ];
 
 /// A described gear pair.

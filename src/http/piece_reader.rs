@@ -33,7 +33,9 @@ impl PieceReader {
     fn piece(&self, name: &str) -> Result<Bytes, StoreError> {
         loop {
             match self.store.objects().piece(&self.upload, name) {
-                Err(error) if error.is_unavailable() && !self.store.is_closed() => std::thread::sleep(RETRY_AFTER),
+                Err(error) if error.is_unavailable() && !self.store.is_closed() => {
+                    std::thread::sleep(RETRY_AFTER)
+                }
                 piece => return piece,
             }
         }
@@ -47,7 +49,9 @@ impl Read for PieceReader {
             if read > 0 || buffer.is_empty() {
                 return Ok(read);
             }
-            let Some(piece) = self.pieces.pop_front() else { return Ok(0) };
+            let Some(piece) = self.pieces.pop_front() else {
+                return Ok(0);
+            };
             self.current = Cursor::new(self.piece(&piece.object).map_err(io::Error::other)?);
         }
     }

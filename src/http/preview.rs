@@ -37,10 +37,11 @@ pub(super) struct Request {
 /// What the model says of a gear pair.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Preview {
-    /// Everything for which `POST /v1/assets` refuses these teeth, this speed and this pair, and what of the wear and the operating point cannot be; empty where
-    /// all can be.
+    /// Everything for which `POST /v1/assets` refuses these teeth, this speed and this pair, and what of the
+    /// wear and the operating point cannot be; empty where all can be.
     refusals: Vec<Refusal>,
-    /// Geometry of the pair, also of one that cannot be; none without a pair, and where its numbers give no geometry.
+    /// Geometry of the pair, also of one that cannot be; none without a pair, and where its numbers give no
+    /// geometry.
     #[serde(skip_serializing_if = "Option::is_none")]
     geometry: Option<GeometryView>,
     /// Greatest wear depth in µm that is previewed.
@@ -53,10 +54,12 @@ pub(super) struct Preview {
 
 /// Preview a gear pair
 ///
-/// What the model says of a pair as it is described, without an asset or a library: geometry with its limits, and at a wear depth, a torque and a speed
-/// the flanks, mesh stiffness, transmission error and the expected vibration. A pair that cannot be is answered with everything that is wrong and with its
-/// geometry as far as there is one. The mesh is worked out at the coarse resolution (the first ten mesh harmonics are within 1 % of a library's), with the
-/// compliance of the unworn teeth, and the vibration over at most 256 mesh periods; wear after Archard in steps of 1/24 of the greatest depth.
+/// What the model says of a pair as it is described, without an asset or a library: geometry with its limits,
+/// and at a wear depth, a torque and a speed the flanks, mesh stiffness, transmission error and the expected
+/// vibration. A pair that cannot be is answered with everything that is wrong and with its geometry as far as
+/// there is one. The mesh is worked out at the coarse resolution (the first ten mesh harmonics are within 1 %
+/// of a library's), with the compliance of the unworn teeth, and the vibration over at most 256 mesh periods;
+/// wear after Archard in steps of 1/24 of the greatest depth.
 #[utoipa::path(
     post,
     path = "/v1/preview",
@@ -64,7 +67,11 @@ pub(super) struct Preview {
     request_body(content = Request, description = "The mesh, how far it is worn, and how it runs"),
     responses((status = 200, body = Preview)),
 )]
-pub(super) async fn preview(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<Json<Preview>, Problem> {
+pub(super) async fn preview(
+    State(app): State<App>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Json<Preview>, Problem> {
     let _ticket = app.service.workers.admit_answer()?;
     let request: Request = body::described(&app.limits, &headers, body).await?;
     let models = app.previews.clone();
@@ -95,14 +102,19 @@ pub(super) async fn preview(State(app): State<App>, headers: HeaderMap, body: Bo
             conditions.wear_um = 0.0;
         }
         let model = if refusals.is_empty() {
-            models.view(pair, &conditions).map_err(|refusal| refusals.push(refusal)).ok()
+            models
+                .view(pair, &conditions)
+                .map_err(|refusal| refusals.push(refusal))
+                .ok()
         } else {
             None
         };
         Preview {
             refusals,
             max_wear_um: assessment.pair.is_some().then_some(max_wear_um),
-            geometry: assessment.pair.and_then(|drafted| GeometryView::of(&drafted, assessment.measures)),
+            geometry: assessment
+                .pair
+                .and_then(|drafted| GeometryView::of(&drafted, assessment.measures)),
             model,
         }
     });
@@ -117,7 +129,11 @@ fn max_wear_um(pair: &PairSpec) -> f64 {
 /// What an asset with this mesh is refused for, its pair's own numbers apart.
 fn refusals_beside_pair(gear: &GearSpec) -> Vec<Refusal> {
     let refusal = |error| match error {
-        AssetError::Field { field, value, expected } => Refusal::of_field(field, value, expected),
+        AssetError::Field {
+            field,
+            value,
+            expected,
+        } => Refusal::of_field(field, value, expected),
         other => Refusal::in_words(&other),
     };
     [gear.check_beside_pair(), gear.check_pair_teeth()]

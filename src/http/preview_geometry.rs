@@ -45,8 +45,8 @@ struct GearView {
     mass_kg: f64,
     /// Moment of inertia in kg·m².
     inertia_kg_m2: f64,
-    /// Half of an unworn tooth in mm, distance along its centre line from the gear's centre and half of the thickness: from the middle of the space up
-    /// fillet and flank to the tip.
+    /// Half of an unworn tooth in mm, distance along its centre line from the gear's centre and half of the
+    /// thickness: from the middle of the space up fillet and flank to the tip.
     profile_mm: Vec<[f32; 2]>,
 }
 

@@ -7,7 +7,10 @@ use serde::Serialize;
 
 use super::preview_refusal::Refusal;
 use super::preview_vibration::{Vibration, VibrationPlan};
-use crate::gear::{ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair, MODEL_VERSION, MeshCycle, PairSpec, WearShape};
+use crate::gear::{
+    ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair, MODEL_VERSION, MeshCycle, PairSpec,
+    WearShape,
+};
 
 /// Pairs that are kept, the latest used last.
 const KEPT_PAIRS: usize = 12;
@@ -60,8 +63,8 @@ pub(super) struct ModelView {
     harmonics: Vec<HarmonicView>,
 }
 
-/// A gear's working flank from the start of its active profile to the tip, in the tooth's own coordinates: x along its centre line from the gear's centre,
-/// y half of its thickness before wear.
+/// A gear's working flank from the start of its active profile to the tip, in the tooth's own coordinates: x
+/// along its centre line from the gear's centre, y half of its thickness before wear.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[schema(as = PreviewFlank)]
 struct FlankView {
@@ -164,7 +167,9 @@ impl PairModel {
         let pair = spec.check()?;
         let loaded = spec.dynamics.contact == ContactRule::Loaded;
         Ok(Self {
-            bodies: loaded.then(|| ElasticBodies::new(&pair, &FlankWear::none())).transpose()?,
+            bodies: loaded
+                .then(|| ElasticBodies::new(&pair, &FlankWear::none()))
+                .transpose()?,
             spec: spec.clone(),
             pair,
             course: OnceLock::new(),
@@ -182,7 +187,11 @@ impl PairModel {
             Arc::clone(&unworn)
         };
         let mesh_hz = conditions.shaft_speed_hz * f64::from(pair.gears[0].teeth);
-        let pairs = unworn.vibration.harmonics().iter().zip(worn.vibration.harmonics());
+        let pairs = unworn
+            .vibration
+            .harmonics()
+            .iter()
+            .zip(worn.vibration.harmonics());
         let harmonics = (1..).zip(pairs).map(|(harmonic, (before, after))| HarmonicView {
             harmonic,
             frequency_hz: mesh_hz * f64::from(harmonic),
@@ -207,13 +216,17 @@ impl PairModel {
     /// The flanks at a depth in µm, and the depth that they have.
     fn wear(&self, wear_um: f64) -> Result<(FlankWear, f64), Refusal> {
         if self.spec.wear.shape != WearShape::Archard {
-            let wear = FlankWear::from_shape(&self.pair, wear_um * 1e-3).map_err(|error| Refusal::of_conditions(&error))?;
+            let wear = FlankWear::from_shape(&self.pair, wear_um * 1e-3)
+                .map_err(|error| Refusal::of_conditions(&error))?;
             return Ok((wear, wear_um));
         }
         let step_um = self.spec.usual_wear_um() / ARCHARD_STEPS as f64;
         let course = self.course.get_or_init(|| {
-            let depths: Vec<f64> = (0..=ARCHARD_STEPS).map(|step| step as f64 * step_um * 1e-3).collect();
-            FlankWear::from_shape_coarsely_at(&self.pair, &depths).map_err(|error| Refusal::of_conditions(&error))
+            let depths: Vec<f64> = (0..=ARCHARD_STEPS)
+                .map(|step| step as f64 * step_um * 1e-3)
+                .collect();
+            FlankWear::from_shape_coarsely_at(&self.pair, &depths)
+                .map_err(|error| Refusal::of_conditions(&error))
         });
         let course = course.as_ref().map_err(Clone::clone)?;
         let step = ((wear_um / step_um).round() as usize).min(ARCHARD_STEPS);
@@ -233,7 +246,10 @@ impl PairModel {
     }
 
     fn unworn(&self, pair: &GearPair, conditions: &Conditions) -> Result<Arc<StateView>, Refusal> {
-        let key = [conditions.torque_nm.to_bits(), conditions.shaft_speed_hz.to_bits()];
+        let key = [
+            conditions.torque_nm.to_bits(),
+            conditions.shaft_speed_hz.to_bits(),
+        ];
         let lock = || self.unworn.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = latest(&mut lock(), &key) {
             return Ok(known);
@@ -243,7 +259,12 @@ impl PairModel {
         Ok(made)
     }
 
-    fn state(&self, pair: &GearPair, wear: &FlankWear, conditions: &Conditions) -> Result<StateView, Refusal> {
+    fn state(
+        &self,
+        pair: &GearPair,
+        wear: &FlankWear,
+        conditions: &Conditions,
+    ) -> Result<StateView, Refusal> {
         let refused = |error: GearError| Refusal::of_conditions(&error);
         let cycle = MeshCycle::coarse(pair, self.bodies.as_ref(), wear, CYCLE_POINTS).map_err(refused)?;
         let plan = VibrationPlan::new(pair, conditions.torque_nm, conditions.shaft_speed_hz);
@@ -260,7 +281,9 @@ impl PairModel {
 
 impl FlankView {
     fn of(pair: &GearPair, wear: &FlankWear, index: usize) -> Self {
-        let points: Vec<_> = Flank::new(&pair.gears[index], wear, index).active_points(FLANK_STRETCHES).collect();
+        let points: Vec<_> = Flank::new(&pair.gears[index], wear, index)
+            .active_points(FLANK_STRETCHES)
+            .collect();
         Self {
             x_mm: points.iter().map(|point| point.x_mm as f32).collect(),
             y_mm: points.iter().map(|point| point.y_mm as f32).collect(),

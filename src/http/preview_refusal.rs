@@ -22,7 +22,11 @@ pub(super) struct Refusal {
 }
 
 impl Refusal {
-    pub(super) fn of_field(field: impl Into<String>, value: impl ToString, expected: impl Into<String>) -> Self {
+    pub(super) fn of_field(
+        field: impl Into<String>,
+        value: impl ToString,
+        expected: impl Into<String>,
+    ) -> Self {
         let (field, value, expected) = (field.into(), value.to_string(), expected.into());
         Self {
             detail: format!("{field} is {value}, expected {expected}"),
@@ -35,7 +39,11 @@ impl Refusal {
     /// A refusal of the pair's own fields.
     pub(super) fn of_pair(error: &GearError) -> Self {
         match error {
-            GearError::Field { field, value, expected } => Self::of_field(format!("gear.pair.{field}"), value, expected),
+            GearError::Field {
+                field,
+                value,
+                expected,
+            } => Self::of_field(format!("gear.pair.{field}"), value, expected),
             other => Self::in_words(other),
         }
     }
@@ -43,7 +51,11 @@ impl Refusal {
     /// A refusal of the conditions, whose torque and speed stand in the place of the pair's.
     pub(super) fn of_conditions(error: &GearError) -> Self {
         match error {
-            GearError::Field { field, value, expected } => {
+            GearError::Field {
+                field,
+                value,
+                expected,
+            } => {
                 let name = match *field {
                     "operation.torque_nm" | "operation.output_torque_nm" | "torque_nm" => "torque_nm",
                     "operation.shaft_speed_hz" | "shaft_speed_hz" => "shaft_speed_hz",

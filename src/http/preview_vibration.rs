@@ -65,9 +65,17 @@ impl VibrationPlan {
         let settings = RunSettings {
             shaft_speed_hz,
             torque_nm,
-            ..RunSettings::nominal(pair, mesh_hz * SAMPLES_PER_PERIOD as f64, periods as f64 / mesh_hz)
+            ..RunSettings::nominal(
+                pair,
+                mesh_hz * SAMPLES_PER_PERIOD as f64,
+                periods as f64 / mesh_hz,
+            )
         };
-        Self { periods, teeth, settings }
+        Self {
+            periods,
+            teeth,
+            settings,
+        }
     }
 
     pub(super) fn simulate(&self, pair: &GearPair, cycle: &MeshCycle) -> Result<Vibration, GearError> {
@@ -76,7 +84,8 @@ impl VibrationPlan {
         record.resize(self.periods * SAMPLES_PER_PERIOD, 0.0);
         let shown = self.shown_samples();
         let acceleration_m_per_s2 = record[..shown].iter().map(|sample| *sample as f32).collect();
-        let rms_m_per_s2 = (record.iter().map(|sample| sample * sample).sum::<f64>() / record.len() as f64).sqrt();
+        let rms_m_per_s2 =
+            (record.iter().map(|sample| sample * sample).sum::<f64>() / record.len() as f64).sqrt();
         let amplitudes = amplitudes(&mut record);
         let last = (self.periods * (2 * HARMONICS + 1) / 2).min(amplitudes.len() - 1);
         Ok(Vibration {
@@ -84,14 +93,23 @@ impl VibrationPlan {
             acceleration_m_per_s2,
             rms_m_per_s2,
             order_step: self.teeth as f64 / self.periods as f64,
-            spectrum_m_per_s2: amplitudes[..=last].iter().map(|amplitude| *amplitude as f32).collect(),
-            harmonics: (1..=HARMONICS).map(|harmonic| amplitudes[harmonic * self.periods]).collect(),
+            spectrum_m_per_s2: amplitudes[..=last]
+                .iter()
+                .map(|amplitude| *amplitude as f32)
+                .collect(),
+            harmonics: (1..=HARMONICS)
+                .map(|harmonic| amplitudes[harmonic * self.periods])
+                .collect(),
         })
     }
 
     fn shown_samples(&self) -> usize {
         let turn = self.teeth * SAMPLES_PER_PERIOD;
-        let whole = if turn <= SHOWN_SAMPLES { turn } else { SAMPLES_PER_PERIOD };
+        let whole = if turn <= SHOWN_SAMPLES {
+            turn
+        } else {
+            SAMPLES_PER_PERIOD
+        };
         let all = self.periods * SAMPLES_PER_PERIOD;
         (SHOWN_SAMPLES / whole).min(all / whole).min(2 * turn / whole) * whole
     }
@@ -123,9 +141,17 @@ mod tests {
 
     #[test]
     fn work_is_bounded_whatever_the_teeth() {
-        for (teeth, periods, shown) in [([24, 26], 96, 2 * 24 * 64), ([100, 30], 200, 4096), ([1000, 30], 256, 4096)] {
+        for (teeth, periods, shown) in [
+            ([24, 26], 96, 2 * 24 * 64),
+            ([100, 30], 200, 4096),
+            ([1000, 30], 256, 4096),
+        ] {
             let plan = VibrationPlan::new(&pair(teeth), 100.0, 10.0);
-            assert_eq!((plan.periods, plan.shown_samples()), (periods, shown), "{teeth:?}");
+            assert_eq!(
+                (plan.periods, plan.shown_samples()),
+                (periods, shown),
+                "{teeth:?}"
+            );
         }
     }
 

@@ -136,7 +136,8 @@ impl Problem {
         self
     }
 
-    /// The same, naming the field that a decoder's message names in backticks, or with its value and what was expected.
+    /// The same, naming the field that a decoder's message names in backticks, or with its value and what was
+    /// expected.
     pub(super) fn naming_field_in(mut self, message: &str) -> Self {
         if let Some((field, rest)) = message.split_once(" is ")
             && field
@@ -148,7 +149,8 @@ impl Problem {
             let expected = expected.split(" at line ").next().unwrap_or(expected);
             return self.with_field(field, value, expected);
         }
-        let is_about_a_field = message.starts_with("unknown field `") || message.starts_with("missing field `");
+        let is_about_a_field =
+            message.starts_with("unknown field `") || message.starts_with("missing field `");
         if is_about_a_field && let Some(field) = message.split('`').nth(1) {
             self.0.field = Some(field.to_string());
         }
@@ -169,7 +171,9 @@ impl IntoResponse for Problem {
         let mut response = (self.0.status, [(header::CONTENT_TYPE, MEDIA_TYPE)], body).into_response();
         let is_no_room = self.is_no_room();
         if let Some(seconds) = self.0.retry_after_s.or(is_no_room.then_some(NO_ROOM_RETRY_S)) {
-            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+            response
+                .headers_mut()
+                .insert(header::RETRY_AFTER, HeaderValue::from(seconds));
         }
         if let Some(damage) = damage {
             response.extensions_mut().insert(damage);
@@ -212,27 +216,39 @@ impl From<ServiceError> for Problem {
             ServiceError::Busy { retry_after_s, .. } => Self::busy(error.to_string(), retry_after_s),
             ServiceError::DescriptionChanged(_) => Self::busy(error.to_string(), 1),
             ServiceError::Precondition(_) => Self::new(StatusCode::PRECONDITION_FAILED, error.to_string()),
-            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => Self::new(StatusCode::CONFLICT, error.to_string()),
+            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => {
+                Self::new(StatusCode::CONFLICT, error.to_string())
+            }
             ServiceError::RawGivenUp(_) => Self::new(StatusCode::GONE, error.to_string()),
-            ServiceError::Recording(ref source) if source.is_full() => Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string()),
+            ServiceError::Recording(ref source) if source.is_full() => {
+                Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
+            }
             ServiceError::Recording(RecordingError::McapWrite(_)) => Self::internal(&error),
             ServiceError::Recording(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            ServiceError::Field { field, value, expected } => Self::content(field, value, expected),
+            ServiceError::Field {
+                field,
+                value,
+                expected,
+            } => Self::content(field, value, expected),
             ServiceError::ReplayFile { ref file, .. } => {
                 let mut problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
                 problem.0.field = Some("file".to_string());
                 problem.0.value = Some(file.clone());
                 problem
             }
-            ServiceError::Alarm(AlarmError::State { .. }) => Self::new(StatusCode::CONFLICT, error.to_string()),
-            ServiceError::Alarm(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
-            ServiceError::AlarmUnknown(_) | ServiceError::MaintenanceUnknown(_) | ServiceError::ReplayUnknown(_) => {
-                Self::not_found(error.to_string())
+            ServiceError::Alarm(AlarmError::State { .. }) => {
+                Self::new(StatusCode::CONFLICT, error.to_string())
             }
+            ServiceError::Alarm(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+            ServiceError::AlarmUnknown(_)
+            | ServiceError::MaintenanceUnknown(_)
+            | ServiceError::ReplayUnknown(_) => Self::not_found(error.to_string()),
             ServiceError::File { ref source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, error.to_string())
             }
-            ServiceError::File { .. } | ServiceError::WorkerLost(_) | ServiceError::QueuedOtherwise { .. } => Self::internal(&error),
+            ServiceError::File { .. }
+            | ServiceError::WorkerLost(_)
+            | ServiceError::QueuedOtherwise { .. } => Self::internal(&error),
         }
     }
 }
@@ -240,12 +256,23 @@ impl From<ServiceError> for Problem {
 impl From<AssetError> for Problem {
     fn from(error: AssetError) -> Self {
         match &error {
-            AssetError::Field { field, value, expected } => Self::content(field, value, expected),
-            AssetError::Id(id) => Self::content("id", id, "1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit"),
-            AssetError::Pair(crate::gear::GearError::Field { field, value, expected }) => {
-                Self::content(&format!("gear.pair.{field}"), value, expected)
-            }
-            AssetError::Toml(source) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()).naming_field_in(source.message()),
+            AssetError::Field {
+                field,
+                value,
+                expected,
+            } => Self::content(field, value, expected),
+            AssetError::Id(id) => Self::content(
+                "id",
+                id,
+                "1 to 64 characters of a-z, 0-9, - and _, the first a letter or digit",
+            ),
+            AssetError::Pair(crate::gear::GearError::Field {
+                field,
+                value,
+                expected,
+            }) => Self::content(&format!("gear.pair.{field}"), value, expected),
+            AssetError::Toml(source) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
+                .naming_field_in(source.message()),
             AssetError::Pair(_) => Self::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
         }
     }

@@ -149,7 +149,10 @@ pub(super) fn place_cursor(cursor: Option<&str>) -> Result<Option<(Timestamp, St
     let Some(cursor) = cursor else { return Ok(None) };
     let place = cursor.split_once('.').and_then(|(nanoseconds, id)| {
         let nanoseconds: i64 = nanoseconds.parse().ok()?;
-        Some((Timestamp::from_nanosecond(nanoseconds.into()).ok()?, id.to_string()))
+        Some((
+            Timestamp::from_nanosecond(nanoseconds.into()).ok()?,
+            id.to_string(),
+        ))
     });
     place
         .map(Some)

@@ -23,7 +23,10 @@ use crate::asset::Segment;
         (serde_json::Value = "application/json")
     ))),
 )]
-pub(super) async fn download(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Response, Problem> {
+pub(super) async fn download(
+    State(app): State<App>,
+    SegmentInPath(id): SegmentInPath,
+) -> Result<Response, Problem> {
     let segment = find(&app, &id).await?;
     let bytes = app.service.records.raw(&segment).await?;
     let (media_type, ending) = form_of(&segment.raw.media_type);
@@ -36,7 +39,8 @@ pub(super) async fn download(State(app): State<App>, SegmentInPath(id): SegmentI
     Ok((fields, bytes).into_response())
 }
 
-/// The media type as it is answered, and how a file of it ends. What is kept with it of the layout is not for clients.
+/// The media type as it is answered, and how a file of it ends. What is kept with it of the layout is not for
+/// clients.
 fn form_of(media_type: &str) -> (&'static str, &'static str) {
     match media_type.split(';').next().unwrap_or_default().trim() {
         "audio/wav" | "audio/x-wav" | "audio/wave" | "audio/vnd.wave" => ("audio/wav", "wav"),
@@ -51,7 +55,9 @@ fn form_of(media_type: &str) -> (&'static str, &'static str) {
 fn file_name(segment: &Segment) -> String {
     let name = format!("{}-{}-{}", segment.asset_id, segment.channel, segment.start_time);
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || ".-_".contains(letter);
-    name.chars().map(|letter| if is_plain(letter) { letter } else { '-' }).collect()
+    name.chars()
+        .map(|letter| if is_plain(letter) { letter } else { '-' })
+        .collect()
 }
 
 #[cfg(test)]

@@ -24,7 +24,9 @@ impl ReadingWaits {
     /// up.
     pub(super) fn set(&self, upload: &str, what: Option<&str>) -> bool {
         let mut by_upload = self.lock();
-        let Some(waits_for) = by_upload.get_mut(upload) else { return false };
+        let Some(waits_for) = by_upload.get_mut(upload) else {
+            return false;
+        };
         *waits_for = what.map(str::to_owned);
         true
     }

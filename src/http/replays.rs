@@ -24,11 +24,19 @@ use crate::service::{Replay, ReplayRequest};
     request_body(content = ReplayRequest),
     responses((status = 404, body = Details, content_type = "application/problem+json", description = "There is no such asset"), (status = 409, body = Details, content_type = "application/problem+json", description = "Its records come with those of another asset"), (status = 202, body = Replay, headers(("location" = String, description = "Its address")))),
 )]
-pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body) -> Result<impl IntoResponse, Problem> {
+pub(super) async fn start(
+    State(app): State<App>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<impl IntoResponse, Problem> {
     let request: ReplayRequest = body::described(&app.limits, &headers, body).await?;
     let replay = app.service.replays.start(request).await?;
     let location = format!("/v1/replays/{}", replay.id);
-    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], Json(Replay::clone(&replay))))
+    Ok((
+        StatusCode::ACCEPTED,
+        [(header::LOCATION, location)],
+        Json(Replay::clone(&replay)),
+    ))
 }
 
 /// Replays
@@ -41,14 +49,18 @@ pub(super) async fn start(State(app): State<App>, headers: HeaderMap, body: Body
     params(PageParameters),
     responses((status = 200, body = Page<Replay>)),
 )]
-pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<PageParameters>) -> Result<Json<Page<Replay>>, Problem> {
+pub(super) async fn list(
+    State(app): State<App>,
+    Parameters(asked): Parameters<PageParameters>,
+) -> Result<Json<Page<Replay>>, Problem> {
     let limit = query::limit(asked.limit)?;
     let all = app.service.replays.list();
     let start = match &asked.cursor {
         None => 0,
         Some(cursor) => {
             let position = all.iter().position(|replay| replay.id == *cursor);
-            1 + position.ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))?
+            1 + position
+                .ok_or_else(|| Problem::query("cursor", cursor, "the next_cursor of the page before"))?
         }
     };
     let shown: Vec<Replay> = all[start..]
@@ -67,7 +79,10 @@ pub(super) async fn list(State(app): State<App>, Parameters(asked): Parameters<P
     params(("replay" = String, Path, description = "The replay")),
     responses((status = 200, body = Replay)),
 )]
-pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<Replay>, Problem> {
+pub(super) async fn show(
+    State(app): State<App>,
+    NameInPath(id): NameInPath,
+) -> Result<Json<Replay>, Problem> {
     Ok(Json(Arc::unwrap_or_clone(app.service.replays.get(&id)?)))
 }
 
@@ -79,6 +94,9 @@ pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> 
     params(("replay" = String, Path, description = "The replay")),
     responses((status = 200, body = Replay)),
 )]
-pub(super) async fn stop(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<Replay>, Problem> {
+pub(super) async fn stop(
+    State(app): State<App>,
+    NameInPath(id): NameInPath,
+) -> Result<Json<Replay>, Problem> {
     Ok(Json(Arc::unwrap_or_clone(app.service.replays.stop(&id).await?)))
 }

@@ -63,10 +63,16 @@ async fn kept_until(app: &App) -> Result<Timestamp, ServiceError> {
 }
 
 /// Begins an upload for an asset that is there.
-pub(super) async fn begin(app: &App, client: &Client, asset: AssetId, length: u64) -> Result<ResumableUpload, Problem> {
+pub(super) async fn begin(
+    app: &App,
+    client: &Client,
+    asset: AssetId,
+    length: u64,
+) -> Result<ResumableUpload, Problem> {
     app.service.uploads.expire().await?;
     let mut random = [0; 12];
-    getrandom::fill(&mut random).map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    getrandom::fill(&mut random)
+        .map_err(|error| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
     let new = NewUpload {
         id: format!("{}{}", client.mark(), hex::encode(random)),
         asset,
@@ -75,7 +81,12 @@ pub(super) async fn begin(app: &App, client: &Client, asset: AssetId, length: u6
     };
     // One client leaves a quarter to the others.
     let most = app.limits.uploads_at_once;
-    if app.service.store.begin_resumable(&new, most, most - most / 4).await? {
+    if app
+        .service
+        .store
+        .begin_resumable(&new, most, most - most / 4)
+        .await?
+    {
         find(app, &new.id).await
     } else {
         Err(Problem::busy(
@@ -100,7 +111,9 @@ pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<Re
         let upload = find(&app, &id).await?;
         upload.check_offset(at)?;
         let mut ticket = app.service.workers.admit()?;
-        ticket.grow(usize::try_from(upload.length - at).map_or(PIECE_BYTES, |missing| missing.min(PIECE_BYTES)))?;
+        ticket.grow(
+            usize::try_from(upload.length - at).map_or(PIECE_BYTES, |missing| missing.min(PIECE_BYTES)),
+        )?;
         receive(&app, upload, body).await
     };
     detached("store an upload", receive).await?
@@ -110,13 +123,26 @@ pub(super) async fn go_on(app: &App, id: &str, at: u64, body: Body) -> Result<Re
 pub(super) async fn give_up(app: &App, id: &str) -> Result<(), Problem> {
     find(app, id).await?;
     let waits = app.reading_waits.give_up(id);
-    match app.service.store.give_up_resumable(id, waits, app.service.now()).await {
+    match app
+        .service
+        .store
+        .give_up_resumable(id, waits, app.service.now())
+        .await
+    {
         Ok(true) => {}
-        Ok(false) => return Err(Problem::new(StatusCode::CONFLICT, "the upload is being written to or read")),
+        Ok(false) => {
+            return Err(Problem::new(
+                StatusCode::CONFLICT,
+                "the upload is being written to or read",
+            ));
+        }
         Err(error) if error.is_full() => {
             // There is room once its pieces are gone.
             app.service.uploads.remove(vec![id.to_owned()]).await?;
-            app.service.store.give_up_resumable(id, waits, app.service.now()).await?;
+            app.service
+                .store
+                .give_up_resumable(id, waits, app.service.now())
+                .await?;
         }
         Err(error) => return Err(error.into()),
     }
@@ -129,13 +155,21 @@ async fn watch(app: App) {
     while !app.service.store.is_closed() {
         let look = async {
             app.service.uploads.expire().await?;
-            for id in app.service.store.unread_uploads(app.service.now(), MAX_TAKEN_ON).await? {
+            for id in app
+                .service
+                .store
+                .unread_uploads(app.service.now(), MAX_TAKEN_ON)
+                .await?
+            {
                 take_on(&app, &id).await?;
             }
             Ok::<_, Problem>(())
         };
         if let Err(problem) = look.await {
-            tracing::debug!(problem = problem.detail(), "failed to look for unread uploads: trying again later");
+            tracing::debug!(
+                problem = problem.detail(),
+                "failed to look for unread uploads: trying again later"
+            );
         }
         tokio::time::sleep(LOOK_INTERVAL).await;
     }
@@ -173,10 +207,16 @@ async fn receive(app: &App, mut upload: ResumableUpload, body: Body) -> Result<R
 /// Stores a piece, and counts it.
 async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) -> Result<(), Problem> {
     let (store, id, count) = (app.service.store.clone(), upload.id.clone(), bytes.len() as u64);
-    let object = blocking("store an upload", move || store.objects().put_piece(&id, bytes.into())).await??;
+    let object = blocking("store an upload", move || {
+        store.objects().put_piece(&id, bytes.into())
+    })
+    .await??;
     let (store, expires_at) = (&app.service.store, kept_until(app).await?);
     let piece = UploadPiece { bytes: count, object };
-    if store.add_piece(&upload.id, upload.offset, &piece, expires_at).await? {
+    if store
+        .add_piece(&upload.id, upload.offset, &piece, expires_at)
+        .await?
+    {
         upload.offset += count;
         upload.expires_at = expires_at;
         return Ok(());
@@ -186,7 +226,10 @@ async fn store_piece(app: &App, upload: &mut ResumableUpload, bytes: Vec<u8>) ->
         app.service.uploads.remove(vec![upload.id.clone()]).await?;
         return Err(unknown(&upload.id));
     }
-    Err(Problem::new(StatusCode::CONFLICT, "the upload was gone on with by another request"))
+    Err(Problem::new(
+        StatusCode::CONFLICT,
+        "the upload was gone on with by another request",
+    ))
 }
 
 /// Reads an upload that is whole in the background, where nobody else does.
@@ -204,13 +247,20 @@ async fn read_and_end(app: App, upload: ResumableUpload) {
     let alive = async {
         loop {
             tokio::time::sleep(ALIVE_INTERVAL).await;
-            if let Err(error) = app.service.store.go_on_reading(&upload.id, app.service.now()).await {
+            if let Err(error) = app
+                .service
+                .store
+                .go_on_reading(&upload.id, app.service.now())
+                .await
+            {
                 tracing::debug!(upload = upload.id, %error, "failed to say that an upload is being read");
             }
         }
     };
     let work = async {
-        let Some(taken) = read(&app, &upload).await else { return };
+        let Some(taken) = read(&app, &upload).await else {
+            return;
+        };
         while let Err(problem) = end(&app, &upload, &taken).await {
             tracing::warn!(
                 upload = upload.id,
@@ -269,7 +319,10 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
     let pieces = app.service.store.upload_pieces(&upload.id).await?;
     let bytes: u64 = pieces.iter().map(|piece| piece.bytes).sum();
     if bytes != upload.length {
-        let detail = format!("{bytes} bytes of the upload are stored, expected {}", upload.length);
+        let detail = format!(
+            "{bytes} bytes of the upload are stored, expected {}",
+            upload.length
+        );
         return Err(Problem::new(StatusCode::INTERNAL_SERVER_ERROR, detail));
     }
     let reader = PieceReader::new(app.service.store.clone(), upload.id.clone(), pieces);
@@ -277,7 +330,11 @@ async fn read_once(app: &App, upload: &ResumableUpload) -> Result<UploadAnswer, 
 }
 
 /// Stores what became of an upload; its pieces go.
-async fn end(app: &App, upload: &ResumableUpload, taken: &Result<UploadAnswer, Problem>) -> Result<(), Problem> {
+async fn end(
+    app: &App,
+    upload: &ResumableUpload,
+    taken: &Result<UploadAnswer, Problem>,
+) -> Result<(), Problem> {
     let text = taken.as_ref().map(serde_json::to_string);
     let result = match &text {
         Ok(Ok(text)) => Ok(text.as_str()),
@@ -285,11 +342,19 @@ async fn end(app: &App, upload: &ResumableUpload, taken: &Result<UploadAnswer, P
         Err(problem) => Err(problem.detail()),
     };
     let expires_at = kept_until(app).await?;
-    match app.service.store.finish_reading(&upload.id, result, expires_at).await {
+    match app
+        .service
+        .store
+        .finish_reading(&upload.id, result, expires_at)
+        .await
+    {
         Err(error) if error.is_full() => {
             // There is room once its pieces are gone: all of it is read.
             app.service.uploads.remove(vec![upload.id.clone()]).await?;
-            app.service.store.finish_reading(&upload.id, result, expires_at).await?;
+            app.service
+                .store
+                .finish_reading(&upload.id, result, expires_at)
+                .await?;
         }
         done => done?,
     }

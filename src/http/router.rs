@@ -15,9 +15,10 @@ use utoipa_axum::routes;
 use super::app::App;
 use super::problem::Problem;
 use super::{
-    access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, damage, dashboard, drain, etag, events, exclusions, export,
-    head, health, indicators, issued_tokens, libraries, library_states, maintenance, matching, metrics, openapi, pair_presets, preview,
-    raw_recordings, recomputations, record_choice, replays, reports, segments, session, traffic, tus, uploads, waterfall, waveforms, wear,
+    access, alarm_trials, alarms, angle, assets, baseline_statistics, cepstra, damage, dashboard, drain,
+    etag, events, exclusions, export, head, health, indicators, issued_tokens, libraries, library_states,
+    maintenance, matching, metrics, openapi, pair_presets, preview, raw_recordings, recomputations,
+    record_choice, replays, reports, segments, session, traffic, tus, uploads, waterfall, waveforms, wear,
 };
 
 /// Scripts and data only from here; Plotly sets styles on elements and saves pictures.
@@ -103,8 +104,14 @@ pub(super) fn router(app: App) -> Router {
         .layer(set(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
         .layer(set(header::REFERRER_POLICY, "no-referrer"))
         .layer(set(header::X_FRAME_OPTIONS, "DENY"))
-        .layer(set(HeaderName::from_static("cross-origin-resource-policy"), "same-origin"))
-        .layer(set(HeaderName::from_static("cross-origin-opener-policy"), "same-origin"))
+        .layer(set(
+            HeaderName::from_static("cross-origin-resource-policy"),
+            "same-origin",
+        ))
+        .layer(set(
+            HeaderName::from_static("cross-origin-opener-policy"),
+            "same-origin",
+        ))
         .layer(set(
             HeaderName::from_static("permissions-policy"),
             "camera=(), microphone=(), geolocation=()",
@@ -126,6 +133,9 @@ async fn no_such_path(uri: Uri) -> Problem {
 async fn no_such_method(method: Method, uri: Uri) -> Problem {
     Problem::new(
         StatusCode::METHOD_NOT_ALLOWED,
-        format!("{} does not take {method}, the allow header says what it takes", uri.path()),
+        format!(
+            "{} does not take {method}, the allow header says what it takes",
+            uri.path()
+        ),
     )
 }

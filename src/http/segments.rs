@@ -136,7 +136,11 @@ pub(super) async fn list(
     };
     let segments = match choice.is_all() {
         true => store.segments(&asset, &filter, limit + 1).await?,
-        false => choice.segments(store, &asset, &filter, limit as usize + 1).await?,
+        false => {
+            choice
+                .segments(store, &asset, &filter, limit as usize + 1)
+                .await?
+        }
     };
     let page = Page::new(segments, limit, |segment: &Segment| {
         query::cursor_of(&SegmentKey {
@@ -155,14 +159,18 @@ pub(super) async fn list(
     params(("segment" = String, Path, description = "The segment")),
     responses((status = 200, body = Segment)),
 )]
-pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<Json<Segment>, Problem> {
+pub(super) async fn show(
+    State(app): State<App>,
+    SegmentInPath(id): SegmentInPath,
+) -> Result<Json<Segment>, Problem> {
     Ok(Json(find(&app, &id).await?))
 }
 
 /// Delete one segment
 ///
-/// It is as if its record had never come, also for the other assets of its sensor: the histories that it was part of are
-/// estimated anew in the background. Its raw recording goes into quarantine. Sent again it is stored again.
+/// It is as if its record had never come, also for the other assets of its sensor: the histories that it was
+/// part of are estimated anew in the background. Its raw recording goes into quarantine. Sent again it is
+/// stored again.
 #[utoipa::path(
     delete,
     path = "/v1/segments/{segment}",
@@ -170,7 +178,10 @@ pub(super) async fn show(State(app): State<App>, SegmentInPath(id): SegmentInPat
     params(("segment" = String, Path, description = "The segment")),
     responses((status = 204, description = "Gone"), (status = 409, body = Details, content_type = "application/problem+json", description = "It came for another asset, whose sensor this one shares")),
 )]
-pub(super) async fn remove(State(app): State<App>, SegmentInPath(id): SegmentInPath) -> Result<StatusCode, Problem> {
+pub(super) async fn remove(
+    State(app): State<App>,
+    SegmentInPath(id): SegmentInPath,
+) -> Result<StatusCode, Problem> {
     let segment = find(&app, &id).await?;
     app.service.removals.remove_one(&segment).await?;
     Ok(StatusCode::NO_CONTENT)
@@ -192,11 +203,21 @@ pub(super) struct RangeParameters {
 }
 
 impl RangeParameters {
-    /// The range, or one for each of the records that are named; `all` says what to do in place of a range without bounds.
-    pub(super) async fn ranges(self, app: &App, asset: &AssetId, all: &'static str) -> Result<Vec<RecordRange>, Problem> {
+    /// The range, or one for each of the records that are named; `all` says what to do in place of a range
+    /// without bounds.
+    pub(super) async fn ranges(
+        self,
+        app: &App,
+        asset: &AssetId,
+        all: &'static str,
+    ) -> Result<Vec<RecordRange>, Problem> {
         if let Some(ids) = &self.ids {
             if self.channel.is_some() || self.from.is_some() || self.to.is_some() {
-                return Err(Problem::query("ids", "given", "either ids, or channel, from and to"));
+                return Err(Problem::query(
+                    "ids",
+                    "given",
+                    "either ids, or channel, from and to",
+                ));
             }
             return record_choice::named(&app.service.store, asset, ids).await;
         }

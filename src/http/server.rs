@@ -103,11 +103,19 @@ pub async fn start(config: ServiceConfig, clock: Arc<dyn Clock>) -> Result<Runni
 /// too.
 ///
 /// Errors: as those of [`start`].
-pub async fn start_node(config: ServiceConfig, node: Node, clock: Arc<dyn Clock>) -> Result<RunningService, StartError> {
+pub async fn start_node(
+    config: ServiceConfig,
+    node: Node,
+    clock: Arc<dyn Clock>,
+) -> Result<RunningService, StartError> {
     start_as(config, Some(node), clock).await
 }
 
-async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Clock>) -> Result<RunningService, StartError> {
+async fn start_as(
+    config: ServiceConfig,
+    node: Option<Node>,
+    clock: Arc<dyn Clock>,
+) -> Result<RunningService, StartError> {
     if config.http.record_bytes > config.work.bytes_at_once {
         return Err(StartError::Setting {
             field: "limits.record_bytes",
@@ -132,7 +140,10 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
     let (store, role, shared) = match node {
         Some(Node { store, queue, events }) => (store, Role::ApiNode(queue), Some(events)),
         None => {
-            let settings = config.store.clone().unwrap_or_else(|| config.data_dir.as_path().into());
+            let settings = config
+                .store
+                .clone()
+                .unwrap_or_else(|| config.data_dir.as_path().into());
             let opened = Store::open(&settings).await;
             let store = opened.map_err(|source| StartError::DataDir {
                 path: config.data_dir.clone(),
@@ -150,11 +161,20 @@ async fn start_as(config: ServiceConfig, node: Option<Node>, clock: Arc<dyn Cloc
     let address = listener.local_addr().map_err(listen_error)?;
     let folders = ServiceFolders {
         libraries: config.data_dir.join("libraries"),
-        recordings: config.replay_dir.unwrap_or_else(|| config.data_dir.join("recordings")),
+        recordings: config
+            .replay_dir
+            .unwrap_or_else(|| config.data_dir.join("recordings")),
         uploads: config.data_dir.join("uploads"),
     };
     let uploads = folders.uploads.clone();
-    let service = Service::new(store, folders, &config.work, config.grid, Arc::clone(&clock), role)?;
+    let service = Service::new(
+        store,
+        folders,
+        &config.work,
+        config.grid,
+        Arc::clone(&clock),
+        role,
+    )?;
     let events = match shared {
         Some(shared) => EventRing::share(shared, Arc::clone(&service.history), config.http.events_kept),
         None => {
@@ -248,7 +268,10 @@ impl RunningService {
         };
         // A connection that works on something long is not waited for: the database repairs itself at the
         // next start.
-        if tokio::time::timeout(CLOSING, self.service.store.close()).await.is_err() {
+        if tokio::time::timeout(CLOSING, self.service.store.close())
+            .await
+            .is_err()
+        {
             tracing::warn!("failed to close the database in time");
         }
         ended

@@ -1,4 +1,5 @@
-//! Sessions of browsers: the token in a cookie that no script reads. Links and downloads then carry it like every other request.
+//! Sessions of browsers: the token in a cookie that no script reads. Links and downloads then carry it like
+//! every other request.
 
 use axum::http::header::{self, InvalidHeaderValue};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
@@ -11,7 +12,8 @@ use super::tokens::{Scope, Token};
 
 const COOKIE: &str = "flankwatch_session";
 
-/// Never sent with what another site's page asks for, and not to be read by scripts. Without an age it ends with the browser.
+/// Never sent with what another site's page asks for, and not to be read by scripts. Without an age it ends
+/// with the browser.
 const ATTRIBUTES: &str = "Path=/; HttpOnly; SameSite=Strict";
 
 /// Who makes a request, where tokens are asked for.
@@ -24,15 +26,19 @@ pub(super) struct Caller {
 
 /// The token of a session's cookie.
 pub(super) fn token_in_cookie(headers: &HeaderMap) -> Option<&str> {
-    let cookies = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let cookies = headers
+        .get_all(header::COOKIE)
+        .iter()
+        .filter_map(|value| value.to_str().ok());
     let mut pairs = cookies
         .flat_map(|value| value.split(';'))
         .filter_map(|pair| pair.trim().split_once('='));
     pairs.find(|(name, _)| *name == COOKIE).map(|(_, value)| value)
 }
 
-/// A browser sends the cookie by itself, so what changes something has to come from a page of this service. Browsers say it in
-/// `sec-fetch-site`, or, where the page came without TLS, in `origin`, which is the service's own where a request has come so far.
+/// A browser sends the cookie by itself, so what changes something has to come from a page of this service.
+/// Browsers say it in `sec-fetch-site`, or, where the page came without TLS, in `origin`, which is the
+/// service's own where a request has come so far.
 pub(super) fn refuse_unless_own_page(headers: &HeaderMap) -> Result<(), Problem> {
     let is_own = match headers.get("sec-fetch-site") {
         Some(site) => site == "same-origin",
@@ -41,8 +47,7 @@ pub(super) fn refuse_unless_own_page(headers: &HeaderMap) -> Result<(), Problem>
     if is_own {
         return Ok(());
     }
-    let detail =
-        "with a session's cookie only a page of this service changes something; programs show their token in the authorization header";
+    let detail = "with a session's cookie only a page of this service changes something; programs show their token in the authorization header";
     Err(Problem::new(StatusCode::FORBIDDEN, detail))
 }
 
@@ -84,10 +89,13 @@ pub(super) async fn show(caller: Option<Extension<Caller>>) -> Json<SessionView>
 
 /// Begins a session of a browser
 ///
-/// The token of the `authorization` header is kept in a cookie until the browser is closed. It reaches as far there as everywhere, and
-/// opens nothing any more once it is revoked.
+/// The token of the `authorization` header is kept in a cookie until the browser is closed. It reaches as far
+/// there as everywhere, and opens nothing any more once it is revoked.
 #[utoipa::path(post, path = "/v1/session", tag = "service", responses((status = 200, body = SessionView)))]
-pub(super) async fn begin(caller: Option<Extension<Caller>>, headers: HeaderMap) -> Result<Response, Problem> {
+pub(super) async fn begin(
+    caller: Option<Extension<Caller>>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
     let view = SessionView::of(caller.as_deref());
     let Some(Extension(caller)) = caller else {
         return Ok(Json(view).into_response());
@@ -96,8 +104,8 @@ pub(super) async fn begin(caller: Option<Extension<Caller>>, headers: HeaderMap)
     let is_secure = headers
         .get(header::ORIGIN)
         .is_some_and(|origin| origin.as_bytes().starts_with(b"https://"));
-    let cookie =
-        cookie(&caller.presented, is_secure, "").map_err(|_| Problem::query("authorization", "a token", "printable characters"))?;
+    let cookie = cookie(&caller.presented, is_secure, "")
+        .map_err(|_| Problem::query("authorization", "a token", "printable characters"))?;
     Ok(([(header::SET_COOKIE, cookie)], Json(view)).into_response())
 }
 
@@ -120,14 +128,19 @@ mod tests {
     use super::*;
 
     fn headers(fields: &[(&'static str, &'static str)]) -> HeaderMap {
-        let field = |(name, value): &(&'static str, &'static str)| (name.parse().unwrap(), HeaderValue::from_static(value));
+        let field = |(name, value): &(&'static str, &'static str)| {
+            (name.parse().unwrap(), HeaderValue::from_static(value))
+        };
         fields.iter().map(field).collect()
     }
 
     #[test]
     fn the_session_is_found_among_other_cookies() {
         let found = |value| token_in_cookie(&headers(&[("cookie", value)])).map(str::to_owned);
-        assert_eq!(found("a=1; flankwatch_session=fwt_1_2; b=3").as_deref(), Some("fwt_1_2"));
+        assert_eq!(
+            found("a=1; flankwatch_session=fwt_1_2; b=3").as_deref(),
+            Some("fwt_1_2")
+        );
         assert_eq!(found("xflankwatch_session=fwt_1_2; flankwatch_sessions=1"), None);
         assert_eq!(token_in_cookie(&HeaderMap::new()), None);
     }
@@ -139,14 +152,26 @@ mod tests {
         assert!(!is_refused(&[("origin", "http://wear.example")]));
         assert!(is_refused(&[]));
         for site in ["same-site", "cross-site", "none"] {
-            assert!(is_refused(&[("sec-fetch-site", site), ("origin", "http://wear.example")]), "{site}");
+            assert!(
+                is_refused(&[("sec-fetch-site", site), ("origin", "http://wear.example")]),
+                "{site}"
+            );
         }
     }
 
     #[test]
     fn a_cookie_is_for_no_script_and_no_other_site() {
-        let text = |secure| cookie("fwt_1_2", secure, "").unwrap().to_str().unwrap().to_owned();
-        assert_eq!(text(false), "flankwatch_session=fwt_1_2; Path=/; HttpOnly; SameSite=Strict");
+        let text = |secure| {
+            cookie("fwt_1_2", secure, "")
+                .unwrap()
+                .to_str()
+                .unwrap()
+                .to_owned()
+        };
+        assert_eq!(
+            text(false),
+            "flankwatch_session=fwt_1_2; Path=/; HttpOnly; SameSite=Strict"
+        );
         assert!(text(true).ends_with("; Secure"));
     }
 }

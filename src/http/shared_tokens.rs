@@ -99,7 +99,10 @@ impl SharedTokens {
         let Some(stored) = self.store.tokens().await? else {
             return Ok(None);
         };
-        let tokens: Vec<Token> = stored.into_iter().map(Token::try_from).collect::<Result<_, _>>()?;
+        let tokens: Vec<Token> = stored
+            .into_iter()
+            .map(Token::try_from)
+            .collect::<Result<_, _>>()?;
         Ok(Some(Arc::new(tokens)))
     }
 
@@ -109,7 +112,12 @@ impl SharedTokens {
     }
 
     /// Makes a token; returns it and what is kept of it.
-    pub(super) async fn issue(&self, name: &str, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
+    pub(super) async fn issue(
+        &self,
+        name: &str,
+        scope: Scope,
+        now: Timestamp,
+    ) -> Result<(String, Token), TokenError> {
         loop {
             let (token, kept) = mint(name, scope, now)?;
             if self.store.insert_token(&kept.clone().into()).await? {

@@ -53,11 +53,19 @@ pub(super) fn answer<T: Serialize>(
     view: T,
     write: impl FnOnce(&T, &mut Table) -> Result<(), csv::Error>,
 ) -> Result<Response, Problem> {
-    let fields = [(header::ETAG, mark), (header::VARY, HeaderValue::from_static("accept"))];
+    let fields = [
+        (header::ETAG, mark),
+        (header::VARY, HeaderValue::from_static("accept")),
+    ];
     if !wants_csv {
         return Ok((fields, Json(view)).into_response());
     }
-    let fault = |error: String| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, format!("the table cannot be written: {error}"));
+    let fault = |error: String| {
+        Problem::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            format!("the table cannot be written: {error}"),
+        )
+    };
     let mut table = Table(csv::Writer::from_writer(Vec::new()));
     write(&view, &mut table).map_err(|error| fault(error.to_string()))?;
     let bytes = table.0.into_inner().map_err(|error| fault(error.to_string()))?;

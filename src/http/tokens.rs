@@ -189,7 +189,12 @@ impl Tokens {
     }
 
     /// Makes a token; returns it and what is kept of it.
-    pub(super) fn issue(&self, name: &str, scope: Scope, now: Timestamp) -> Result<(String, Token), TokenError> {
+    pub(super) fn issue(
+        &self,
+        name: &str,
+        scope: Scope,
+        now: Timestamp,
+    ) -> Result<(String, Token), TokenError> {
         let (token, kept) = mint(name, scope, now)?;
         let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let mut tokens = self.list()?.map(|tokens| tokens.to_vec()).unwrap_or_default();
@@ -273,8 +278,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let tokens = Tokens::of(folder.path());
         assert!(tokens.list().unwrap().is_none());
-        let first = tokens.create("press line", Scope::Write, Timestamp::UNIX_EPOCH).unwrap();
-        let second = tokens.create("display", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
+        let first = tokens
+            .create("press line", Scope::Write, Timestamp::UNIX_EPOCH)
+            .unwrap();
+        let second = tokens
+            .create("display", Scope::Read, Timestamp::UNIX_EPOCH)
+            .unwrap();
         let kept = tokens.list().unwrap().unwrap();
         assert_eq!(find(&kept, &first).unwrap().scope, Scope::Write);
         assert_eq!(find(&kept, &second).unwrap().name, "display");
@@ -296,8 +305,13 @@ mod tests {
     fn only_the_owner_reads_the_file() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
-        Tokens::of(folder.path()).create("a", Scope::Read, Timestamp::UNIX_EPOCH).unwrap();
-        let mode = fs::metadata(folder.path().join("tokens.json")).unwrap().permissions().mode();
+        Tokens::of(folder.path())
+            .create("a", Scope::Read, Timestamp::UNIX_EPOCH)
+            .unwrap();
+        let mode = fs::metadata(folder.path().join("tokens.json"))
+            .unwrap()
+            .permissions()
+            .mode();
         assert_eq!(mode & 0o777, 0o600);
     }
 }

@@ -34,22 +34,34 @@ pub(super) async fn time_out(State(app): State<App>, request: Request, next: Nex
     }
     match tokio::time::timeout(most, next.run(request)).await {
         Ok(response) => response,
-        Err(_) => Problem::busy(format!("the request took longer than {} s", most.as_secs()), 5).into_response(),
+        Err(_) => {
+            Problem::busy(format!("the request took longer than {} s", most.as_secs()), 5).into_response()
+        }
     }
 }
 
 /// Answers for a handler that panicked: a fault of the program.
 pub(super) fn panicked(_: Box<dyn std::any::Any + Send>) -> Response {
     // The panic's own message has gone to standard error.
-    Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "the service made a mistake; its log says where").into_response()
+    Problem::new(
+        StatusCode::INTERNAL_SERVER_ERROR,
+        "the service made a mistake; its log says where",
+    )
+    .into_response()
 }
 
 /// Measures how long a request takes, from its head to the head of its answer, whoever answers it.
-pub(super) async fn measure(State(app): State<App>, path: Option<MatchedPath>, request: Request, next: Next) -> Response {
+pub(super) async fn measure(
+    State(app): State<App>,
+    path: Option<MatchedPath>,
+    request: Request,
+    next: Next,
+) -> Response {
     let began = Instant::now();
     let method = request.method().clone();
     let response = next.run(request).await;
     let route = path.as_ref().map(MatchedPath::as_str);
-    app.measurements.request(&method, route, began.elapsed(), response.status());
+    app.measurements
+        .request(&method, route, began.elapsed(), response.status());
     response
 }

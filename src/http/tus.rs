@@ -70,7 +70,9 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
     });
     let digits: Vec<u8> = digits.collect::<Option<_>>()?;
     let bytes = digits.chunks(4).flat_map(|chunk| {
-        let word = (0..4).fold(0_u32, |word, n| word << 6 | u32::from(chunk.get(n).copied().unwrap_or(0)));
+        let word = (0..4).fold(0_u32, |word, n| {
+            word << 6 | u32::from(chunk.get(n).copied().unwrap_or(0))
+        });
         word.to_be_bytes().into_iter().skip(1).take(chunk.len() * 6 / 8)
     });
     Some(bytes.collect())
@@ -79,7 +81,10 @@ fn from_base64(text: &str) -> Option<Vec<u8>> {
 fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, String)]) -> Response {
     let mut response = status.into_response();
     // RFC 9110's date, as the protocol asks.
-    let expires = upload.expires_at.strftime("%a, %d %b %Y %H:%M:%S GMT").to_string();
+    let expires = upload
+        .expires_at
+        .strftime("%a, %d %b %Y %H:%M:%S GMT")
+        .to_string();
     let fields = [
         (RESUMABLE, VERSION.to_string()),
         (OFFSET, upload.offset.to_string()),
@@ -113,7 +118,11 @@ fn answer(status: StatusCode, upload: &ResumableUpload, more: &[(HeaderName, Str
         (status = 507, body = Details, content_type = "application/problem+json", description = "There is no room"),
     ),
 )]
-pub(super) async fn create(State(app): State<App>, client: Client, headers: HeaderMap) -> Result<Response, Problem> {
+pub(super) async fn create(
+    State(app): State<App>,
+    client: Client,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
     check_version(&headers)?;
     let length = number(&headers, &LENGTH)?;
     let most = app.limits.recording_bytes;
@@ -132,7 +141,11 @@ pub(super) async fn create(State(app): State<App>, client: Client, headers: Head
     app.service.store.asset(&asset).await?;
     let upload = resumable::begin(&app, &client, asset, length).await?;
     let location = format!("/v1/uploads/{}", upload.id);
-    Ok(answer(StatusCode::CREATED, &upload, &[(header::LOCATION, location)]))
+    Ok(answer(
+        StatusCode::CREATED,
+        &upload,
+        &[(header::LOCATION, location)],
+    ))
 }
 
 /// What of tus is there
@@ -145,7 +158,10 @@ pub(super) async fn options(State(app): State<App>) -> Response {
             HeaderName::from_static("tus-extension"),
             "creation,termination,expiration".to_string(),
         ),
-        (HeaderName::from_static("tus-max-size"), app.limits.recording_bytes.to_string()),
+        (
+            HeaderName::from_static("tus-max-size"),
+            app.limits.recording_bytes.to_string(),
+        ),
     ];
     (StatusCode::NO_CONTENT, fields.map(|(name, value)| (name, value))).into_response()
 }
@@ -160,7 +176,10 @@ pub(super) async fn options(State(app): State<App>) -> Response {
 )]
 pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Response, Problem> {
     let upload = resumable::find(&app, &id).await?;
-    let more = [(LENGTH, upload.length.to_string()), (header::CACHE_CONTROL, "no-store".to_string())];
+    let more = [
+        (LENGTH, upload.length.to_string()),
+        (header::CACHE_CONTROL, "no-store".to_string()),
+    ];
     Ok(answer(StatusCode::OK, &upload, &more))
 }
 
@@ -172,7 +191,10 @@ pub(super) async fn offset(State(app): State<App>, NameInPath(id): NameInPath) -
     params(("upload" = String, Path, description = "The upload")),
     responses((status = 200, body = ResumableUpload)),
 )]
-pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> Result<Json<ResumableUpload>, Problem> {
+pub(super) async fn show(
+    State(app): State<App>,
+    NameInPath(id): NameInPath,
+) -> Result<Json<ResumableUpload>, Problem> {
     Ok(Json(resumable::find(&app, &id).await?))
 }
 
@@ -195,7 +217,12 @@ pub(super) async fn show(State(app): State<App>, NameInPath(id): NameInPath) -> 
         (status = 412, body = Details, content_type = "application/problem+json", description = "Another version of tus"),
     ),
 )]
-pub(super) async fn go_on(State(app): State<App>, NameInPath(id): NameInPath, headers: HeaderMap, body: Body) -> Result<Response, Problem> {
+pub(super) async fn go_on(
+    State(app): State<App>,
+    NameInPath(id): NameInPath,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
     check_version(&headers)?;
     let media_type = body::media_type(&headers);
     if media_type.as_deref() != Some(OFFSET_TYPE) {
@@ -226,11 +253,19 @@ mod tests {
     #[test]
     fn metadata_is_read_from_base64() {
         let mut headers = HeaderMap::new();
-        headers.insert(METADATA, HeaderValue::from_static("filename cnVuLm1jYXA=,asset cHVtcA=="));
+        headers.insert(
+            METADATA,
+            HeaderValue::from_static("filename cnVuLm1jYXA=,asset cHVtcA=="),
+        );
         assert_eq!(metadata(&headers, "asset").as_deref(), Some("pump"));
         assert_eq!(metadata(&headers, "filename").as_deref(), Some("run.mcap"));
         assert!(metadata(&headers, "none").is_none());
-        for (text, bytes) in [("", &b""[..]), ("AA==", b"\0"), ("/+8=", b"\xff\xef"), ("QUJD", b"ABC")] {
+        for (text, bytes) in [
+            ("", &b""[..]),
+            ("AA==", b"\0"),
+            ("/+8=", b"\xff\xef"),
+            ("QUJD", b"ABC"),
+        ] {
             assert_eq!(from_base64(text).as_deref(), Some(bytes), "{text}");
         }
         assert!(from_base64("a b").is_none());

@@ -19,7 +19,9 @@ use super::query::{AssetInPath, Parameters};
 use crate::asset::{AssetId, Segment, SegmentId};
 use crate::estimate::WearEstimate;
 use crate::recording::{JsonBlock, RawLayout};
-use crate::service::{Accepted, BatchSummary, QueuedRecord, RecordFormat, ServiceError, UploadMetadata, detached};
+use crate::service::{
+    Accepted, BatchSummary, QueuedRecord, RecordFormat, ServiceError, UploadMetadata, detached,
+};
 use crate::signal::OperatingPoint;
 use crate::store::KeyedUpload;
 
@@ -210,17 +212,29 @@ enum Answered {
 }
 
 impl Upload<'_> {
-    async fn answer(self, media_type: Option<&str>, headers: &HeaderMap, body: Body) -> Result<Response, Problem> {
+    async fn answer(
+        self,
+        media_type: Option<&str>,
+        headers: &HeaderMap,
+        body: Body,
+    ) -> Result<Response, Problem> {
         let answer = self.take(media_type, headers, body).await?;
         let mut response = (StatusCode::CREATED, Json(&answer)).into_response();
         if matches!(answer, Answered::Before(_)) {
             let name = HeaderName::from_static("idempotency-replayed");
-            response.headers_mut().insert(name, HeaderValue::from_static("true"));
+            response
+                .headers_mut()
+                .insert(name, HeaderValue::from_static("true"));
         }
         Ok(response)
     }
 
-    async fn take(&self, media_type: Option<&str>, headers: &HeaderMap, body: Body) -> Result<Answered, Problem> {
+    async fn take(
+        &self,
+        media_type: Option<&str>,
+        headers: &HeaderMap,
+        body: Body,
+    ) -> Result<Answered, Problem> {
         if media_type == Some(MCAP) {
             return self.take_mcap(headers, body).await;
         }
@@ -241,7 +255,10 @@ impl Upload<'_> {
         }
         let (service, asset) = (app.service.clone(), self.asset.clone());
         let work = async move {
-            let accepted = service.pipeline.accept(&asset, format, bytes, metadata, ticket).await?;
+            let accepted = service
+                .pipeline
+                .accept(&asset, format, bytes, metadata, ticket)
+                .await?;
             let mut segments: Vec<TakenRecord> = accepted.into_iter().map(TakenRecord::from).collect();
             Ok(match segments.pop() {
                 Some(segment) if segments.is_empty() => UploadAnswer::One(segment),
@@ -256,7 +273,10 @@ impl Upload<'_> {
 
     /// Does an upload's work and keeps its answer for repeats under the same key, in a task of its own: a
     /// client that hangs up must not leave half of it.
-    async fn keep_answer(&self, work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static) -> Result<Answered, Problem> {
+    async fn keep_answer(
+        &self,
+        work: impl Future<Output = Result<UploadAnswer, Problem>> + Send + 'static,
+    ) -> Result<Answered, Problem> {
         let (service, asset, key) = (self.app.service.clone(), self.asset.clone(), self.key.clone());
         let kept = async move {
             let answer = work.await?;
@@ -307,11 +327,16 @@ impl Upload<'_> {
         hash.update(content);
         let digest: String = hex::encode(hash.finalize());
         let first = &self.app.service.store;
-        let first = first.begin_upload(self.asset, key, &digest, self.app.service.now()).await?;
+        let first = first
+            .begin_upload(self.asset, key, &digest, self.app.service.now())
+            .await?;
         if first.request_sha256 == digest {
             return Ok(first);
         }
-        let detail = format!("idempotency-key {key:?} was used for another upload at {}", first.received_at);
+        let detail = format!(
+            "idempotency-key {key:?} was used for another upload at {}",
+            first.received_at
+        );
         Err(Problem::new(StatusCode::CONFLICT, detail))
     }
 
@@ -327,7 +352,13 @@ impl Upload<'_> {
                 None => Err(body::unsupported(media_type, EXPECTED)),
             };
         }
-        let missing = |field| Problem::query(field, "missing", "its value: bare samples do not say it themselves");
+        let missing = |field| {
+            Problem::query(
+                field,
+                "missing",
+                "its value: bare samples do not say it themselves",
+            )
+        };
         let sample = asked.sample.as_deref().ok_or_else(|| missing("sample"))?;
         let rate = asked.sample_rate_hz.ok_or_else(|| missing("sample_rate_hz"))?;
         let layout = sample
@@ -359,7 +390,9 @@ impl Upload<'_> {
 
 /// What was answered to an upload before.
 fn answer_before(first: &KeyedUpload) -> Option<Answered> {
-    serde_json::from_str(first.answer.as_deref()?).ok().map(Answered::Before)
+    serde_json::from_str(first.answer.as_deref()?)
+        .ok()
+        .map(Answered::Before)
 }
 
 /// Reads an MCAP recording into an asset.
@@ -372,10 +405,19 @@ pub(super) async fn take_recording<R: Read + Send + 'static>(
     let segments = std::mem::take(&mut summary.segments);
     let (_, channel) = super::assets::asset_and_channel(app, asset, None).await?;
     let wear = match channel {
-        Some(channel) => app.service.store.latest_counted(&channel).await?.map(|segment| segment.wear),
+        Some(channel) => app
+            .service
+            .store
+            .latest_counted(&channel)
+            .await?
+            .map(|segment| segment.wear),
         None => None,
     };
-    Ok(UploadAnswer::Recording(Box::new(RecordingAnswer { summary, segments, wear })))
+    Ok(UploadAnswer::Recording(Box::new(RecordingAnswer {
+        summary,
+        segments,
+        wear,
+    })))
 }
 
 impl UploadParameters {
@@ -391,6 +433,10 @@ fn key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     };
     match key.to_str() {
         Ok(text) if !text.is_empty() && text.len() <= MAX_KEY_BYTES => Ok(Some(text.to_string())),
-        _ => Err(Problem::query("idempotency-key", format!("{key:?}"), "1 to 255 visible characters")),
+        _ => Err(Problem::query(
+            "idempotency-key",
+            format!("{key:?}"),
+            "1 to 255 visible characters",
+        )),
     }
 }

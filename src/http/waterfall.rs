@@ -128,18 +128,28 @@ pub(super) async fn show(
         items: Vec::new(),
         reduced: false,
     };
-    let Some(channel) = channel else { return Ok(Json(view)) };
+    let Some(channel) = channel else {
+        return Ok(Json(view));
+    };
     let trend = app.service.store.trend(&channel).await?;
     let range = trend.range(asked.from, asked.to);
     let chosen = evenly(range.len(), records);
     view.reduced = chosen.len() < range.len();
-    let ids: Vec<SegmentId> = chosen.iter().map(|n| trend.segment_id[range.start + n].clone()).collect();
+    let ids: Vec<SegmentId> = chosen
+        .iter()
+        .map(|n| trend.segment_id[range.start + n].clone())
+        .collect();
     view.unit = trend.unit.clone();
     view.channel = Some(channel.channel);
     let segments = app.service.store.segments_by_id(&ids).await?;
-    let mut segments: HashMap<SegmentId, Segment> = segments.into_iter().map(|segment| (segment.id.clone(), segment)).collect();
+    let mut segments: HashMap<SegmentId, Segment> = segments
+        .into_iter()
+        .map(|segment| (segment.id.clone(), segment))
+        .collect();
     let segments: Vec<Segment> = ids.iter().filter_map(|id| segments.remove(id)).collect();
-    let Some(first) = segments.first() else { return Ok(Json(view)) };
+    let Some(first) = segments.first() else {
+        return Ok(Json(view));
+    };
     let nominal_hz = asset.spec.gear.shaft_speed_hz;
     let end = end.transpose()?.unwrap_or(match asked.axis {
         Axis::Hz => first.sample_rate_hz / 2.0,
@@ -159,7 +169,9 @@ pub(super) async fn show(
             .find_map(|segment| segment.shaft_speed)
             .map(|speed| speed.mesh_frequency_hz),
     };
-    view.position = (0..cells).map(|n| (n as f64 + 0.5) * end / cells as f64).collect();
+    view.position = (0..cells)
+        .map(|n| (n as f64 + 0.5) * end / cells as f64)
+        .collect();
     let _ticket = app.service.workers.admit_answer()?;
     let lines = lines(&app, &segments, grid).await?;
     view.items = segments
@@ -178,7 +190,11 @@ pub(super) async fn show(
 fn within(field: &str, asked: Option<usize>, (usual, most): (usize, usize)) -> Result<usize, Problem> {
     match asked.unwrap_or(usual) {
         number if (2..=most).contains(&number) => Ok(number),
-        number => Err(Problem::query(field, number, &format!("a number from 2 to {most}"))),
+        number => Err(Problem::query(
+            field,
+            number,
+            &format!("a number from 2 to {most}"),
+        )),
     }
 }
 
@@ -193,8 +209,15 @@ pub(super) fn evenly(length: usize, most: usize) -> Vec<usize> {
 /// The reduced spectra of segments in their order; none where the axis is orders and the speed unknown, or
 /// the raw bytes are not to be had any more.
 async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option<Line>>, Problem> {
-    let mut lines: Vec<Option<Line>> = segments.iter().map(|segment| app.lines.get(&segment.id, grid)).collect();
-    let mut missing = lines.iter().enumerate().filter(|(_, line)| line.is_none()).map(|(n, _)| n);
+    let mut lines: Vec<Option<Line>> = segments
+        .iter()
+        .map(|segment| app.lines.get(&segment.id, grid))
+        .collect();
+    let mut missing = lines
+        .iter()
+        .enumerate()
+        .filter(|(_, line)| line.is_none())
+        .map(|(n, _)| n);
     let missing: Vec<usize> = missing.by_ref().collect();
     for some in missing.chunks(AT_ONCE) {
         let mut tasks = JoinSet::new();
@@ -206,7 +229,9 @@ async fn lines(app: &App, segments: &[Segment], grid: Grid) -> Result<Vec<Option
             };
             let Some(unit_hz) = unit_hz else { continue };
             tasks.spawn(async move {
-                let reduce = move |spectrum: &Spectrum| levels(&spectrum.amplitude, spectrum.resolution_hz / unit_hz, grid);
+                let reduce = move |spectrum: &Spectrum| {
+                    levels(&spectrum.amplitude, spectrum.resolution_hz / unit_hz, grid)
+                };
                 let line = service
                     .records
                     .analyse_stored(&segment, "reduce a spectrum", move |analyzer, record, _| {
@@ -268,7 +293,10 @@ mod tests {
         let line = levels(&amplitude, 0.5 / 25.0, grid(Axis::Orders, 100, 20.0));
         assert_eq!((line[50], line.iter().filter(|db| **db > 0.0).count()), (20.0, 1));
         // Beyond half the sampling rate there is nothing.
-        assert_eq!(levels(&amplitude, 0.5, grid(Axis::Hz, 2, 2000.0))[1], LOWEST_DB as f32);
+        assert_eq!(
+            levels(&amplitude, 0.5, grid(Axis::Hz, 2, 2000.0))[1],
+            LOWEST_DB as f32
+        );
     }
 
     #[test]

@@ -88,7 +88,11 @@ pub(super) async fn latest(
 fn nothing_yet(spec: &AssetSpec) -> WearEstimate {
     let need = spec.baseline.records;
     let reason = format!("no records yet: collecting baseline, 0 of {need}");
-    WearEstimate::without_number(WearStatus::CollectingBaseline, reason, BaselineProgress { have: 0, need })
+    WearEstimate::without_number(
+        WearStatus::CollectingBaseline,
+        reason,
+        BaselineProgress { have: 0, need },
+    )
 }
 
 #[derive(Debug, Deserialize, utoipa::IntoParams)]

@@ -58,9 +58,14 @@ async fn write(service: &Arc<Service>) -> Writability {
             None => Vec::new(),
         }
     };
-    let (database, room, bucket, mut parts) = tokio::join!(database(service), room(service), object_store(service), queue);
+    let (database, room, bucket, mut parts) =
+        tokio::join!(database(service), room(service), object_store(service), queue);
     parts.extend(bucket);
-    Writability { database, room, parts }
+    Writability {
+        database,
+        room,
+        parts,
+    }
 }
 
 async fn database(service: &Service) -> Option<String> {

@@ -84,7 +84,9 @@ impl Frame {
 impl Chart {
     /// Whether there is anything to draw.
     pub(super) fn is_empty(&self) -> bool {
-        self.series.iter().all(|series| series.points.iter().all(|(_, y)| y.is_none()))
+        self.series
+            .iter()
+            .all(|series| series.points.iter().all(|(_, y)| y.is_none()))
     }
 
     /// The drawing; described in words by `label`.
@@ -125,10 +127,19 @@ impl Chart {
             );
         }
         for series in &self.series {
-            for stretch in series.points.split(|(_, y)| y.is_none()).filter(|stretch| !stretch.is_empty()) {
+            for stretch in series
+                .points
+                .split(|(_, y)| y.is_none())
+                .filter(|stretch| !stretch.is_empty())
+            {
                 let kept = thin(stretch, &frame);
                 let points: String = kept.iter().map(|(x, y)| place(&frame, *x, *y)).collect();
-                let _ = write!(svg, "<polyline class=\"{}\" points=\"{}\"/>", series.class, points.trim_end());
+                let _ = write!(
+                    svg,
+                    "<polyline class=\"{}\" points=\"{}\"/>",
+                    series.class,
+                    points.trim_end()
+                );
             }
         }
         svg + "</svg>"
@@ -137,7 +148,11 @@ impl Chart {
     /// The names of curves and band, to stand below the drawing.
     pub(super) fn legend(&self, band: Option<&str>) -> String {
         let band = band.filter(|_| !self.band.is_empty()).map(|name| ("band", name));
-        let names = self.series.iter().map(|series| (series.class, series.name.as_str())).chain(band);
+        let names = self
+            .series
+            .iter()
+            .map(|series| (series.class, series.name.as_str()))
+            .chain(band);
         let mut entries: String = names.map(|(class, name)| entry(class, name)).collect();
         for (class, words) in [
             ("warning", "warning raised"),
@@ -152,8 +167,15 @@ impl Chart {
     }
 
     fn frame(&self) -> Frame {
-        let xs = || self.series.iter().flat_map(|series| series.points.iter().map(|(x, _)| *x));
-        let ys = self.series.iter().flat_map(|series| series.points.iter().filter_map(|(_, y)| *y));
+        let xs = || {
+            self.series
+                .iter()
+                .flat_map(|series| series.points.iter().map(|(x, _)| *x))
+        };
+        let ys = self
+            .series
+            .iter()
+            .flat_map(|series| series.points.iter().filter_map(|(_, y)| *y));
         let ys = ys
             .chain(self.band.iter().flat_map(|(_, low, high)| [*low, *high]))
             .chain(self.levels.iter().map(|level| level.y));
@@ -243,7 +265,8 @@ fn extent(values: impl Iterator<Item = f64>) -> [f64; 2] {
     }
 }
 
-/// The lowest and the highest of the points that fall on one half of a unit across, in the order of x: no more is to be seen.
+/// The lowest and the highest of the points that fall on one half of a unit across, in the order of x: no
+/// more is to be seen.
 fn thin(stretch: &[(f64, Option<f64>)], frame: &Frame) -> Vec<(f64, f64)> {
     let column = |x: f64| (2.0 * frame.across(x)).floor() as i64;
     let mut kept = Vec::new();
@@ -303,7 +326,11 @@ mod tests {
         let chart = chart(points);
         let frame = chart.frame();
         let kept = thin(&chart.series[0].points, &frame);
-        assert!(kept.len() < 4000 && kept.contains(&(54_321.0, 7.0)), "{}", kept.len());
+        assert!(
+            kept.len() < 4000 && kept.contains(&(54_321.0, 7.0)),
+            "{}",
+            kept.len()
+        );
     }
 
     #[test]

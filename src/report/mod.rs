@@ -1,6 +1,8 @@
-//! A report of an asset's records as one page for a browser or a printer, the same from the command line and from the service.
+//! A report of an asset's records as one page for a browser or a printer, the same from the command line and
+//! from the service.
 //!
-//! Everything is in the page: drawings are SVG, so that it can be kept, sent and printed without a script or a server.
+//! Everything is in the page: drawings are SVG, so that it can be kept, sent and printed without a script or
+//! a server.
 
 mod chart;
 mod occurrences;
@@ -77,7 +79,9 @@ pub fn angle_words(angle: &AngleUsed) -> String {
         } => format!("tachometer ± {error:.2}°"),
         AngleSource::Tachometer { .. } => "tachometer".to_owned(),
         AngleSource::MeshPhase {
-            harmonic, angle_error_deg, ..
+            harmonic,
+            angle_error_deg,
+            ..
         } => format!("mesh phase {harmonic} ± {angle_error_deg:.2}°"),
         AngleSource::ConstantSpeed => "constant speed".to_owned(),
     }

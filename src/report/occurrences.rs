@@ -1,4 +1,5 @@
-//! What happened to a machine besides its records: alarms and maintenance, as tables and as marks on the drawings over time.
+//! What happened to a machine besides its records: alarms and maintenance, as tables and as marks on the
+//! drawings over time.
 
 use std::fmt::Write;
 
@@ -8,8 +9,8 @@ use super::Report;
 use super::chart::Mark;
 use super::page::escape;
 use crate::estimate::{
-    AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Inspection, MaintenanceEvent, MaintenanceKind, PanelChange,
-    RatedQuantity, Severity,
+    AlarmAction, AlarmChange, AlarmQuantity, AlarmRule, AlarmState, Inspection, MaintenanceEvent,
+    MaintenanceKind, PanelChange, RatedQuantity, Severity,
 };
 use crate::library::FlankPlace;
 
@@ -74,20 +75,24 @@ pub(super) fn sections(report: &Report, body: &mut String) {
 
 /// Where alarms of a channel were raised, and where something was done to the machine.
 pub(super) fn marks(report: &Report, channel: &str) -> Vec<Mark> {
-    let of_alarms = report.alarms.iter().filter(|alarm| alarm.channel == channel).flat_map(|alarm| {
-        let raised = |change: &&AlarmChange| {
-            let is_by_itself = matches!(change.action, None | Some(AlarmAction::Stale { .. }));
-            is_by_itself && change.maintenance.is_none() && change.severity.is_some()
-        };
-        alarm.history.iter().filter(raised).map(|change| {
-            let class = change.severity.map_or("warning", Severity::name);
-            Mark {
-                x: seconds(change.time),
-                class,
-                name: format!("{class}: {}", quantity_words(&alarm.quantity)),
-            }
-        })
-    });
+    let of_alarms = report
+        .alarms
+        .iter()
+        .filter(|alarm| alarm.channel == channel)
+        .flat_map(|alarm| {
+            let raised = |change: &&AlarmChange| {
+                let is_by_itself = matches!(change.action, None | Some(AlarmAction::Stale { .. }));
+                is_by_itself && change.maintenance.is_none() && change.severity.is_some()
+            };
+            alarm.history.iter().filter(raised).map(|change| {
+                let class = change.severity.map_or("warning", Severity::name);
+                Mark {
+                    x: seconds(change.time),
+                    class,
+                    name: format!("{class}: {}", quantity_words(&alarm.quantity)),
+                }
+            })
+        });
     let of_maintenance = report.maintenance.iter().map(|event| Mark {
         x: seconds(event.time),
         class: "maintenance",
@@ -145,14 +150,17 @@ fn alarm_table(alarm: &ReportedAlarm, body: &mut String) {
 fn change_row(change: &AlarmChange) -> String {
     let what = match (&change.action, change.maintenance) {
         (Some(AlarmAction::Acknowledge), _) => "acknowledged".to_owned(),
-        (Some(AlarmAction::Shelve { until }), _) => format!("shelved until {}", until.strftime(super::page::MINUTES)),
+        (Some(AlarmAction::Shelve { until }), _) => {
+            format!("shelved until {}", until.strftime(super::page::MINUTES))
+        }
         (Some(AlarmAction::Unshelve), _) => "taken up again".to_owned(),
         (Some(AlarmAction::Comment), _) => "remark".to_owned(),
         (Some(AlarmAction::ShelvingOver), _) => "no longer shelved: its time was over".to_owned(),
         (None, Some(kind)) => format!("{}: begins again", kind_words(kind)),
-        (None | Some(AlarmAction::Stale { .. }), _) => change
-            .severity
-            .map_or_else(|| "back to normal".to_owned(), |severity| format!("{} raised", severity.name())),
+        (None | Some(AlarmAction::Stale { .. }), _) => change.severity.map_or_else(
+            || "back to normal".to_owned(),
+            |severity| format!("{} raised", severity.name()),
+        ),
     };
     let reading = change.value.map_or_else(|| "–".to_owned(), reading_words);
     row(change.time, &[&what, &reading, &change.by, &change.comment])
@@ -160,7 +168,11 @@ fn change_row(change: &AlarmChange) -> String {
 
 /// Four digits: more would feign precision.
 fn reading_words(value: f64) -> String {
-    let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
+    let digits = if value == 0.0 {
+        0
+    } else {
+        value.abs().log10().floor() as i32
+    };
     let decimals = usize::try_from(3 - digits).unwrap_or(0).min(9);
     format!("{value:.decimals$}")
 }
@@ -211,7 +223,9 @@ fn quantity_words(quantity: &AlarmQuantity) -> String {
         AlarmQuantity::Indicator(name) => format!("Indicator {name}"),
         AlarmQuantity::RatePerDay(RatedQuantity::WearUm) => "Change of the wear depth (µm a day)".to_owned(),
         AlarmQuantity::RatePerDay(RatedQuantity::Novelty) => "Change of the novelty a day".to_owned(),
-        AlarmQuantity::RatePerDay(RatedQuantity::Indicator(name)) => format!("Change of the indicator {name} a day"),
+        AlarmQuantity::RatePerDay(RatedQuantity::Indicator(name)) => {
+            format!("Change of the indicator {name} a day")
+        }
     }
 }
 

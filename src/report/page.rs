@@ -46,22 +46,33 @@ const TABLE_ROWS: usize = 100;
 const STYLE: &str = include_str!("report.css");
 
 pub(super) fn html(report: &Report) -> String {
-    let title = report
-        .asset
-        .as_ref()
-        .map_or_else(|| "Vibration report".to_owned(), |name| format!("Vibration report: {name}"));
+    let title = report.asset.as_ref().map_or_else(
+        || "Vibration report".to_owned(),
+        |name| format!("Vibration report: {name}"),
+    );
     let title = escape(&title);
     let (first, last) = (report.records.first(), report.records.last());
     let span = first.zip(last).map_or_else(String::new, |(first, last)| {
-        format!(", {} to {}", first.start_time.strftime(MINUTES), last.start_time.strftime(MINUTES))
+        format!(
+            ", {} to {}",
+            first.start_time.strftime(MINUTES),
+            last.start_time.strftime(MINUTES)
+        )
     });
     let count = report.all_records.unwrap_or(report.records.len());
     let mut body = format!("<h1>{title}</h1><p>{count} records{span}.</p>");
     verdict(report, &mut body);
-    let channels: BTreeMap<&str, Vec<&ReportedRecord>> = report.records.iter().fold(BTreeMap::new(), |mut channels, record| {
-        channels.entry(record.channel.as_str()).or_insert_with(Vec::new).push(record);
-        channels
-    });
+    let channels: BTreeMap<&str, Vec<&ReportedRecord>> =
+        report
+            .records
+            .iter()
+            .fold(BTreeMap::new(), |mut channels, record| {
+                channels
+                    .entry(record.channel.as_str())
+                    .or_insert_with(Vec::new)
+                    .push(record);
+                channels
+            });
     for (channel, records) in &channels {
         wear_section(report, channel, records, &mut body);
     }
@@ -86,10 +97,29 @@ fn verdict(report: &Report, body: &mut String) {
         .iter()
         .rev()
         .find(|record| record.wear.is_some() || !record.wear_words.is_empty());
-    let error = latest.and_then(|record| record.wear.as_ref()?.transmission_error_um.as_ref().map(transmission_words));
-    let mut facts: Vec<(&str, &str)> = latest.iter().map(|record| ("Wear", record.wear_words.as_str())).collect();
-    facts.extend(error.iter().map(|words| ("Transmission error due to wear", words.as_str())));
-    facts.extend(report.facts.iter().map(|(term, words)| (term.as_str(), words.as_str())));
+    let error = latest.and_then(|record| {
+        record
+            .wear
+            .as_ref()?
+            .transmission_error_um
+            .as_ref()
+            .map(transmission_words)
+    });
+    let mut facts: Vec<(&str, &str)> = latest
+        .iter()
+        .map(|record| ("Wear", record.wear_words.as_str()))
+        .collect();
+    facts.extend(
+        error
+            .iter()
+            .map(|words| ("Transmission error due to wear", words.as_str())),
+    );
+    facts.extend(
+        report
+            .facts
+            .iter()
+            .map(|(term, words)| (term.as_str(), words.as_str())),
+    );
     if facts.is_empty() {
         return;
     }
@@ -117,7 +147,12 @@ fn depth_words(wear: &WearEstimate) -> Option<String> {
 }
 
 fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], body: &mut String) {
-    let of = |pick: fn(&ReportedRecord) -> Option<f64>| records.iter().map(|record| (seconds(record), pick(record))).collect::<Vec<_>>();
+    let of = |pick: fn(&ReportedRecord) -> Option<f64>| {
+        records
+            .iter()
+            .map(|record| (seconds(record), pick(record)))
+            .collect::<Vec<_>>()
+    };
     let median = of(|record| record.wear.as_ref()?.median_um);
     if median.iter().all(|(_, um)| um.is_none()) {
         return;
@@ -139,7 +174,10 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
             class: "reference",
         });
     }
-    let limits = [("warning", report.limits.warning_um), ("danger", report.limits.danger_um)];
+    let limits = [
+        ("warning", report.limits.warning_um),
+        ("danger", report.limits.danger_um),
+    ];
     let chart = Chart {
         horizontal: Horizontal::Time,
         x_title: "start of the record (UTC)".to_owned(),
@@ -159,11 +197,17 @@ fn wear_section(report: &Report, channel: &str, records: &[&ReportedRecord], bod
         marks: occurrences::marks(report, channel),
         from_zero: true,
     };
-    let caption = format!("Channel {channel}: median, and the interval that holds the wear depth with 90 % probability.");
+    let caption = format!(
+        "Channel {channel}: median, and the interval that holds the wear depth with 90 % probability."
+    );
     section("Wear depth", &caption, &chart, Some("5 % to 95 %"), body);
 }
 
-fn indicator_section((name, heading, caption): (&str, &str, &str), channels: &BTreeMap<&str, Vec<&ReportedRecord>>, body: &mut String) {
+fn indicator_section(
+    (name, heading, caption): (&str, &str, &str),
+    channels: &BTreeMap<&str, Vec<&ReportedRecord>>,
+    body: &mut String,
+) {
     let series = channels.iter().enumerate().map(|(n, (channel, records))| Series {
         name: format!("channel {channel}"),
         points: records
@@ -172,8 +216,16 @@ fn indicator_section((name, heading, caption): (&str, &str, &str), channels: &BT
             .collect(),
         class: CLASSES[n % CLASSES.len()],
     });
-    let unit = channels.values().flatten().next().map_or("", |record| record.unit.as_str());
-    let unit = if DIMENSIONLESS.contains(&name) { "–" } else { unit_words(unit) };
+    let unit = channels
+        .values()
+        .flatten()
+        .next()
+        .map_or("", |record| record.unit.as_str());
+    let unit = if DIMENSIONLESS.contains(&name) {
+        "–"
+    } else {
+        unit_words(unit)
+    };
     let chart = Chart {
         horizontal: Horizontal::Time,
         x_title: "start of the record (UTC)".to_owned(),
@@ -188,7 +240,9 @@ fn indicator_section((name, heading, caption): (&str, &str, &str), channels: &BT
 }
 
 fn spectrum_section(report: &Report, body: &mut String) {
-    let Some(spectrum) = &report.last_spectrum else { return };
+    let Some(spectrum) = &report.last_spectrum else {
+        return;
+    };
     let points = spectrum.amplitude.iter().enumerate();
     let chart = Chart {
         horizontal: Horizontal::Number,
@@ -196,7 +250,9 @@ fn spectrum_section(report: &Report, body: &mut String) {
         y_title: format!("peak amplitude ({})", unit_words(&spectrum.unit)),
         series: vec![Series {
             name: "last record".to_owned(),
-            points: points.map(|(bin, a)| (bin as f64 * spectrum.resolution_hz, Some(*a))).collect(),
+            points: points
+                .map(|(bin, a)| (bin as f64 * spectrum.resolution_hz, Some(*a)))
+                .collect(),
             class: "one",
         }],
         band: Vec::new(),
@@ -206,7 +262,11 @@ fn spectrum_section(report: &Report, body: &mut String) {
     };
     let caption = format!(
         "Last record: amplitude of each line (peak), {} window, noise bandwidth {:.3} Hz.",
-        if spectrum.window == "hann" { "Hann" } else { spectrum.window },
+        if spectrum.window == "hann" {
+            "Hann"
+        } else {
+            spectrum.window
+        },
         spectrum.bandwidth_hz
     );
     section("Spectrum", &caption, &chart, None, body);
@@ -230,11 +290,12 @@ fn table(report: &Report, body: &mut String) {
     let shown = &report.records[report.records.len().saturating_sub(TABLE_ROWS)..];
     let rows: String = shown.iter().map(row).collect();
     let unit = unit_words(shown.last().map_or("", |record| &record.unit));
-    let which = if shown.len() < report.records.len() || report.all_records.is_some_and(|all| all > shown.len()) {
-        format!("<p>The latest {} records.</p>", shown.len())
-    } else {
-        String::new()
-    };
+    let which =
+        if shown.len() < report.records.len() || report.all_records.is_some_and(|all| all > shown.len()) {
+            format!("<p>The latest {} records.</p>", shown.len())
+        } else {
+            String::new()
+        };
     let _ = write!(
         body,
         "<h2>Records</h2>{which}<table><thead><tr><th>Start (UTC)</th><th>Channel</th><th>Shaft (Hz)</th><th>RMS ({unit})</th>\
@@ -259,7 +320,10 @@ fn row(record: &ReportedRecord) -> String {
         number(record.indicators.get("omx")),
         number(record.indicators.get("fm4")),
         number(record.indicators.get("na4")),
-        record.shaft_angle.as_ref().map_or_else(|| "–".to_owned(), angle_words),
+        record
+            .shaft_angle
+            .as_ref()
+            .map_or_else(|| "–".to_owned(), angle_words),
         escape(&record.name),
     )
 }

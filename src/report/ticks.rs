@@ -53,7 +53,9 @@ pub(super) fn numbers(low: f64, high: f64, count: usize) -> Vec<Tick> {
             format!("{at:.decimals$}")
         }
     };
-    places(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
+    places(low, high, step)
+        .map(|at| Tick { at, label: label(at) })
+        .collect()
 }
 
 /// About `count` ticks at round times; places are seconds since 1970 UTC.
@@ -71,14 +73,23 @@ pub(super) fn times(low: f64, high: f64, count: usize) -> Vec<Tick> {
     } else {
         "%Y-%m-%d"
     };
-    let label = |at: f64| Timestamp::from_second(at as i64).map_or_else(|_| String::new(), |time| time.strftime(format).to_string());
-    places(low, high, step).map(|at| Tick { at, label: label(at) }).collect()
+    let label = |at: f64| {
+        Timestamp::from_second(at as i64)
+            .map_or_else(|_| String::new(), |time| time.strftime(format).to_string())
+    };
+    places(low, high, step)
+        .map(|at| Tick { at, label: label(at) })
+        .collect()
 }
 
 fn places(low: f64, high: f64, step: f64) -> impl Iterator<Item = f64> {
     let first = (low / step - 1e-9).ceil();
     let last = (high / step + 1e-9).floor();
-    let count = if last >= first { (last - first) as usize + 1 } else { 0 };
+    let count = if last >= first {
+        (last - first) as usize + 1
+    } else {
+        0
+    };
     (0..count.min(100)).map(move |n| (first + n as f64) * step)
 }
 

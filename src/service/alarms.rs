@@ -51,8 +51,8 @@ impl Alarms {
         self.act_on(stored, None, done).await
     }
 
-    /// Does something to an alarm as it stands when its channel is locked, which is `known` where nothing has happened to it yet; after
-    /// `silence` only where no record has come meanwhile.
+    /// Does something to an alarm as it stands when its channel is locked, which is `known` where nothing has
+    /// happened to it yet; after `silence` only where no record has come meanwhile.
     pub(crate) async fn act_on(
         &self,
         known: StoredAlarm,
@@ -65,7 +65,10 @@ impl Alarms {
         // No records come in meanwhile: the place after the latest one is known.
         let _pause = self.committer.pause().await;
         let slot = self.history.lock(&known.asset_id, &known.channel).await;
-        let channel = store.channel(&known.asset_id, &known.channel).await?.ok_or_else(unknown)?;
+        let channel = store
+            .channel(&known.asset_id, &known.channel)
+            .await?
+            .ok_or_else(unknown)?;
         let mut commit = store.begin().await?;
         let mut channel = commit.channel_again(&channel).await?;
         if silence.is_some_and(|silence| silence.channel.segments != channel.segments) {
@@ -138,7 +141,9 @@ impl Alarms {
 /// The first place after all records of a time.
 fn first_key_after(time: Timestamp) -> SegmentKey {
     SegmentKey {
-        start_time: time.checked_add(SignedDuration::from_nanos(1)).unwrap_or(Timestamp::MAX),
+        start_time: time
+            .checked_add(SignedDuration::from_nanos(1))
+            .unwrap_or(Timestamp::MAX),
         id: SegmentId(String::new()),
     }
 }

@@ -77,7 +77,8 @@ impl Assets {
         }
         self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
         if spec.sensor.of.is_some() {
-            self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
+            self.history
+                .recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
             self.catch_up.in_background(vec![spec.id.clone()]);
         }
         Ok(asset)
@@ -113,14 +114,19 @@ impl Assets {
         self.simulations.describe(spec);
         self.events.announce(LiveEvent::AssetChanged(spec.id.clone()));
         self.history.recompute_in_background(beside);
-        self.history.recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
+        self.history
+            .recompute_in_background(ids_of_sensor(&self.store, &spec.id).await?);
         if spec.sensor.of.is_some() {
             self.catch_up.in_background(vec![spec.id.clone()]);
         }
         Ok(asset)
     }
 
-    async fn update_checked(&self, spec: &AssetSpec, precondition: &Precondition) -> Result<Asset, ServiceError> {
+    async fn update_checked(
+        &self,
+        spec: &AssetSpec,
+        precondition: &Precondition,
+    ) -> Result<Asset, ServiceError> {
         let store = &self.store;
         let mark = store.descriptions_mark().await?;
         let before = store.asset(&spec.id).await?;
@@ -158,7 +164,11 @@ impl Assets {
     }
 
     /// Returns the other assets of the sensor, and the objects that nothing refers to any more.
-    async fn delete_checked(&self, id: &AssetId, precondition: &Precondition) -> Result<(Vec<AssetId>, Vec<String>), ServiceError> {
+    async fn delete_checked(
+        &self,
+        id: &AssetId,
+        precondition: &Precondition,
+    ) -> Result<(Vec<AssetId>, Vec<String>), ServiceError> {
         let mark = self.store.descriptions_mark().await?;
         precondition.check(&self.store.asset(id).await?)?;
         let beside = ids_beside(&self.store, id).await?;

@@ -43,8 +43,12 @@ impl CatchUp {
             for member in members {
                 match catch_up.asset(&member).await {
                     Ok(0) | Err(ServiceError::Store(StoreError::AssetUnknown(_))) => {}
-                    Ok(records) => tracing::info!(asset = %member, records, "analysed earlier records of the sensor"),
-                    Err(error) => tracing::warn!(asset = %member, %error, "failed to analyse earlier records of the sensor"),
+                    Ok(records) => {
+                        tracing::info!(asset = %member, records, "analysed earlier records of the sensor")
+                    }
+                    Err(error) => {
+                        tracing::warn!(asset = %member, %error, "failed to analyse earlier records of the sensor")
+                    }
                 }
             }
         });
@@ -79,7 +83,9 @@ impl CatchUp {
         let mut records = 0;
         loop {
             let segments = self.store.segments(&channel.asset_id, &filter, AT_ONCE).await?;
-            let Some(last) = segments.last() else { return Ok(records) };
+            let Some(last) = segments.last() else {
+                return Ok(records);
+            };
             filter.after = Some(SegmentKey {
                 start_time: last.start_time,
                 id: last.id.clone(),
@@ -88,15 +94,28 @@ impl CatchUp {
             let spec = described(&self.store, member).await?.spec;
             let _uncommitted = self.raw.uncommitted(Vec::new()).await;
             let (store, id) = (self.store.clone(), member.clone());
-            let read = move || segments.iter().filter_map(|segment| record_for(&store, &id, segment)).collect();
+            let read = move || {
+                segments
+                    .iter()
+                    .filter_map(|segment| record_for(&store, &id, segment))
+                    .collect()
+            };
             let again: Vec<IdentifiedRecord> = self.workers.run("read records again", read).await?;
-            records += self.pipeline.analyse_for_member(spec, again, self.clock.now()).await?;
+            records += self
+                .pipeline
+                .analyse_for_member(spec, again, self.clock.now())
+                .await?;
         }
     }
 
     /// Those of the segments of its sensor that an asset does not have.
-    async fn missing(&self, member: &AssetId, mut segments: Vec<Segment>) -> Result<Vec<Segment>, ServiceError> {
-        let own_id = |segment: &Segment| SegmentId::derive(member, &segment.channel, segment.start_time, &segment.raw);
+    async fn missing(
+        &self,
+        member: &AssetId,
+        mut segments: Vec<Segment>,
+    ) -> Result<Vec<Segment>, ServiceError> {
+        let own_id =
+            |segment: &Segment| SegmentId::derive(member, &segment.channel, segment.start_time, &segment.raw);
         let ids: Vec<SegmentId> = segments.iter().map(own_id).collect();
         let known = self.store.segments_by_id(&ids).await?;
         let known: HashSet<&SegmentId> = known.iter().map(|segment| &segment.id).collect();
@@ -111,5 +130,10 @@ fn record_for(store: &Store, member: &AssetId, segment: &Segment) -> Option<Iden
         .read(store)
         .inspect_err(|error| tracing::debug!(segment = %segment.id, %error, "failed to read a record for another asset of its sensor"))
         .ok()?;
-    Some(IdentifiedRecord::of_stored(member, record, segment.raw.clone(), segment.excluded))
+    Some(IdentifiedRecord::of_stored(
+        member,
+        record,
+        segment.raw.clone(),
+        segment.excluded,
+    ))
 }

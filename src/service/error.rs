@@ -48,7 +48,9 @@ pub enum ServiceError {
         of: AssetId,
     },
     /// Other assets share the sensor of this one.
-    #[error("the sensor of asset {asset} is shared by {others}: delete those first, or have them share another")]
+    #[error(
+        "the sensor of asset {asset} is shared by {others}: delete those first, or have them share another"
+    )]
     SensorShared {
         /// The asset.
         asset: AssetId,
@@ -56,7 +58,9 @@ pub enum ServiceError {
         others: String,
     },
     /// The raw bytes of a record were given up for others.
-    #[error("the raw recording of segment {0} is not kept any more: it was the oldest when the quota was reached; its results are")]
+    #[error(
+        "the raw recording of segment {0} is not kept any more: it was the oldest when the quota was reached; its results are"
+    )]
     RawGivenUp(SegmentId),
     /// A record of the queue is not what its raw bytes say.
     #[error("the raw bytes are segment {found}, expected {expected}, which was queued")]
@@ -110,7 +114,8 @@ impl ServiceError {
     pub fn is_without_raw(&self) -> bool {
         matches!(
             self,
-            Self::RawGivenUp(_) | Self::Store(StoreError::ObjectMissing(_) | StoreError::ObjectDamaged { .. })
+            Self::RawGivenUp(_)
+                | Self::Store(StoreError::ObjectMissing(_) | StoreError::ObjectDamaged { .. })
         )
     }
 }

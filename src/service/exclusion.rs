@@ -23,19 +23,31 @@ pub struct Exclusions {
 impl Exclusions {
     /// Excludes one record from its history, or includes it again.
     pub async fn set_one(&self, segment: &Segment, is_excluded: bool) -> Result<u64, ServiceError> {
-        self.set(&segment.asset_id, &RecordRange::of(segment), is_excluded).await
+        self.set(&segment.asset_id, &RecordRange::of(segment), is_excluded)
+            .await
     }
 
     /// Excludes records of an asset from its histories, or includes them again.
-    pub async fn set(&self, asset: &AssetId, range: &RecordRange, is_excluded: bool) -> Result<u64, ServiceError> {
-        self.set_each(asset, std::slice::from_ref(range), is_excluded).await
+    pub async fn set(
+        &self,
+        asset: &AssetId,
+        range: &RecordRange,
+        is_excluded: bool,
+    ) -> Result<u64, ServiceError> {
+        self.set_each(asset, std::slice::from_ref(range), is_excluded)
+            .await
     }
 
-    /// Excludes records of several ranges, or includes them again, and so for all others of the
-    /// sensor; returns how many of the asset were not so before. Histories are folded again in the background.
+    /// Excludes records of several ranges, or includes them again, and so for all others of the sensor;
+    /// returns how many of the asset were not so before. Histories are folded again in the background.
     ///
     /// Error: [`ServiceError::SensorOfOther`] where they come for another asset.
-    pub async fn set_each(&self, asset: &AssetId, ranges: &[RecordRange], is_excluded: bool) -> Result<u64, ServiceError> {
+    pub async fn set_each(
+        &self,
+        asset: &AssetId,
+        ranges: &[RecordRange],
+        is_excluded: bool,
+    ) -> Result<u64, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
         let mut count = 0;
         let mut changed = Vec::new();

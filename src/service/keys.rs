@@ -33,7 +33,11 @@ pub(crate) fn analysis_keys(spec: &AssetSpec) -> AnalysisKeys {
     parts.extend(others);
     let feature = hash(&parts.iter().map(String::as_str).collect::<Vec<_>>());
     let bands = serde_json::to_string(&spec.bands).unwrap_or_default();
-    let gear_indicators = if spec.gear_indicators { GEAR_PREPROCESSING } else { "" };
+    let gear_indicators = if spec.gear_indicators {
+        GEAR_PREPROCESSING
+    } else {
+        ""
+    };
     let analysis = hash(&[INDICATORS, &feature, &bands, gear_indicators]);
     AnalysisKeys {
         analysis: Arc::from(analysis),

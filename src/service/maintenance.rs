@@ -38,7 +38,11 @@ impl Maintenance {
     pub async fn remove(&self, asset: &AssetId, id: &str) -> Result<(), ServiceError> {
         self.store.asset(asset).await?;
         let unknown = || ServiceError::MaintenanceUnknown(id.to_owned());
-        let stored = self.store.maintenance_event(asset, id).await?.ok_or_else(unknown)?;
+        let stored = self
+            .store
+            .maintenance_event(asset, id)
+            .await?
+            .ok_or_else(unknown)?;
         if self.change(asset, &stored, true).await? {
             Ok(())
         } else {
@@ -46,7 +50,12 @@ impl Maintenance {
         }
     }
 
-    async fn change(&self, asset: &AssetId, stored: &StoredEvent, is_removed: bool) -> Result<bool, ServiceError> {
+    async fn change(
+        &self,
+        asset: &AssetId,
+        stored: &StoredEvent,
+        is_removed: bool,
+    ) -> Result<bool, ServiceError> {
         let store = &self.store;
         let _pause = self.committer.pause().await;
         let mut commit = store.begin().await?;

@@ -16,10 +16,11 @@
 //!
 //! Whoever holds one of these locks takes only those further down:
 //!
-//! 1. `Assets::describing`, `CatchUp::turn`, `Retention::turn`: one change of descriptions, one catching up, one application of the quotas at
-//!    a time
+//! 1. `Assets::describing`, `CatchUp::turn`, `Retention::turn`: one change of descriptions, one catching up,
+//!    one application of the quotas at a time
 //! 2. `RawObjects`: shared while raw bytes have no rows yet, exclusive while objects are removed
-//! 3. the committer's turn: one transaction of segments, an operator's action or a maintenance event at a time
+//! 3. the committer's turn: one transaction of segments, an operator's action or a maintenance event at a
+//!    time
 //! 4. a channel's slot; several in the order of asset and channel
 //! 5. the transaction: rows of assets by name, then of channels by asset and name, then what hangs on them
 //!

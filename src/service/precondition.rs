@@ -1,4 +1,5 @@
-//! What a change of an asset is conditional on: that its description is, or is not, one that the client has seen.
+//! What a change of an asset is conditional on: that its description is, or is not, one that the client has
+//! seen.
 
 use sha2::{Digest, Sha256};
 
@@ -42,7 +43,8 @@ impl Precondition {
         }
         let tag = description_tag(asset)?;
         let has = |tags: &Vec<String>| tags.iter().any(|one| one == "*" || *one == tag);
-        let fails = self.matches.as_ref().is_some_and(|tags| !has(tags)) || self.matches_none.as_ref().is_some_and(has);
+        let fails = self.matches.as_ref().is_some_and(|tags| !has(tags))
+            || self.matches_none.as_ref().is_some_and(has);
         if fails {
             return Err(ServiceError::Precondition(asset.spec.id.clone()));
         }

@@ -45,7 +45,11 @@ impl Service {
     /// Once all are there, the database counts as that of the raw recordings.
     ///
     /// Records that people removed stay away, unless `with_removed`.
-    pub async fn rebuild(&self, with_removed: bool, told: impl Fn(usize, usize)) -> Result<Rebuilt, ServiceError> {
+    pub async fn rebuild(
+        &self,
+        with_removed: bool,
+        told: impl Fn(usize, usize),
+    ) -> Result<Rebuilt, ServiceError> {
         let mut rebuilt = Rebuilt::default();
         let mut assets = self.on_objects(Objects::asset_notes).await?;
         // Those whose sensor others share come before those.
@@ -55,7 +59,11 @@ impl Service {
             excluded.extend(note.excluded.iter().cloned());
             rebuilt.assets += u64::from(self.take_in_asset(note).await?);
         }
-        let removed = if with_removed { HashMap::new() } else { self.removed().await? };
+        let removed = if with_removed {
+            HashMap::new()
+        } else {
+            self.removed().await?
+        };
         let notes = self.noted(&removed, &mut rebuilt).await?;
         let all = notes.len();
         let mut created: HashMap<AssetId, Option<Timestamp>> = HashMap::new();
@@ -124,7 +132,11 @@ impl Service {
 
     async fn take_in(&self, record: &QueuedRecord) -> Result<(), ServiceError> {
         let name = record.raw.sha256.clone();
-        if self.on_objects(move |objects| objects.written_at(&name)).await?.is_none() {
+        if self
+            .on_objects(move |objects| objects.written_at(&name))
+            .await?
+            .is_none()
+        {
             return Err(StoreError::ObjectMissing(record.raw.sha256.clone()).into());
         }
         loop {
@@ -151,7 +163,11 @@ impl Service {
     }
 
     /// What is noted of records that the database does not have, by asset and in the order of time.
-    async fn noted(&self, removed: &HashMap<SegmentId, Timestamp>, rebuilt: &mut Rebuilt) -> Result<Vec<RecordNote>, ServiceError> {
+    async fn noted(
+        &self,
+        removed: &HashMap<SegmentId, Timestamp>,
+        rebuilt: &mut Rebuilt,
+    ) -> Result<Vec<RecordNote>, ServiceError> {
         let mut missing: BTreeMap<(AssetId, Timestamp, SegmentId), RecordNote> = BTreeMap::new();
         for shard in 0..=u8::MAX {
             let mut notes = self.on_objects(move |objects| objects.notes(shard)).await?;

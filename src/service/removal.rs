@@ -58,7 +58,12 @@ impl Removals {
         Ok(count)
     }
 
-    async fn remove_range(&self, asset: &AssetId, assets: &[AssetId], range: &RecordRange) -> Result<u64, ServiceError> {
+    async fn remove_range(
+        &self,
+        asset: &AssetId,
+        assets: &[AssetId],
+        range: &RecordRange,
+    ) -> Result<u64, ServiceError> {
         let mut count = 0;
         loop {
             let _exclusive = self.raw.exclusive().await;

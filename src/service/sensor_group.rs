@@ -30,7 +30,10 @@ impl SensorGroup {
             });
         }
         let specs: Vec<AssetSpec> = all.into_iter().map(|asset| asset.spec).collect();
-        let members = specs.iter().filter(|spec| spec.id != *id).map(|spec| spec.clone().among(&specs));
+        let members = specs
+            .iter()
+            .filter(|spec| spec.id != *id)
+            .map(|spec| spec.clone().among(&specs));
         Ok(Self {
             asset,
             members: members.collect(),
@@ -67,7 +70,9 @@ pub(crate) async fn ids_of_sensor(store: &Store, id: &AssetId) -> Result<Vec<Ass
 /// Error: [`ServiceError::SensorShared`].
 pub(crate) async fn ids_beside(store: &Store, id: &AssetId) -> Result<Vec<AssetId>, ServiceError> {
     let all = store.assets_of_sensor(id).await?;
-    let through = all.iter().filter(|asset| asset.spec.sensor.of.as_ref() == Some(id));
+    let through = all
+        .iter()
+        .filter(|asset| asset.spec.sensor.of.as_ref() == Some(id));
     let members: Vec<&str> = through.map(|asset| asset.spec.id.as_str()).collect();
     if !members.is_empty() {
         return Err(ServiceError::SensorShared {
@@ -75,13 +80,25 @@ pub(crate) async fn ids_beside(store: &Store, id: &AssetId) -> Result<Vec<AssetI
             others: members.join(", "),
         });
     }
-    Ok(all.into_iter().map(|asset| asset.spec.id).filter(|other| other != id).collect())
+    Ok(all
+        .into_iter()
+        .map(|asset| asset.spec.id)
+        .filter(|other| other != id)
+        .collect())
 }
 
 /// Checks whose sensor a description names, against what the asset was `before` where there is one.
-pub(crate) async fn check_sensor(store: &Store, spec: &AssetSpec, before: Option<&AssetSpec>) -> Result<(), ServiceError> {
+pub(crate) async fn check_sensor(
+    store: &Store,
+    spec: &AssetSpec,
+    before: Option<&AssetSpec>,
+) -> Result<(), ServiceError> {
     let refuse = |expected: &'static str| {
-        let value = spec.sensor.of.as_ref().map_or("not given".to_owned(), AssetId::to_string);
+        let value = spec
+            .sensor
+            .of
+            .as_ref()
+            .map_or("not given".to_owned(), AssetId::to_string);
         Err(ServiceError::Field {
             field: "sensor.of",
             value,
@@ -90,7 +107,11 @@ pub(crate) async fn check_sensor(store: &Store, spec: &AssetSpec, before: Option
     };
     if let Some(before) = before
         && before.sensor.of != spec.sensor.of
-        && store.channels(&spec.id).await?.iter().any(|channel| channel.segments > 0)
+        && store
+            .channels(&spec.id)
+            .await?
+            .iter()
+            .any(|channel| channel.segments > 0)
     {
         return refuse("what it was before, since the asset has records: describe the mesh as another asset");
     }
@@ -99,7 +120,10 @@ pub(crate) async fn check_sensor(store: &Store, spec: &AssetSpec, before: Option
         Err(StoreError::AssetUnknown(_)) => return refuse("the id of an asset that there is"),
         all => all?,
     };
-    if all.iter().any(|other| other.spec.id == *of && other.spec.sensor.of.is_some()) {
+    if all
+        .iter()
+        .any(|other| other.spec.id == *of && other.spec.sensor.of.is_some())
+    {
         return refuse("an asset with a sensor of its own, not one that shares another's");
     }
     if all.iter().filter(|other| other.spec.id != spec.id).count() >= MAX_ON_ONE_SENSOR {

@@ -45,7 +45,9 @@ impl Alarms {
             let assets = self.store.assets_with_rules_on_silence().await?;
             let rules = assets.into_iter().filter_map(|asset| {
                 let rules = asset.spec.alarm_rules();
-                let on_silence = rules.into_iter().find(|rule| rule.quantity == AlarmQuantity::StaleS);
+                let on_silence = rules
+                    .into_iter()
+                    .find(|rule| rule.quantity == AlarmQuantity::StaleS);
                 Some((asset.spec.id, on_silence?))
             });
             known.rules = rules.collect();

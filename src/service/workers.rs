@@ -82,7 +82,10 @@ impl Workers {
     }
 
     fn admit_to(&self, queue: &Arc<Semaphore>, what: &'static str) -> Result<Ticket, ServiceError> {
-        let busy = |_| ServiceError::Busy { what, retry_after_s: 1 };
+        let busy = |_| ServiceError::Busy {
+            what,
+            retry_after_s: 1,
+        };
         let request = Arc::clone(queue).try_acquire_owned().map_err(busy)?;
         Ok(Ticket {
             _request: request,
@@ -108,7 +111,11 @@ impl Workers {
     }
 
     /// Runs `f` on a worker thread; `task` names it if it is lost.
-    pub async fn run<T: Send + 'static>(&self, task: &'static str, f: impl FnOnce() -> T + Send + 'static) -> Result<T, ServiceError> {
+    pub async fn run<T: Send + 'static>(
+        &self,
+        task: &'static str,
+        f: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, ServiceError> {
         run_in(&self.pool, task, f).await
     }
 
@@ -156,12 +163,19 @@ pub(crate) async fn detached<T: Send + 'static>(
     task: &'static str,
     work: impl Future<Output = T> + Send + 'static,
 ) -> Result<T, ServiceError> {
-    tokio::spawn(work).await.map_err(|_| ServiceError::WorkerLost(task))
+    tokio::spawn(work)
+        .await
+        .map_err(|_| ServiceError::WorkerLost(task))
 }
 
 /// Runs `f`, which waits for the disk or the network, on a thread for that.
-pub(crate) async fn blocking<T: Send + 'static>(task: &'static str, f: impl FnOnce() -> T + Send + 'static) -> Result<T, ServiceError> {
-    tokio::task::spawn_blocking(f).await.map_err(|_| ServiceError::WorkerLost(task))
+pub(crate) async fn blocking<T: Send + 'static>(
+    task: &'static str,
+    f: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, ServiceError> {
+    tokio::task::spawn_blocking(f)
+        .await
+        .map_err(|_| ServiceError::WorkerLost(task))
 }
 
 fn threads(count: usize, name: &'static str) -> Result<rayon::ThreadPool, ServiceError> {
@@ -276,7 +290,10 @@ mod tests {
             let (workers, now, most) = (Arc::clone(&workers), Arc::clone(&samples_now), Arc::clone(&most));
             tokio::spawn(async move {
                 let analysis = move || {
-                    most.fetch_max(now.fetch_add(samples, Ordering::SeqCst) + samples, Ordering::SeqCst);
+                    most.fetch_max(
+                        now.fetch_add(samples, Ordering::SeqCst) + samples,
+                        Ordering::SeqCst,
+                    );
                     std::thread::sleep(Duration::from_millis(20));
                     now.fetch_sub(samples, Ordering::SeqCst);
                 };
@@ -284,7 +301,13 @@ mod tests {
             })
         };
         let half = MAX_RECORD_SAMPLES / 2;
-        let sizes = [MAX_RECORD_SAMPLES, half, half, MAX_RECORD_SAMPLES, LARGE_SAMPLES + 1];
+        let sizes = [
+            MAX_RECORD_SAMPLES,
+            half,
+            half,
+            MAX_RECORD_SAMPLES,
+            LARGE_SAMPLES + 1,
+        ];
         let tasks: Vec<_> = sizes.into_iter().map(analyse).collect();
         for task in tasks {
             task.await.unwrap();
@@ -303,7 +326,10 @@ mod tests {
         let large = || workers.run_analysis("large", MAX_RECORD_SAMPLES, || ());
         let first = workers.run_analysis("large", MAX_RECORD_SAMPLES, move || wait.recv());
         let ordinary = async {
-            workers.run_analysis("ordinary", LARGE_SAMPLES, || ()).await.unwrap();
+            workers
+                .run_analysis("ordinary", LARGE_SAMPLES, || ())
+                .await
+                .unwrap();
             done.send(()).unwrap();
         };
         let (first, second, third, ()) = tokio::join!(first, large(), large(), ordinary);

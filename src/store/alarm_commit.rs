@@ -92,16 +92,19 @@ impl Commit {
                 alarm: alarm.clone(),
             };
             self.set_alarm(channel, &stored).await?;
-            self.replace_changes(&stored.id, folded.after, &old, &new, now).await?;
+            self.replace_changes(&stored.id, folded.after, &old, &new, now)
+                .await?;
             let notice = |change: &AlarmChange| AlarmNotice {
                 alarm: stored.clone(),
                 change: change.clone(),
             };
             let stands = |alarm: &Alarm| (alarm.standing(), alarm.severity());
             if folded.is_append {
-                let is_new = |new: &&&PlacedChange| !old.iter().any(|(_, old)| old.tells_the_same_as(&new.change));
+                let is_new =
+                    |new: &&&PlacedChange| !old.iter().any(|(_, old)| old.tells_the_same_as(&new.change));
                 notices.extend(new.iter().filter(is_new).map(|new| notice(&new.change)));
-            } else if known.map_or_else(|| stands(&Alarm::default()), |known| stands(&known.alarm)) != stands(alarm)
+            } else if known.map_or_else(|| stands(&Alarm::default()), |known| stands(&known.alarm))
+                != stands(alarm)
                 && let Some(last) = alarm.last().or(known.and_then(|known| known.alarm.last()))
             {
                 notices.push(notice(last));
@@ -199,7 +202,12 @@ impl Commit {
 
     async fn set_alarm(&mut self, channel: &ChannelSummary, stored: &StoredAlarm) -> Result<(), StoreError> {
         let id = stored.id.as_str();
-        let StoredAlarm { quantity, rule, alarm, .. } = stored;
+        let StoredAlarm {
+            quantity,
+            rule,
+            alarm,
+            ..
+        } = stored;
         sqlx::query(
             "INSERT INTO alarms (id, channel_no, quantity, rule, alarm, standing, severity, shelved_until_ns, changed_at_ns)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)
@@ -228,14 +236,19 @@ impl Commit {
         new: &[&PlacedChange],
         now: Timestamp,
     ) -> Result<(), StoreError> {
-        sqlx::query("DELETE FROM alarm_changes WHERE alarm_id = $1 AND place > $2 AND withdrawn_at_ns IS NULL")
-            .bind(id)
-            .bind(i64::try_from(after).unwrap_or(i64::MAX))
-            .execute(&mut *self.transaction)
-            .await?;
+        sqlx::query(
+            "DELETE FROM alarm_changes WHERE alarm_id = $1 AND place > $2 AND withdrawn_at_ns IS NULL",
+        )
+        .bind(id)
+        .bind(i64::try_from(after).unwrap_or(i64::MAX))
+        .execute(&mut *self.transaction)
+        .await?;
         // What is said again is not withdrawn any more.
         let text = "SELECT * FROM alarm_changes WHERE alarm_id = $1 AND withdrawn_at_ns IS NOT NULL ORDER BY place, number";
-        let rows = sqlx::query(text).bind(id).fetch_all(&mut *self.transaction).await?;
+        let rows = sqlx::query(text)
+            .bind(id)
+            .fetch_all(&mut *self.transaction)
+            .await?;
         for row in &rows {
             let withdrawn = change_of(row)?.change;
             if new.iter().any(|new| new.change.tells_the_same_as(&withdrawn)) {
@@ -247,15 +260,19 @@ impl Commit {
                     .await?;
             }
         }
-        let withdrawn = old
-            .iter()
-            .filter(|(_, old)| old.action.is_none() && !new.iter().any(|new| new.change.tells_the_same_as(old)));
+        let withdrawn = old.iter().filter(|(_, old)| {
+            old.action.is_none() && !new.iter().any(|new| new.change.tells_the_same_as(old))
+        });
         let kept = new.iter().map(|new| (new.place, &new.change, None));
-        let all = withdrawn.map(|(place, change)| (*place, change, Some(now))).chain(kept);
-        let first = sqlx::query("SELECT COALESCE(MAX(number), 0) + 1 AS number FROM alarm_changes WHERE alarm_id = $1")
-            .bind(id)
-            .fetch_one(&mut *self.transaction)
-            .await?;
+        let all = withdrawn
+            .map(|(place, change)| (*place, change, Some(now)))
+            .chain(kept);
+        let first = sqlx::query(
+            "SELECT COALESCE(MAX(number), 0) + 1 AS number FROM alarm_changes WHERE alarm_id = $1",
+        )
+        .bind(id)
+        .fetch_one(&mut *self.transaction)
+        .await?;
         for (number, (place, change, withdrawn_at)) in (get::<i64>(&first, "number")?..).zip(all) {
             sqlx::query("INSERT INTO alarm_changes (alarm_id, place, number, change, withdrawn_at_ns) VALUES ($1, $2, $3, $4, $5)")
                 .bind(id)

@@ -55,7 +55,8 @@ pub struct AlarmFilter {
 }
 
 /// Alarms with their channels.
-const ALARM: &str = "SELECT l.*, c.asset_id, c.name AS channel FROM alarms l JOIN channels c ON c.channel_no = l.channel_no";
+const ALARM: &str =
+    "SELECT l.*, c.asset_id, c.name AS channel FROM alarms l JOIN channels c ON c.channel_no = l.channel_no";
 
 /// The state at the time bound first.
 const STATE: &str = "CASE WHEN l.shelved_until_ns > $1 THEN 'shelved' ELSE l.standing END";
@@ -77,7 +78,12 @@ impl StoredAlarm {
 
 impl Store {
     /// Up to `limit` alarms, the one that changed last first, in their states at `now`.
-    pub async fn alarms(&self, filter: &AlarmFilter, now: Timestamp, limit: u32) -> Result<Vec<StoredAlarm>, StoreError> {
+    pub async fn alarms(
+        &self,
+        filter: &AlarmFilter,
+        now: Timestamp,
+        limit: u32,
+    ) -> Result<Vec<StoredAlarm>, StoreError> {
         let mut text = format!("{ALARM} WHERE $1 = $1");
         // Texts that are bound, in the order of their numbers from 2 on.
         let mut bound: Vec<String> = Vec::new();
@@ -95,7 +101,11 @@ impl Store {
             text += &format!(" AND l.severity = ${}", number(severity.name()));
         }
         if !filter.states.is_empty() {
-            let states: Vec<String> = filter.states.iter().map(|state| format!("${}", number(state.name()))).collect();
+            let states: Vec<String> = filter
+                .states
+                .iter()
+                .map(|state| format!("${}", number(state.name())))
+                .collect();
             text += &format!(" AND {STATE} IN ({})", states.join(", "));
         }
         if let Some((_, id)) = &filter.after {
@@ -131,18 +141,31 @@ impl Store {
                  ORDER BY c.asset_id, c.channel_no, l.id"
             )
         };
-        self.rows_of_assets(assets, text).await?.iter().map(alarm_of).collect()
+        self.rows_of_assets(assets, text)
+            .await?
+            .iter()
+            .map(alarm_of)
+            .collect()
     }
 
     /// The latest `limit` entries of an alarm's history, the earliest first, and how many there are.
-    pub async fn alarm_history(&self, id: &str, limit: u32) -> Result<(Vec<StoredAlarmChange>, u64), StoreError> {
+    pub async fn alarm_history(
+        &self,
+        id: &str,
+        limit: u32,
+    ) -> Result<(Vec<StoredAlarmChange>, u64), StoreError> {
         let count = sqlx::query("SELECT COUNT(*) FROM alarm_changes WHERE alarm_id = $1")
             .bind(id)
             .fetch_one(self.read())
             .await?;
         let count = u64::try_from(count.try_get::<i64, _>(0)?).unwrap_or(0);
-        let latest = "SELECT * FROM alarm_changes WHERE alarm_id = $1 ORDER BY place DESC, number DESC LIMIT $2";
-        let mut rows = sqlx::query(latest).bind(id).bind(i64::from(limit)).fetch_all(self.read()).await?;
+        let latest =
+            "SELECT * FROM alarm_changes WHERE alarm_id = $1 ORDER BY place DESC, number DESC LIMIT $2";
+        let mut rows = sqlx::query(latest)
+            .bind(id)
+            .bind(i64::from(limit))
+            .fetch_all(self.read())
+            .await?;
         rows.reverse();
         let entries: Result<Vec<_>, StoreError> = rows.iter().map(change_of).collect();
         Ok((entries?, count))
@@ -150,7 +173,10 @@ impl Store {
 
     /// What people did to a channel's alarms, in the order of their places; and whether the channel has any
     /// alarm.
-    pub async fn alarm_actions(&self, channel: &ChannelSummary) -> Result<(Vec<PanelAction>, bool), StoreError> {
+    pub async fn alarm_actions(
+        &self,
+        channel: &ChannelSummary,
+    ) -> Result<(Vec<PanelAction>, bool), StoreError> {
         let rows = sqlx::query("SELECT quantity FROM alarms WHERE channel_no = $1 LIMIT 1")
             .bind(channel.channel_no)
             .fetch_all(self.read())

@@ -34,11 +34,21 @@ impl Asset {
 
     /// The channel that a question is about: the one asked for, else the one that the description says speaks
     /// for the asset, else the one seen first.
-    pub fn speaking_channel<'a>(&self, channels: &'a [ChannelSummary], asked: Option<&str>) -> Option<&'a ChannelSummary> {
+    pub fn speaking_channel<'a>(
+        &self,
+        channels: &'a [ChannelSummary],
+        asked: Option<&str>,
+    ) -> Option<&'a ChannelSummary> {
         let named = |name: &str| channels.iter().find(|channel| channel.channel == name);
         match asked {
             Some(asked) => named(asked),
-            None => self.spec.sensor.channel.as_deref().and_then(named).or(channels.first()),
+            None => self
+                .spec
+                .sensor
+                .channel
+                .as_deref()
+                .and_then(named)
+                .or(channels.first()),
         }
     }
 }
@@ -116,7 +126,12 @@ impl ChannelSummary {
     /// Notes a record, or the place of something between records, that a recomputation under way may have
     /// passed already.
     pub fn note_change(&mut self, place: SegmentKey) {
-        if self.next_wear.is_some() && self.changed_from.as_ref().is_none_or(|earliest| place < *earliest) {
+        if self.next_wear.is_some()
+            && self
+                .changed_from
+                .as_ref()
+                .is_none_or(|earliest| place < *earliest)
+        {
             self.changed_from = Some(place);
         }
     }
@@ -153,7 +168,12 @@ impl Store {
     /// Stores a new asset, where no description has changed since it was `checked`.
     ///
     /// Errors: [`StoreError::AssetExists`]; [`StoreError::Outdated`].
-    pub async fn insert_asset(&self, spec: &AssetSpec, checked: Option<DescriptionsMark>, now: Timestamp) -> Result<Asset, StoreError> {
+    pub async fn insert_asset(
+        &self,
+        spec: &AssetSpec,
+        checked: Option<DescriptionsMark>,
+        now: Timestamp,
+    ) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
         let mut transaction = self.write().begin().await?;
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
@@ -182,7 +202,12 @@ impl Store {
     /// Replaces an asset's description, where none has changed since it was `checked`.
     ///
     /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
-    pub async fn update_asset(&self, spec: &AssetSpec, checked: Option<DescriptionsMark>, now: Timestamp) -> Result<Asset, StoreError> {
+    pub async fn update_asset(
+        &self,
+        spec: &AssetSpec,
+        checked: Option<DescriptionsMark>,
+        now: Timestamp,
+    ) -> Result<Asset, StoreError> {
         let id = spec.id.as_str();
         let mut commit = self.begin().await?;
         commit.asset_to_change(&spec.id).await?;
@@ -228,7 +253,11 @@ impl Store {
     /// the names of the raw objects that nothing refers to any more.
     ///
     /// Errors: [`StoreError::AssetUnknown`]; [`StoreError::Outdated`].
-    pub async fn delete_asset(&self, id: &AssetId, checked: DescriptionsMark) -> Result<Vec<String>, StoreError> {
+    pub async fn delete_asset(
+        &self,
+        id: &AssetId,
+        checked: DescriptionsMark,
+    ) -> Result<Vec<String>, StoreError> {
         let mut commit = self.begin().await?;
         // No channel begins, and nothing is added, from here on.
         commit.asset_to_change(id).await?;
@@ -237,8 +266,14 @@ impl Store {
         let transaction = &mut commit.transaction;
         shared_sensors::change_others(transaction, id).await?;
         let mine = "SELECT sha256 FROM raw_objects WHERE asset_id = $1";
-        let objects = sqlx::query(mine).bind(id.as_str()).fetch_all(&mut **transaction).await?;
-        let objects: Vec<String> = objects.iter().map(|row| get(row, "sha256")).collect::<Result<_, _>>()?;
+        let objects = sqlx::query(mine)
+            .bind(id.as_str())
+            .fetch_all(&mut **transaction)
+            .await?;
+        let objects: Vec<String> = objects
+            .iter()
+            .map(|row| get(row, "sha256"))
+            .collect::<Result<_, _>>()?;
         sqlx::query("DELETE FROM assets WHERE id = $1")
             .bind(id.as_str())
             .execute(&mut **transaction)
@@ -263,13 +298,23 @@ impl Store {
 
     /// The channels of these assets.
     pub async fn channels_of(&self, assets: &[&AssetId]) -> Result<Vec<ChannelSummary>, StoreError> {
-        let text = |these: &str| format!("SELECT * FROM channels WHERE asset_id IN ({these}) ORDER BY asset_id, channel_no");
-        self.rows_of_assets(assets, text).await?.iter().map(channel_of).collect()
+        let text = |these: &str| {
+            format!("SELECT * FROM channels WHERE asset_id IN ({these}) ORDER BY asset_id, channel_no")
+        };
+        self.rows_of_assets(assets, text)
+            .await?
+            .iter()
+            .map(channel_of)
+            .collect()
     }
 
     /// What is asked of these assets; `text` is the query, given the list of placeholders that stand for some
     /// of them.
-    pub(super) async fn rows_of_assets(&self, assets: &[&AssetId], text: impl Fn(&str) -> String) -> Result<Vec<AnyRow>, StoreError> {
+    pub(super) async fn rows_of_assets(
+        &self,
+        assets: &[&AssetId],
+        text: impl Fn(&str) -> String,
+    ) -> Result<Vec<AnyRow>, StoreError> {
         let mut found = Vec::new();
         for chunk in assets.chunks(ASSETS_AT_ONCE) {
             let text = text(&placeholders(1, chunk.len()));
@@ -335,7 +380,8 @@ pub(super) fn channel_of(row: &AnyRow) -> Result<ChannelSummary, StoreError> {
         wear_generation: get(row, "wear_generation")?,
         newest_generation: get(row, "newest_generation")?,
         leftovers: get::<i64>(row, "leftovers")? != 0,
-        next_analysis: get::<Option<i64>>(row, "next_analysis_generation")?.zip(get(row, "next_analysis_key")?),
+        next_analysis: get::<Option<i64>>(row, "next_analysis_generation")?
+            .zip(get(row, "next_analysis_key")?),
         next_wear: get(row, "next_wear_generation")?,
         maker_until: get::<Option<i64>>(row, "maker_until_ns")?.map(from_ns),
         changed_from: get::<Option<i64>>(row, "changed_from_ns")?

@@ -76,8 +76,8 @@ pub async fn back_up(data: &Path, to: &Path) -> Result<Copied, StoreError> {
     Ok(copied)
 }
 
-/// Puts a backup into a data folder that has no database. Objects that are there stay, and so does their mark:
-/// where they are newer, the next start says so.
+/// Puts a backup into a data folder that has no database. Objects that are there stay, and so does their
+/// mark: where they are newer, the next start says so.
 ///
 /// Errors: there is a database, or none in the backup; files cannot be written.
 pub async fn put_back(from: &Path, data: &Path) -> Result<Copied, StoreError> {

@@ -49,7 +49,8 @@ impl Database {
     pub(super) async fn open_folder(folder: &Path) -> Result<Self, StoreError> {
         fs::create_dir_all(folder).map_err(|source| file_error("create the data folder", folder, source))?;
         let lock_path = folder.join("lock");
-        let lock = File::create(&lock_path).map_err(|source| file_error("write to the data folder with", &lock_path, source))?;
+        let lock = File::create(&lock_path)
+            .map_err(|source| file_error("write to the data folder with", &lock_path, source))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Err(StoreError::InUse(folder.to_path_buf())),
@@ -83,7 +84,8 @@ impl Database {
     /// Opens `flankwatch.db` in the folder to read it, also while another process works on it.
     pub(super) async fn open_folder_to_read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join("flankwatch.db");
-        let path = fs::canonicalize(&path).map_err(|source| file_error("find the database", &path, source))?;
+        let path =
+            fs::canonicalize(&path).map_err(|source| file_error("find the database", &path, source))?;
         sqlx::any::install_default_drivers();
         integrity::check_header(&path)?;
         integrity::check_schema(&path, &sqlite_url(&path, "ro")).await?;
@@ -109,7 +111,9 @@ impl Database {
         let write = shared_pool(settings, settings.write_connections).await?;
         let mut connection = write.acquire().await?;
         // However long another process migrates.
-        connection.execute("SET lock_timeout = 0; SET statement_timeout = 0").await?;
+        connection
+            .execute("SET lock_timeout = 0; SET statement_timeout = 0")
+            .await?;
         schema::migrate(&mut connection, Dialect::Postgres).await?;
         connection.execute(SESSION).await?;
         drop(connection);
@@ -176,8 +180,8 @@ async fn pool(url: &str, connections: u32) -> Result<AnyPool, sqlx::Error> {
         .after_connect(|connection, _| Box::pin(prepare(connection)))
         .after_release(|connection, _| {
             Box::pin(async move {
-                // Where a full disk ends a transaction, sqlx goes on counting it. One that stays open takes the
-                // next records with it: they are answered, and never committed.
+                // Where a full disk ends a transaction, sqlx goes on counting it. One that stays open takes
+                // the next records with it: they are answered, and never committed.
                 let was_open = sqlx::query("ROLLBACK").execute(connection).await.is_ok();
                 if was_open {
                     tracing::warn!("a transaction was left open: closing its connection to the database");
@@ -221,7 +225,12 @@ mod tests {
         assert!(odd.join("flankwatch.db").is_file());
         for pool in [&database.write, &database.read] {
             for (pragma, expected) in [("PRAGMA synchronous", 2), ("PRAGMA foreign_keys", 1)] {
-                let value: i64 = sqlx::query(pragma).fetch_one(pool).await.unwrap().try_get(0).unwrap();
+                let value: i64 = sqlx::query(pragma)
+                    .fetch_one(pool)
+                    .await
+                    .unwrap()
+                    .try_get(0)
+                    .unwrap();
                 assert_eq!(value, expected, "{pragma}");
             }
             let mode: String = sqlx::query("PRAGMA journal_mode")
@@ -303,7 +312,11 @@ mod tests {
             let mut connection = database.write.acquire().await.unwrap();
             sqlx::query(&make).execute(&mut *connection).await.unwrap();
             // PostgreSQL's texts have no NUL.
-            let text = if database.dialect == Dialect::Sqlite { "ä\0b" } else { "äb" };
+            let text = if database.dialect == Dialect::Sqlite {
+                "ä\0b"
+            } else {
+                "äb"
+            };
             // Not -0.0: SQLite keeps it as 0.
             let doubles = [0.1 + 0.2, f64::MIN_POSITIVE, 5e-324, -1.5, f64::MAX, 3.0];
             for (n, double) in (0_i64..).zip(doubles) {
@@ -338,7 +351,10 @@ mod tests {
                 assert_eq!(row.try_get::<Vec<u8>, _>("b").unwrap(), double.to_le_bytes());
             }
             assert_eq!(rows[doubles.len()].try_get::<Option<f64>, _>("d").unwrap(), None);
-            assert_eq!(rows[doubles.len()].try_get::<Option<Vec<u8>>, _>("b").unwrap(), None);
+            assert_eq!(
+                rows[doubles.len()].try_get::<Option<Vec<u8>>, _>("b").unwrap(),
+                None
+            );
         }
     }
 }

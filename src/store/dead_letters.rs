@@ -14,7 +14,12 @@ const REMEMBERED: SignedDuration = SignedDuration::from_hours(24);
 
 impl Store {
     /// Says that a record was put among the dead letters; said again of the same letter it changes nothing.
-    pub async fn count_dead_letter(&self, segment: &SegmentId, letter: i64, now: Timestamp) -> Result<(), StoreError> {
+    pub async fn count_dead_letter(
+        &self,
+        segment: &SegmentId,
+        letter: i64,
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
         sqlx::query("DELETE FROM dead_letters WHERE put_at_ns < $1")
             .bind(to_ns(now.saturating_sub(REMEMBERED).unwrap_or(Timestamp::MIN))?)
             .execute(self.write())
@@ -33,7 +38,10 @@ impl Store {
     }
 
     /// Of some records those that were put among the dead letters lately, and how often.
-    pub async fn dead_letters_of(&self, segments: &[SegmentId]) -> Result<HashMap<SegmentId, u32>, StoreError> {
+    pub async fn dead_letters_of(
+        &self,
+        segments: &[SegmentId],
+    ) -> Result<HashMap<SegmentId, u32>, StoreError> {
         let mut found = HashMap::new();
         for chunk in segments.chunks(500) {
             let text = format!(
@@ -46,7 +54,10 @@ impl Store {
             }
             for row in query.fetch_all(self.read()).await? {
                 let times: i64 = get(&row, "times")?;
-                found.insert(SegmentId(get(&row, "segment_id")?), u32::try_from(times).unwrap_or(u32::MAX));
+                found.insert(
+                    SegmentId(get(&row, "segment_id")?),
+                    u32::try_from(times).unwrap_or(u32::MAX),
+                );
             }
         }
         Ok(found)

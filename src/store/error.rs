@@ -31,7 +31,9 @@ pub enum StoreError {
     #[error("the data folder {path} is in use by another process", path = .0.display())]
     InUse(PathBuf),
     /// The database was written by a later version of the program.
-    #[error("the database is of version {found}, this program knows versions up to {known}: it was written by a later flankwatch")]
+    #[error(
+        "the database is of version {found}, this program knows versions up to {known}: it was written by a later flankwatch"
+    )]
     Newer {
         /// The database's version.
         found: i64,
@@ -151,7 +153,9 @@ impl StoreError {
                 sqlx::Error::Encode(_) | sqlx::Error::Decode(_) | sqlx::Error::ColumnDecode { .. } => true,
                 _ => false,
             },
-            Self::File { .. } | Self::Bucket { .. } | Self::Outdated(_) | Self::DatabaseDamaged { .. } => false,
+            Self::File { .. } | Self::Bucket { .. } | Self::Outdated(_) | Self::DatabaseDamaged { .. } => {
+                false
+            }
             _ => true,
         }
     }
@@ -160,7 +164,9 @@ impl StoreError {
     pub fn is_damage(&self) -> bool {
         match self {
             Self::DatabaseDamaged { .. } => true,
-            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| says_damaged(&code)),
+            Self::Database(sqlx::Error::Database(error)) => {
+                error.code().is_some_and(|code| says_damaged(&code))
+            }
             _ => false,
         }
     }
@@ -174,7 +180,9 @@ impl StoreError {
     pub fn is_conflict(&self) -> bool {
         match self {
             Self::Outdated(_) => true,
-            Self::Database(sqlx::Error::Database(error)) => error.code().is_some_and(|code| says_conflict(&code)),
+            Self::Database(sqlx::Error::Database(error)) => {
+                error.code().is_some_and(|code| says_conflict(&code))
+            }
             _ => false,
         }
     }
@@ -196,21 +204,29 @@ impl StoreError {
 /// reads.
 fn says_unavailable(code: &str) -> bool {
     let is_of_class = |class| code.starts_with(class);
-    code.len() == 5 && (["08", "53", "57", "58"].into_iter().any(is_of_class) || ["25P03", "25006"].contains(&code))
+    code.len() == 5
+        && (["08", "53", "57", "58"].into_iter().any(is_of_class) || ["25P03", "25006"].contains(&code))
 }
 
 /// PostgreSQL's states of values that do not fit (22), break a rule (23), or are too large for a row or an
 /// index (54); SQLite's of the same kinds: SQLITE_TOOBIG, SQLITE_CONSTRAINT, SQLITE_MISMATCH.
 fn says_of_values(code: &str) -> bool {
     if code.len() == 5 {
-        return ["22", "23", "54"].into_iter().any(|class| code.starts_with(class)) && !says_conflict(code);
+        return ["22", "23", "54"]
+            .into_iter()
+            .any(|class| code.starts_with(class))
+            && !says_conflict(code);
     }
-    code.parse::<u32>().is_ok_and(|code| [18, 19, 20].contains(&(code & 0xff)))
+    code.parse::<u32>()
+        .is_ok_and(|code| [18, 19, 20].contains(&(code & 0xff)))
 }
 
 /// SQLite's codes, whose lower byte says which kind; PostgreSQL's states have five characters.
 fn says_damaged(code: &str) -> bool {
-    code.len() < 5 && code.parse::<u32>().is_ok_and(|code| [11, 26].contains(&(code & 0xff)))
+    code.len() < 5
+        && code
+            .parse::<u32>()
+            .is_ok_and(|code| [11, 26].contains(&(code & 0xff)))
 }
 
 /// PostgreSQL's states of transactions that stood in each other's way; the same key at the same time among
@@ -226,7 +242,8 @@ mod tests {
     #[test]
     fn states_of_databases_are_told_apart() {
         for code in [
-            "08006", "53000", "53100", "53200", "53300", "57014", "57P01", "57P03", "58000", "58030", "25006", "25P03",
+            "08006", "53000", "53100", "53200", "53300", "57014", "57P01", "57P03", "58000", "58030",
+            "25006", "25P03",
         ] {
             assert!(says_unavailable(code), "{code}");
             assert!(!says_of_values(code) && !says_conflict(code), "{code}");

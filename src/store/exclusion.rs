@@ -11,7 +11,12 @@ impl Store {
     /// before. The histories are to be folded again.
     ///
     /// Error: [`StoreError::AssetUnknown`].
-    pub async fn set_excluded(&self, asset: &AssetId, range: &RecordRange, is_excluded: bool) -> Result<u64, StoreError> {
+    pub async fn set_excluded(
+        &self,
+        asset: &AssetId,
+        range: &RecordRange,
+        is_excluded: bool,
+    ) -> Result<u64, StoreError> {
         let mut commit = self.begin().await?;
         commit.asset(asset).await?;
         let mut channels = self.channels(asset).await?;
@@ -21,7 +26,9 @@ impl Store {
         for channel in &channels {
             let mut channel = commit.channel_again(channel).await?;
             let keys = commit.mark_excluded(&channel, range, is_excluded).await?;
-            let Some(first) = keys.iter().min().cloned() else { continue };
+            let Some(first) = keys.iter().min().cloned() else {
+                continue;
+            };
             changed += keys.len() as u64;
             channel.must_fold = true;
             channel.note_change(first);
@@ -45,9 +52,12 @@ impl Store {
         rows.iter().map(|row| Ok(SegmentId(get(row, "id")?))).collect()
     }
 
-    /// The latest record of a channel that is not excluded, else the latest one; none of a channel without any.
+    /// The latest record of a channel that is not excluded, else the latest one; none of a channel without
+    /// any.
     pub async fn latest_counted(&self, channel: &ChannelSummary) -> Result<Option<Segment>, StoreError> {
-        let Some(last) = &channel.last_segment else { return Ok(None) };
+        let Some(last) = &channel.last_segment else {
+            return Ok(None);
+        };
         let latest = self.segment(last).await?;
         if latest.as_ref().is_none_or(|latest| !latest.excluded) {
             return Ok(latest);

@@ -40,7 +40,11 @@ impl Store {
 
     /// The latest kept state, of the generation that is served, in which neither `key` nor any later record
     /// is.
-    pub async fn state_before(&self, channel: &ChannelSummary, key: &SegmentKey) -> Result<Option<FoldState>, StoreError> {
+    pub async fn state_before(
+        &self,
+        channel: &ChannelSummary,
+        key: &SegmentKey,
+    ) -> Result<Option<FoldState>, StoreError> {
         self.state_before_in(channel, channel.wear_generation, key).await
     }
 
@@ -78,9 +82,9 @@ impl Commit {
             .iter()
             .flat_map(|&(channel_no, generation, after, states)| {
                 let newest = newest_of(after, states);
-                let kept = states
-                    .iter()
-                    .filter(move |state| state.position == newest || is_worth_keeping(state.position, newest));
+                let kept = states.iter().filter(move |state| {
+                    state.position == newest || is_worth_keeping(state.position, newest)
+                });
                 kept.map(move |state| (channel_no, generation, state))
             })
             .collect();
@@ -127,7 +131,10 @@ impl Commit {
             } else {
                 after
             };
-            query = query.bind(channel_no).bind(generation).bind(from_count(first_removed));
+            query = query
+                .bind(channel_no)
+                .bind(generation)
+                .bind(from_count(first_removed));
         }
         query.execute(&mut *self.transaction).await?;
         Ok(())
@@ -143,7 +150,8 @@ fn from_count(count: u64) -> i64 {
 }
 
 fn is_worth_keeping(position: u64, newest: u64) -> bool {
-    position.is_multiple_of(SPARSE_EVERY) || (position.is_multiple_of(SEGMENTS_PER_STATE) && position + DENSE_RECORDS >= newest)
+    position.is_multiple_of(SPARSE_EVERY)
+        || (position.is_multiple_of(SEGMENTS_PER_STATE) && position + DENSE_RECORDS >= newest)
 }
 
 fn state_of(row: &AnyRow) -> Result<FoldState, StoreError> {

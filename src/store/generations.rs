@@ -16,8 +16,8 @@ use super::rows::{get, to_ns};
 use super::segments::new_segment_of;
 use super::wear_rows::WearRow;
 use super::{
-    AlarmNotice, Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, FoldedAlarms, NewSegment, RunResult, SegmentKey, Store, StoreError,
-    StoredFeatures,
+    AlarmNotice, Analysed, AnalysisKeys, ChannelKeys, ChannelSummary, FoldedAlarms, NewSegment, RunResult,
+    SegmentKey, Store, StoreError, StoredFeatures,
 };
 use crate::asset::SegmentId;
 
@@ -55,11 +55,16 @@ impl ChannelSummary {
 impl Store {
     /// Begins to make a channel's history again: a new generation of estimates. None where another process is
     /// at it.
-    pub async fn begin_making(&self, channel: &ChannelSummary, now: Timestamp) -> Result<Option<WearGeneration>, StoreError> {
+    pub async fn begin_making(
+        &self,
+        channel: &ChannelSummary,
+        now: Timestamp,
+    ) -> Result<Option<WearGeneration>, StoreError> {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
-        let is_made_elsewhere = channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
+        let is_made_elsewhere =
+            channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until);
         // A process that has the store to itself is making nothing else.
         if is_made_elsewhere && self.is_shared() {
             return Ok(None);
@@ -76,7 +81,11 @@ impl Store {
     }
 
     /// Gives up making a history, so that another process need not wait.
-    pub async fn stop_making(&self, channel: &ChannelSummary, wear: WearGeneration) -> Result<(), StoreError> {
+    pub async fn stop_making(
+        &self,
+        channel: &ChannelSummary,
+        wear: WearGeneration,
+    ) -> Result<(), StoreError> {
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
         if channel.next_wear == Some(wear.0) {
@@ -178,7 +187,9 @@ impl Store {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let channel = commit.made_channel(channel, wear).await?;
-        let analyses = analyses.iter().map(|(segment, analysed)| (generation.0, segment, analysed));
+        let analyses = analyses
+            .iter()
+            .map(|(segment, analysed)| (generation.0, segment, analysed));
         commit.insert_analyses(&analyses.collect::<Vec<_>>()).await?;
         commit.stay_maker(&channel, now).await?;
         commit.finish().await
@@ -217,7 +228,9 @@ impl Store {
             is_first: false,
         });
         commit.set_wears(&wears.collect::<Vec<_>>()).await?;
-        commit.set_states(&[(channel.channel_no, generation.0, after, states)]).await?;
+        commit
+            .set_states(&[(channel.channel_no, generation.0, after, states)])
+            .await?;
         commit.stay_maker(&channel, now).await?;
         commit.finish().await
     }
@@ -287,7 +300,10 @@ impl Store {
         let now = self.now(now).await?;
         let mut commit = self.begin().await?;
         let mut channel = commit.channel_again(channel).await?;
-        if self.is_shared() && channel.next_wear.is_some() && channel.maker_until.is_some_and(|until| now < until) {
+        if self.is_shared()
+            && channel.next_wear.is_some()
+            && channel.maker_until.is_some_and(|until| now < until)
+        {
             return Ok(None);
         }
         // Its maker is dead: should it live after all, it finds that out before it adds anything.
@@ -312,12 +328,14 @@ impl Store {
             .map_or(channel.analysis_generation, |(generation, _)| *generation);
         for row in &rows {
             let id: String = get(row, "id")?;
-            sqlx::query("DELETE FROM analyses WHERE segment_id = $1 AND generation <> $2 AND generation <> $3")
-                .bind(id.as_str())
-                .bind(channel.analysis_generation)
-                .bind(being_made)
-                .execute(&mut *commit.transaction)
-                .await?;
+            sqlx::query(
+                "DELETE FROM analyses WHERE segment_id = $1 AND generation <> $2 AND generation <> $3",
+            )
+            .bind(id.as_str())
+            .bind(channel.analysis_generation)
+            .bind(being_made)
+            .execute(&mut *commit.transaction)
+            .await?;
             for table in ["wear_estimates", "wear_posteriors"] {
                 let text = format!("DELETE FROM {table} WHERE segment_id = $1 AND generation <> $2");
                 sqlx::query(&text)
@@ -354,7 +372,11 @@ impl Store {
 impl Commit {
     /// A channel whose history is made with this generation; nobody else changes it before the transaction's
     /// end.
-    async fn made_channel(&mut self, channel: &ChannelSummary, wear: WearGeneration) -> Result<ChannelSummary, StoreError> {
+    async fn made_channel(
+        &mut self,
+        channel: &ChannelSummary,
+        wear: WearGeneration,
+    ) -> Result<ChannelSummary, StoreError> {
         let channel = self.channel_again(channel).await?;
         if channel.next_wear == Some(wear.0) {
             Ok(channel)

@@ -13,7 +13,11 @@ use super::{Objects, Store, StoreError, StoreMark};
 impl Store {
     /// Why nothing is removed from the raw objects; none where they are those that the database knows.
     pub fn held(&self) -> Option<String> {
-        self.inner.held.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.inner
+            .held
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     /// Compares the marks of the database and of the objects, makes them where there are none, and begins a
@@ -87,7 +91,8 @@ impl Store {
 
     /// Takes the objects for those of the database as it is: what it does not know counts as not needed.
     pub async fn accept_objects(&self) -> Result<(), StoreError> {
-        let (Some(mine), Some(among)) = (self.database_mark().await?, self.on_objects(Objects::mark).await?) else {
+        let (Some(mine), Some(among)) = (self.database_mark().await?, self.on_objects(Objects::mark).await?)
+        else {
             return Ok(());
         };
         sqlx::query("UPDATE store_identity SET store = $1, generation = $2 WHERE one = 1")
@@ -164,8 +169,13 @@ impl Store {
 
 fn new_mark() -> Result<StoreMark, StoreError> {
     let mut chance = [0; 8];
-    getrandom::fill(&mut chance)
-        .map_err(|source| super::objects::file_error("name", "the store".as_ref(), std::io::Error::other(source.to_string())))?;
+    getrandom::fill(&mut chance).map_err(|source| {
+        super::objects::file_error(
+            "name",
+            "the store".as_ref(),
+            std::io::Error::other(source.to_string()),
+        )
+    })?;
     Ok(StoreMark {
         store: hex::encode(chance),
         generation: 0,

@@ -55,10 +55,14 @@ pub(super) fn check_header(path: &Path) -> Result<(), StoreError> {
     if start.is_empty() || start == HEADER {
         return Ok(());
     }
-    Err(damaged(path, "it does not begin as an SQLite database does".to_owned()))
+    Err(damaged(
+        path,
+        "it does not begin as an SQLite database does".to_owned(),
+    ))
 }
 
-/// Looks at every page of a database, for some seconds now and then in the background. What is found is noted.
+/// Looks at every page of a database, for some seconds now and then in the background. What is found is
+/// noted.
 pub(super) async fn check_pages(path: &Path, url: String) -> Result<Damage, StoreError> {
     let damage = Damage::default();
     let noted = damage.clone();
@@ -77,7 +81,9 @@ pub(super) async fn check_pages(path: &Path, url: String) -> Result<Damage, Stor
         // What cannot even be looked at.
         Ok(Ok(Err(error))) => return Err(named(path, error)),
         Ok(_) => {}
-        Err(_) => tracing::info!(path = %path.display(), "the database is large: its pages are looked at in the background"),
+        Err(_) => {
+            tracing::info!(path = %path.display(), "the database is large: its pages are looked at in the background")
+        }
     }
     Ok(damage)
 }
@@ -86,7 +92,9 @@ pub(super) async fn check_pages(path: &Path, url: String) -> Result<Damage, Stor
 pub(super) async fn check_schema(path: &Path, url: &str) -> Result<(), StoreError> {
     let read = async {
         let mut connection = AnyConnection::connect(url).await?;
-        sqlx::query("SELECT COUNT(*) FROM sqlite_master").fetch_one(&mut connection).await?;
+        sqlx::query("SELECT COUNT(*) FROM sqlite_master")
+            .fetch_one(&mut connection)
+            .await?;
         connection.close().await
     };
     read.await.map_err(|error| named(path, error))
@@ -112,7 +120,10 @@ pub(super) async fn findings_of(path: &Path) -> Result<Vec<String>, StoreError> 
 }
 
 /// What a check of SQLite finds.
-pub(super) async fn findings(connection: &mut AnyConnection, check: &str) -> Result<Vec<String>, sqlx::Error> {
+pub(super) async fn findings(
+    connection: &mut AnyConnection,
+    check: &str,
+) -> Result<Vec<String>, sqlx::Error> {
     let rows = sqlx::query(check).fetch_all(connection).await?;
     let texts = rows.iter().map(|row| row.try_get::<String, _>(0));
     let mut found = texts.collect::<Result<Vec<String>, _>>()?;

@@ -22,7 +22,13 @@ pub struct KeyedUpload {
 
 impl Store {
     /// The upload under a key; it is this one where there was none.
-    pub async fn begin_upload(&self, asset: &AssetId, key: &str, request_sha256: &str, now: Timestamp) -> Result<KeyedUpload, StoreError> {
+    pub async fn begin_upload(
+        &self,
+        asset: &AssetId,
+        key: &str,
+        request_sha256: &str,
+        now: Timestamp,
+    ) -> Result<KeyedUpload, StoreError> {
         sqlx::query("DELETE FROM keyed_uploads WHERE received_at_ns < $1")
             .bind(to_ns(now - REMEMBERED)?)
             .execute(self.write())
@@ -60,13 +66,20 @@ impl Store {
 
     /// Keeps what an upload was answered with. Where an answer is kept already, that one stays and is
     /// returned.
-    pub async fn finish_upload(&self, asset: &AssetId, key: &str, answer: &str) -> Result<Option<String>, StoreError> {
-        let kept = sqlx::query("UPDATE keyed_uploads SET answer = $3 WHERE asset_id = $1 AND upload_key = $2 AND answer IS NULL")
-            .bind(asset.as_str())
-            .bind(key)
-            .bind(answer)
-            .execute(self.write())
-            .await?;
+    pub async fn finish_upload(
+        &self,
+        asset: &AssetId,
+        key: &str,
+        answer: &str,
+    ) -> Result<Option<String>, StoreError> {
+        let kept = sqlx::query(
+            "UPDATE keyed_uploads SET answer = $3 WHERE asset_id = $1 AND upload_key = $2 AND answer IS NULL",
+        )
+        .bind(asset.as_str())
+        .bind(key)
+        .bind(answer)
+        .execute(self.write())
+        .await?;
         if kept.rows_affected() > 0 {
             return Ok(None);
         }

@@ -63,7 +63,11 @@ impl Store {
     }
 
     /// An event of an asset; none where there is none of that identifier.
-    pub async fn maintenance_event(&self, asset: &AssetId, id: &str) -> Result<Option<StoredEvent>, StoreError> {
+    pub async fn maintenance_event(
+        &self,
+        asset: &AssetId,
+        id: &str,
+    ) -> Result<Option<StoredEvent>, StoreError> {
         let row = sqlx::query("SELECT * FROM maintenance_events WHERE asset_id = $1 AND id = $2")
             .bind(asset.as_str())
             .bind(id)
@@ -78,7 +82,11 @@ impl Commit {
     /// transaction's end.
     ///
     /// Error: [`StoreError::AssetUnknown`].
-    pub async fn add_maintenance(&mut self, asset: &AssetId, stored: &StoredEvent) -> Result<bool, StoreError> {
+    pub async fn add_maintenance(
+        &mut self,
+        asset: &AssetId,
+        stored: &StoredEvent,
+    ) -> Result<bool, StoreError> {
         self.asset_to_change(asset).await?;
         let added = sqlx::query(
             "INSERT INTO maintenance_events (asset_id, id, time_ns, event) VALUES ($1, $2, $3, $4) ON CONFLICT (asset_id, id) DO NOTHING",
@@ -107,7 +115,11 @@ impl Commit {
     }
 
     /// Says that a channel's history is to be folded again where it reaches a time.
-    pub async fn fold_again_from(&mut self, channel: &ChannelSummary, time: Timestamp) -> Result<(), StoreError> {
+    pub async fn fold_again_from(
+        &mut self,
+        channel: &ChannelSummary,
+        time: Timestamp,
+    ) -> Result<(), StoreError> {
         let mut channel = self.channel_again(channel).await?;
         channel.must_fold |= channel.last_start_time.is_some_and(|last| last >= time);
         channel.note_change(SegmentKey {

@@ -77,7 +77,9 @@ impl Objects {
     #[cfg(feature = "cluster")]
     pub(super) fn open_shared(settings: &super::ObjectsSettings) -> Result<Self, StoreError> {
         let backend = match settings {
-            super::ObjectsSettings::Folder(folder) => Backend::Folder(folder::Folder::open_shared(folder.clone())?),
+            super::ObjectsSettings::Folder(folder) => {
+                Backend::Folder(folder::Folder::open_shared(folder.clone())?)
+            }
             super::ObjectsSettings::Bucket(bucket) => Backend::Bucket(bucket::Bucket::open(bucket)?),
         };
         Ok(Self { backend })
@@ -104,7 +106,10 @@ impl Objects {
     /// The bytes of an object, checked against its name.
     pub fn get(&self, name: &str) -> Result<Bytes, StoreError> {
         let bytes = self.file(&self.object_path(name))?;
-        whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
+        whole(
+            name,
+            bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?,
+        )
     }
 
     /// Whether an object is there with as many bytes; they are not read where the size is listed.
@@ -168,7 +173,10 @@ impl Objects {
     /// A piece of an upload, checked against its name.
     pub fn piece(&self, upload: &str, name: &str) -> Result<Bytes, StoreError> {
         let bytes = self.file(&piece_path(upload, name))?;
-        whole(name, bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?)
+        whole(
+            name,
+            bytes.ok_or_else(|| StoreError::ObjectMissing(name.to_owned()))?,
+        )
     }
 
     /// Removes everything that is kept of an upload.

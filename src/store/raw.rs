@@ -48,7 +48,12 @@ impl Store {
     /// Gives up the oldest raw objects, of one asset or of all, until they are within `quota` bytes or `most`
     /// objects are gone; one process at a time, so that no more go than need to. Their segments stay. The
     /// files are the caller's to remove.
-    pub async fn give_up_oldest(&self, asset: Option<&AssetId>, quota: u64, most: u32) -> Result<GivenUp, StoreError> {
+    pub async fn give_up_oldest(
+        &self,
+        asset: Option<&AssetId>,
+        quota: u64,
+        most: u32,
+    ) -> Result<GivenUp, StoreError> {
         let mut transaction = self.write().begin().await?;
         // Others wait here until this transaction's end, and then see what it has left.
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'retention'")
@@ -62,7 +67,9 @@ impl Store {
             });
         }
         let text = match asset {
-            Some(_) => "SELECT sha256, asset_id, bytes FROM raw_objects WHERE asset_id = $2 ORDER BY start_time_ns LIMIT $1",
+            Some(_) => {
+                "SELECT sha256, asset_id, bytes FROM raw_objects WHERE asset_id = $2 ORDER BY start_time_ns LIMIT $1"
+            }
             None => "SELECT sha256, asset_id, bytes FROM raw_objects ORDER BY start_time_ns LIMIT $1",
         };
         let mut query = sqlx::query(text).bind(i64::from(most));
@@ -114,7 +121,10 @@ impl Store {
 }
 
 /// Bytes of raw objects kept for an asset, or for all.
-async fn volume(transaction: &mut Transaction<'static, Any>, asset: Option<&AssetId>) -> Result<u64, StoreError> {
+async fn volume(
+    transaction: &mut Transaction<'static, Any>,
+    asset: Option<&AssetId>,
+) -> Result<u64, StoreError> {
     let text = "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS volume FROM raw_volumes";
     let row = match asset {
         Some(asset) => {
@@ -129,7 +139,10 @@ async fn volume(transaction: &mut Transaction<'static, Any>, asset: Option<&Asse
 }
 
 /// Those of the names that an asset keeps.
-pub(super) async fn kept_among(transaction: &mut Transaction<'static, Any>, names: &[String]) -> Result<HashSet<String>, StoreError> {
+pub(super) async fn kept_among(
+    transaction: &mut Transaction<'static, Any>,
+    names: &[String],
+) -> Result<HashSet<String>, StoreError> {
     let mut kept = HashSet::new();
     for chunk in names.chunks(NAMES_AT_ONCE) {
         let text = format!(

@@ -20,8 +20,8 @@ pub struct RecordResults {
 }
 
 impl Store {
-    /// Up to `limit` records of a channel with their results as they are served, in the order of time, from the
-    /// first one after `after`.
+    /// Up to `limit` records of a channel with their results as they are served, in the order of time, from
+    /// the first one after `after`.
     pub async fn record_results(
         &self,
         channel: &ChannelSummary,
@@ -53,7 +53,10 @@ impl Store {
             Ok(RecordResults {
                 excluded: get::<i64>(row, "excluded")? != 0,
                 wear: get_json(row, "estimate", &id)?,
-                indicators: [get_json(row, "indicators", &id)?, get_json_or_default(row, "run_indicators", &id)?],
+                indicators: [
+                    get_json(row, "indicators", &id)?,
+                    get_json_or_default(row, "run_indicators", &id)?,
+                ],
                 key: SegmentKey {
                     start_time: from_ns(get(row, "start_time_ns")?),
                     id: SegmentId(id),

@@ -56,7 +56,12 @@ impl Store {
     /// said of them. Histories that they were part of are to be folded again.
     ///
     /// Error: [`StoreError::AssetUnknown`].
-    pub async fn remove_records(&self, asset: &AssetId, range: &RecordRange, limit: u32) -> Result<RemovedRecords, StoreError> {
+    pub async fn remove_records(
+        &self,
+        asset: &AssetId,
+        range: &RecordRange,
+        limit: u32,
+    ) -> Result<RemovedRecords, StoreError> {
         let mut commit = self.begin().await?;
         commit.asset(asset).await?;
         let mut channels = self.channels(asset).await?;
@@ -78,7 +83,9 @@ impl Store {
             }
             commit.without(channel, first).await?;
             names.extend(going.iter().map(|going| going.raw_sha256.clone()));
-            removed.segments.extend(going.into_iter().map(|going| going.key.id));
+            removed
+                .segments
+                .extend(going.into_iter().map(|going| going.key.id));
         }
         removed.orphans = commit.count_raw_gone(asset, names.into_iter().collect()).await?;
         commit.finish().await?;
@@ -90,7 +97,12 @@ impl Store {
 }
 
 impl Commit {
-    async fn records_in(&mut self, channel: &ChannelSummary, range: &RecordRange, limit: u32) -> Result<Vec<Going>, StoreError> {
+    async fn records_in(
+        &mut self,
+        channel: &ChannelSummary,
+        range: &RecordRange,
+        limit: u32,
+    ) -> Result<Vec<Going>, StoreError> {
         let rows = sqlx::query(
             "SELECT id, start_time_ns, raw_sha256 FROM segments
              WHERE channel_no = $1 AND start_time_ns >= $2 AND start_time_ns < $3 AND (raw_sha256 = $4 OR $4 = '')
@@ -153,7 +165,11 @@ impl Commit {
 
     /// Counts raw objects of an asset no longer of which it has no record any more; returns those that no
     /// asset keeps then.
-    async fn count_raw_gone(&mut self, asset: &AssetId, names: Vec<String>) -> Result<Vec<String>, StoreError> {
+    async fn count_raw_gone(
+        &mut self,
+        asset: &AssetId,
+        names: Vec<String>,
+    ) -> Result<Vec<String>, StoreError> {
         let mut gone = Vec::new();
         for chunk in names.chunks(500) {
             let text = format!(
@@ -171,11 +187,12 @@ impl Commit {
             gone.extend(chunk.iter().filter(|name| !used.contains(*name)).cloned());
         }
         for name in &gone {
-            let row = sqlx::query("DELETE FROM raw_objects WHERE sha256 = $1 AND asset_id = $2 RETURNING bytes")
-                .bind(name.as_str())
-                .bind(asset.as_str())
-                .fetch_optional(&mut *self.transaction)
-                .await?;
+            let row =
+                sqlx::query("DELETE FROM raw_objects WHERE sha256 = $1 AND asset_id = $2 RETURNING bytes")
+                    .bind(name.as_str())
+                    .bind(asset.as_str())
+                    .fetch_optional(&mut *self.transaction)
+                    .await?;
             let Some(row) = row else { continue };
             sqlx::query("UPDATE raw_volumes SET bytes = bytes - $2 WHERE asset_id = $1")
                 .bind(asset.as_str())

@@ -88,7 +88,12 @@ pub struct UploadPiece {
 impl Store {
     /// Begins an upload; false where `most` are under way, or `most_of_client` whose identifiers begin with
     /// the same `CLIENT_MARK` characters.
-    pub async fn begin_resumable(&self, upload: &NewUpload, most: u32, most_of_client: u32) -> Result<bool, StoreError> {
+    pub async fn begin_resumable(
+        &self,
+        upload: &NewUpload,
+        most: u32,
+        most_of_client: u32,
+    ) -> Result<bool, StoreError> {
         let begun = sqlx::query(
             "INSERT INTO resumable_uploads (id, asset_id, length, received, progress, expires_at_ns)
              SELECT $1, $2, $3, 0, 'receiving', $4
@@ -120,7 +125,13 @@ impl Store {
 
     /// Adds a piece, whose object is there, behind the first `at` bytes; false where the upload is not at
     /// that byte any more.
-    pub async fn add_piece(&self, id: &str, at: u64, piece: &UploadPiece, expires_at: Timestamp) -> Result<bool, StoreError> {
+    pub async fn add_piece(
+        &self,
+        id: &str,
+        at: u64,
+        piece: &UploadPiece,
+        expires_at: Timestamp,
+    ) -> Result<bool, StoreError> {
         let at = i64::try_from(at).unwrap_or(i64::MAX);
         let bytes = i64::try_from(piece.bytes).unwrap_or(i64::MAX);
         let mut transaction = self.write().begin().await?;
@@ -150,10 +161,11 @@ impl Store {
 
     /// The pieces of an upload in their order.
     pub async fn upload_pieces(&self, id: &str) -> Result<Vec<UploadPiece>, StoreError> {
-        let rows = sqlx::query("SELECT bytes, object FROM upload_pieces WHERE upload_id = $1 ORDER BY at_byte")
-            .bind(id)
-            .fetch_all(self.read())
-            .await?;
+        let rows =
+            sqlx::query("SELECT bytes, object FROM upload_pieces WHERE upload_id = $1 ORDER BY at_byte")
+                .bind(id)
+                .fetch_all(self.read())
+                .await?;
         let pieces = rows.iter().map(|row| {
             Ok(UploadPiece {
                 bytes: get_count(row, "bytes")?,
@@ -191,7 +203,9 @@ impl Store {
     /// The right to read an upload that is whole; false where another process has it, or it is read.
     pub async fn begin_reading(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
         let now = self.now(now).await?;
-        let text = format!("UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3 WHERE id = $2 AND {UNREAD}");
+        let text = format!(
+            "UPDATE resumable_uploads SET progress = 'reading', reader_until_ns = $3 WHERE id = $2 AND {UNREAD}"
+        );
         let begun = sqlx::query(&text)
             .bind(to_ns(now)?)
             .bind(id)
@@ -204,16 +218,23 @@ impl Store {
     /// Says that an upload is still being read.
     pub async fn go_on_reading(&self, id: &str, now: Timestamp) -> Result<(), StoreError> {
         let now = self.now(now).await?;
-        sqlx::query("UPDATE resumable_uploads SET reader_until_ns = $2 WHERE id = $1 AND progress = 'reading'")
-            .bind(id)
-            .bind(alive_until(now)?)
-            .execute(self.write())
-            .await?;
+        sqlx::query(
+            "UPDATE resumable_uploads SET reader_until_ns = $2 WHERE id = $1 AND progress = 'reading'",
+        )
+        .bind(id)
+        .bind(alive_until(now)?)
+        .execute(self.write())
+        .await?;
         Ok(())
     }
 
     /// Keeps what became of an upload, which is kept until `expires_at` for those who ask.
-    pub async fn finish_reading(&self, id: &str, result: Result<&str, &str>, expires_at: Timestamp) -> Result<(), StoreError> {
+    pub async fn finish_reading(
+        &self,
+        id: &str,
+        result: Result<&str, &str>,
+        expires_at: Timestamp,
+    ) -> Result<(), StoreError> {
         let (progress, result, error) = match result {
             Ok(result) => (UploadProgress::Finished, result, ""),
             Err(error) => (UploadProgress::Failed, "", error),
@@ -239,7 +260,12 @@ impl Store {
 
     /// Forgets an upload; false where it is being read, unless the caller is the reader. Its objects are the
     /// caller's to remove.
-    pub async fn give_up_resumable(&self, id: &str, is_reader: bool, now: Timestamp) -> Result<bool, StoreError> {
+    pub async fn give_up_resumable(
+        &self,
+        id: &str,
+        is_reader: bool,
+        now: Timestamp,
+    ) -> Result<bool, StoreError> {
         let now = self.now(now).await?;
         let gone = sqlx::query(
             "DELETE FROM resumable_uploads WHERE id = $1 AND (progress <> 'reading' OR reader_until_ns IS NULL OR reader_until_ns < $2)",
@@ -315,11 +341,14 @@ fn upload_of(row: &AnyRow) -> Result<StoredUpload, StoreError> {
         asset: asset_id(get(row, "asset_id")?)?,
         length: get_count(row, "length")?,
         received: get_count(row, "received")?,
-        progress: all.into_iter().find(|one| one.name() == progress).ok_or(StoreError::Unexpected {
-            what: "progress",
-            value: progress,
-            expected: "receiving, reading, finished or failed",
-        })?,
+        progress: all
+            .into_iter()
+            .find(|one| one.name() == progress)
+            .ok_or(StoreError::Unexpected {
+                what: "progress",
+                value: progress,
+                expected: "receiving, reading, finished or failed",
+            })?,
         expires_at: get_time(row, "expires_at_ns")?,
         reader_until: get::<Option<i64>>(row, "reader_until_ns")?.map(from_ns),
         result: get(row, "result")?,

@@ -33,19 +33,31 @@ pub(super) fn get_time(row: &AnyRow, column: &'static str) -> Result<Timestamp, 
 }
 
 /// What the JSON text of a column says; `of` names the row in the error.
-pub(super) fn get_json<T: DeserializeOwned>(row: &AnyRow, column: &'static str, of: &str) -> Result<T, StoreError> {
+pub(super) fn get_json<T: DeserializeOwned>(
+    row: &AnyRow,
+    column: &'static str,
+    of: &str,
+) -> Result<T, StoreError> {
     let text: String = get(row, column)?;
     from_json(&text, column, of)
 }
 
 /// The same of a column that older rows leave empty.
-pub(super) fn get_json_or_default<T: DeserializeOwned + Default>(row: &AnyRow, column: &'static str, of: &str) -> Result<T, StoreError> {
+pub(super) fn get_json_or_default<T: DeserializeOwned + Default>(
+    row: &AnyRow,
+    column: &'static str,
+    of: &str,
+) -> Result<T, StoreError> {
     let text: Option<String> = get(row, column)?;
     text.map_or_else(|| Ok(T::default()), |text| from_json(&text, column, of))
 }
 
 /// What a JSON text says.
-pub(super) fn from_json<T: DeserializeOwned>(text: &str, what: &'static str, of: &str) -> Result<T, StoreError> {
+pub(super) fn from_json<T: DeserializeOwned>(
+    text: &str,
+    what: &'static str,
+    of: &str,
+) -> Result<T, StoreError> {
     serde_json::from_str(text).map_err(|source| StoreError::Damaged {
         what,
         of: of.to_string(),
@@ -105,7 +117,12 @@ pub(super) fn doubles_to_bytes(values: &[f64]) -> Vec<u8> {
 
 /// Doubles from little-endian bytes.
 pub(super) fn doubles_from_bytes(bytes: &[u8]) -> Vec<f64> {
-    bytes.as_chunks().0.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect()
+    bytes
+        .as_chunks()
+        .0
+        .iter()
+        .map(|chunk| f64::from_le_bytes(*chunk))
+        .collect()
 }
 
 /// `$first, $first+1, …` for `count` values of an IN list.
@@ -124,7 +141,9 @@ pub(super) fn rows_of_placeholders(rows: usize, columns: usize) -> String {
 /// for which SQLite reads the whole table.
 pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
     let row = |n: usize| {
-        let terms = (n * terms.len() + 1..).zip(terms).map(|(place, term)| format!("{term} ${place}"));
+        let terms = (n * terms.len() + 1..)
+            .zip(terms)
+            .map(|(place, term)| format!("{term} ${place}"));
         format!("({})", terms.collect::<Vec<_>>().join(" AND "))
     };
     (0..rows).map(row).collect::<Vec<_>>().join(" OR ")
@@ -133,7 +152,10 @@ pub(super) fn any_of(rows: usize, terms: &[&str]) -> String {
 /// `a = excluded.a, b = excluded.b, …` for columns `a, b, …`: of a row that is there, what the one that was
 /// to be inserted says.
 pub(super) fn excluded(columns: &str) -> String {
-    let set: Vec<String> = columns.split(", ").map(|column| format!("{column} = excluded.{column}")).collect();
+    let set: Vec<String> = columns
+        .split(", ")
+        .map(|column| format!("{column} = excluded.{column}"))
+        .collect();
     set.join(", ")
 }
 
@@ -144,7 +166,10 @@ mod tests {
     #[test]
     fn places_are_numbered_on_from_row_to_row() {
         assert_eq!(rows_of_placeholders(2, 3), "($1, $2, $3), ($4, $5, $6)");
-        assert_eq!(any_of(2, &["a =", "b >="]), "(a = $1 AND b >= $2) OR (a = $3 AND b >= $4)");
+        assert_eq!(
+            any_of(2, &["a =", "b >="]),
+            "(a = $1 AND b >= $2) OR (a = $3 AND b >= $4)"
+        );
         assert_eq!(excluded("a, b"), "a = excluded.a, b = excluded.b");
     }
 

@@ -30,7 +30,10 @@ impl Dialect {
             // Texts are in the order of their bytes, as everywhere in the program, whatever the database's
             // language.
             #[cfg(feature = "cluster")]
-            Self::Postgres => Cow::Owned(text.replace(" BLOB", " BYTEA").replace(" TEXT", " TEXT COLLATE \"C\"")),
+            Self::Postgres => Cow::Owned(
+                text.replace(" BLOB", " BYTEA")
+                    .replace(" TEXT", " TEXT COLLATE \"C\""),
+            ),
         }
     }
 
@@ -68,7 +71,9 @@ impl Dialect {
         match self {
             Self::Sqlite => None,
             #[cfg(feature = "cluster")]
-            Self::Postgres => Some("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000000 AS BIGINT) AS now_ns"),
+            Self::Postgres => {
+                Some("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000000 AS BIGINT) AS now_ns")
+            }
         }
     }
 
@@ -91,7 +96,13 @@ const MIGRATIONS: [(i64, &str, &str); 1] = [(1, "schema", include_str!("migratio
 impl MigrationSource<'static> for Dialect {
     fn resolve(self) -> BoxFuture<'static, Result<Vec<Migration>, BoxDynError>> {
         let migration = move |(version, description, text): (i64, &'static str, &'static str)| {
-            Migration::new(version, description.into(), MigrationType::Simple, self.schema(text), false)
+            Migration::new(
+                version,
+                description.into(),
+                MigrationType::Simple,
+                self.schema(text),
+                false,
+            )
         };
         Box::pin(async move { Ok(MIGRATIONS.into_iter().map(migration).collect()) })
     }

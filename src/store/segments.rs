@@ -5,7 +5,10 @@ use std::collections::HashSet;
 use jiff::Timestamp;
 use sqlx::any::AnyRow;
 
-use super::rows::{doubles_from_bytes, from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders, to_ns};
+use super::rows::{
+    doubles_from_bytes, from_json, get, get_count, get_json, get_json_or_default, get_time, placeholders,
+    to_ns,
+};
 use super::{AnalysisKeys, ChannelSummary, Store, StoreError};
 use crate::asset::{AssetId, RawReference, Segment, SegmentId};
 use crate::estimate::{Posterior, WearEstimate};
@@ -173,14 +176,19 @@ impl Store {
             .bind(asset.as_str())
             .fetch_all(self.read())
             .await?;
-        rows.iter().map(|row| Ok((get(row, "name")?, get(row, "unit")?))).collect()
+        rows.iter()
+            .map(|row| Ok((get(row, "name")?, get(row, "unit")?)))
+            .collect()
     }
 
     /// Those of these identifiers of which there are segments.
     pub async fn known_segments(&self, ids: &[SegmentId]) -> Result<HashSet<SegmentId>, StoreError> {
         let mut known = HashSet::new();
         for chunk in ids.chunks(200) {
-            let text = format!("SELECT id FROM segments WHERE id IN ({})", placeholders(1, chunk.len()));
+            let text = format!(
+                "SELECT id FROM segments WHERE id IN ({})",
+                placeholders(1, chunk.len())
+            );
             let mut query = sqlx::query(&text);
             for id in chunk {
                 query = query.bind(id.0.as_str());
@@ -212,10 +220,19 @@ impl Store {
     }
 
     /// Up to `limit` segments of an asset in the order of time, with posteriors.
-    pub async fn segments(&self, asset: &AssetId, filter: &SegmentFilter, limit: u32) -> Result<Vec<Segment>, StoreError> {
+    pub async fn segments(
+        &self,
+        asset: &AssetId,
+        filter: &SegmentFilter,
+        limit: u32,
+    ) -> Result<Vec<Segment>, StoreError> {
         let mut found = Vec::new();
         for channel in self.channels(asset).await? {
-            if filter.channel.as_ref().is_none_or(|name| *name == channel.channel) {
+            if filter
+                .channel
+                .as_ref()
+                .is_none_or(|name| *name == channel.channel)
+            {
                 found.extend(self.segments_of_channel(&channel, filter, limit).await?);
             }
         }
@@ -239,7 +256,8 @@ impl Store {
         after: Option<&SegmentKey>,
         limit: u32,
     ) -> Result<Vec<StoredFeatures>, StoreError> {
-        self.features_in(channel, channel.analysis_generation, after, limit).await
+        self.features_in(channel, channel.analysis_generation, after, limit)
+            .await
     }
 
     pub(super) async fn features_in(
@@ -269,7 +287,12 @@ impl Store {
         rows.iter().map(features_of).collect()
     }
 
-    async fn segments_of_channel(&self, channel: &ChannelSummary, filter: &SegmentFilter, limit: u32) -> Result<Vec<Segment>, StoreError> {
+    async fn segments_of_channel(
+        &self,
+        channel: &ChannelSummary,
+        filter: &SegmentFilter,
+        limit: u32,
+    ) -> Result<Vec<Segment>, StoreError> {
         let (after, direction, start) = match filter.order {
             Order::Asc => (">", "ASC", i64::MIN),
             Order::Desc => ("<", "DESC", i64::MAX),
@@ -346,7 +369,9 @@ pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
                 analysis: get::<String>(row, "analysis_key")?.into(),
                 feature: get::<String>(row, "feature_key")?.into(),
             },
-            shaft_speed: shaft_speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?,
+            shaft_speed: shaft_speed
+                .map(|text| from_json(&text, "shaft_speed", &id))
+                .transpose()?,
             basis: get_json_or_default(row, "basis", &id)?,
             indicators: get_json(row, "indicators", &id)?,
             features: get_json(row, "features", &id)?,
@@ -358,7 +383,10 @@ pub(super) fn new_segment_of(row: &AnyRow) -> Result<NewSegment, StoreError> {
 fn segment_of(row: &AnyRow) -> Result<Segment, StoreError> {
     let new = new_segment_of(row)?;
     let mut wear: WearEstimate = get_json(row, "estimate", &new.id.0)?;
-    if let (Some(wear_um), Some(probability)) = (get::<Option<Vec<u8>>>(row, "wear_um")?, get::<Option<Vec<u8>>>(row, "probability")?) {
+    if let (Some(wear_um), Some(probability)) = (
+        get::<Option<Vec<u8>>>(row, "wear_um")?,
+        get::<Option<Vec<u8>>>(row, "probability")?,
+    ) {
         wear.posterior = Some(Posterior {
             wear_um: doubles_from_bytes(&wear_um),
             probability: doubles_from_bytes(&probability),

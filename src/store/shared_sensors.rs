@@ -15,9 +15,15 @@ const OF_SENSOR: &str = "id IN (SELECT of_asset FROM shared_sensors WHERE asset_
     OR id IN (SELECT b.asset_id FROM shared_sensors a JOIN shared_sensors b ON b.of_asset = a.of_asset WHERE a.asset_id = $1)";
 
 /// The other assets of an asset's sensor count as changed: what they are analysed with has.
-pub(super) async fn change_others(transaction: &mut Transaction<'_, Any>, id: &AssetId) -> Result<(), StoreError> {
+pub(super) async fn change_others(
+    transaction: &mut Transaction<'_, Any>,
+    id: &AssetId,
+) -> Result<(), StoreError> {
     let text = format!("SELECT id FROM assets WHERE id <> $1 AND ({OF_SENSOR}) ORDER BY id");
-    let others = sqlx::query(&text).bind(id.as_str()).fetch_all(&mut **transaction).await?;
+    let others = sqlx::query(&text)
+        .bind(id.as_str())
+        .fetch_all(&mut **transaction)
+        .await?;
     for other in others {
         let other: String = get(&other, "id")?;
         sqlx::query("UPDATE counters SET value = value + 1 WHERE name = 'asset_revision'")
@@ -53,10 +59,12 @@ impl Store {
     /// Up to `limit` assets that share another one's sensor and lack the records from before they were
     /// described.
     pub async fn late_members(&self, limit: u32) -> Result<Vec<AssetId>, StoreError> {
-        let rows = sqlx::query("SELECT asset_id FROM shared_sensors WHERE is_caught_up = 0 ORDER BY asset_id LIMIT $1")
-            .bind(i64::from(limit))
-            .fetch_all(self.read())
-            .await?;
+        let rows = sqlx::query(
+            "SELECT asset_id FROM shared_sensors WHERE is_caught_up = 0 ORDER BY asset_id LIMIT $1",
+        )
+        .bind(i64::from(limit))
+        .fetch_all(self.read())
+        .await?;
         rows.iter().map(|row| asset_id(get(row, "asset_id")?)).collect()
     }
 
@@ -73,7 +81,9 @@ impl Store {
     /// Those of some assets that have others on their sensor.
     pub async fn sharing_a_sensor(&self, ids: &[&AssetId]) -> Result<BTreeSet<AssetId>, StoreError> {
         let list = placeholders(1, ids.len());
-        let text = format!("SELECT asset_id, of_asset FROM shared_sensors WHERE asset_id IN ({list}) OR of_asset IN ({list})");
+        let text = format!(
+            "SELECT asset_id, of_asset FROM shared_sensors WHERE asset_id IN ({list}) OR of_asset IN ({list})"
+        );
         let mut query = sqlx::query(&text).persistent(self.dialect().caches_statement(ids.len()));
         for id in ids {
             query = query.bind(id.as_str());
@@ -92,7 +102,10 @@ impl Store {
     /// Error: [`StoreError::AssetUnknown`].
     pub async fn assets_of_sensor(&self, id: &AssetId) -> Result<Vec<Asset>, StoreError> {
         let text = format!("SELECT * FROM assets WHERE id = $1 OR {OF_SENSOR} ORDER BY id");
-        let rows = sqlx::query(&text).bind(id.as_str()).fetch_all(self.read()).await?;
+        let rows = sqlx::query(&text)
+            .bind(id.as_str())
+            .fetch_all(self.read())
+            .await?;
         let assets: Vec<Asset> = rows.iter().map(asset_of).collect::<Result<_, _>>()?;
         if assets.iter().any(|asset| asset.spec.id == *id) {
             Ok(assets)

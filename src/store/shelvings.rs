@@ -9,11 +9,13 @@ impl Store {
     /// Identifiers of up to `limit` alarms that were shelved until `now` or an earlier time, and nothing has
     /// said so yet.
     pub async fn ended_shelvings(&self, now: Timestamp, limit: u32) -> Result<Vec<String>, StoreError> {
-        let rows = sqlx::query("SELECT id FROM alarms WHERE shelved_until_ns <= $1 ORDER BY shelved_until_ns, id LIMIT $2")
-            .bind(to_ns(now)?)
-            .bind(i64::from(limit))
-            .fetch_all(self.read())
-            .await?;
+        let rows = sqlx::query(
+            "SELECT id FROM alarms WHERE shelved_until_ns <= $1 ORDER BY shelved_until_ns, id LIMIT $2",
+        )
+        .bind(to_ns(now)?)
+        .bind(i64::from(limit))
+        .fetch_all(self.read())
+        .await?;
         rows.iter().map(|row| get(row, "id")).collect()
     }
 }

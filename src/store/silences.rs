@@ -7,7 +7,8 @@ use super::rows::{from_ns, get};
 use super::{Asset, ChannelSummary, Store, StoreError};
 use crate::asset::AssetId;
 
-/// Records of a channel that are looked at, the latest by their own time: what comes in of long ago is no sign of life.
+/// Records of a channel that are looked at, the latest by their own time: what comes in of long ago is no
+/// sign of life.
 const LATEST: u32 = 8;
 
 /// A channel, and when the last of its latest records was received.

@@ -61,11 +61,12 @@ impl Store {
 
     /// Takes a token back; false where there is none that stands.
     pub async fn revoke_token(&self, id: &str, now: Timestamp) -> Result<bool, StoreError> {
-        let revoked = sqlx::query("UPDATE tokens SET revoked_at_ns = $2 WHERE id = $1 AND revoked_at_ns IS NULL")
-            .bind(id)
-            .bind(to_ns(now)?)
-            .execute(self.write())
-            .await?;
+        let revoked =
+            sqlx::query("UPDATE tokens SET revoked_at_ns = $2 WHERE id = $1 AND revoked_at_ns IS NULL")
+                .bind(id)
+                .bind(to_ns(now)?)
+                .execute(self.write())
+                .await?;
         Ok(revoked.rows_affected() > 0)
     }
 }

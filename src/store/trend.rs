@@ -82,7 +82,9 @@ impl Trend {
     /// Positions of the segments that start at `from` or later and before `to`.
     pub fn range(&self, from: Option<Timestamp>, to: Option<Timestamp>) -> std::ops::Range<usize> {
         let low = from.map_or(0, |from| self.start_time.partition_point(|time| *time < from));
-        let high = to.map_or(self.len(), |to| self.start_time.partition_point(|time| *time < to));
+        let high = to.map_or(self.len(), |to| {
+            self.start_time.partition_point(|time| *time < to)
+        });
         low..high.max(low)
     }
 
@@ -110,9 +112,12 @@ impl Trend {
             reference_wear_um: get(row, "reference_wear_um")?,
         });
         let speed: Option<String> = get(row, "shaft_speed")?;
-        let speed: Option<ShaftSpeed> = speed.map(|text| from_json(&text, "shaft_speed", &id)).transpose()?;
+        let speed: Option<ShaftSpeed> = speed
+            .map(|text| from_json(&text, "shaft_speed", &id))
+            .transpose()?;
         let operating_point: OperatingPoint = get_json(row, "operating_point", &id)?;
-        self.shaft_speed_hz.push(speed.map_or(f64::NAN, |speed| speed.shaft_speed_hz));
+        self.shaft_speed_hz
+            .push(speed.map_or(f64::NAN, |speed| speed.shaft_speed_hz));
         self.torque_nm.push(operating_point.torque_nm.unwrap_or(f64::NAN));
         self.unit = get(row, "unit")?;
         self.start_time.push(from_ns(get(row, "start_time_ns")?));
@@ -214,7 +219,10 @@ impl Store {
             };
         }
         loop {
-            let last_ns = trend.start_time.last().map_or(Ok(i64::MIN), |time| to_ns(*time))?;
+            let last_ns = trend
+                .start_time
+                .last()
+                .map_or(Ok(i64::MIN), |time| to_ns(*time))?;
             let last_id = trend.segment_id.last().map_or("", |id| id.0.as_str());
             let rows = sqlx::query(
                 "SELECT s.id, s.start_time_ns, s.unit, s.operating_point, a.shaft_speed, a.indicators, w.run_indicators, s.reference_wear_um, w.status, w.reason, w.median_um, w.mean_um,

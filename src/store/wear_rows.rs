@@ -1,7 +1,9 @@
 //! Writing estimates of segments, with their posteriors.
 
 use super::commit::{Commit, ROWS_AT_ONCE};
-use super::rows::{any_of, doubles_to_bytes, excluded, finite, finite_or_none, rows_of_placeholders, to_json};
+use super::rows::{
+    any_of, doubles_to_bytes, excluded, finite, finite_or_none, rows_of_placeholders, to_json,
+};
 use super::{RunResult, StoreError};
 use crate::asset::SegmentId;
 use crate::estimate::WearEstimate;
@@ -70,7 +72,8 @@ impl Commit {
     }
 
     async fn set_posteriors(&mut self, wears: &[WearRow<'_>]) -> Result<(), StoreError> {
-        let (with, mut without): (Vec<&WearRow<'_>>, Vec<_>) = wears.iter().partition(|row| row.result.wear.posterior.is_some());
+        let (with, mut without): (Vec<&WearRow<'_>>, Vec<_>) =
+            wears.iter().partition(|row| row.result.wear.posterior.is_some());
         without.retain(|row| !row.is_first);
         if !without.is_empty() {
             let which = any_of(without.len(), &["segment_id =", "generation ="]);
@@ -90,7 +93,9 @@ impl Commit {
             );
             let mut query = sqlx::query(&text).persistent(self.dialect.caches_statement(with.len()));
             for row in with {
-                let Some(posterior) = &row.result.wear.posterior else { continue };
+                let Some(posterior) = &row.result.wear.posterior else {
+                    continue;
+                };
                 query = query
                     .bind(row.segment.0.as_str())
                     .bind(row.generation)

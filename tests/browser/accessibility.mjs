@@ -8,7 +8,10 @@ const axe = await readFile(new URL("./node_modules/axe-core/axe.min.js", import.
 
 const PAGES = {
   fleet: ["", (page) => page.locator(`[data-asset="${asset}"]`).waitFor()],
-  asset: [`#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior&cursor=h~400`, (page) => drawn(page, "turn")],
+  asset: [
+    `#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior&cursor=h~400`,
+    (page) => drawn(page, "turn"),
+  ],
   waterfall: [`#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall")],
   match: [`#/assets/${asset}/match`, (page) => drawn(page, "transmission")],
   settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],
@@ -16,16 +19,32 @@ const PAGES = {
   import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
   "alarm levels": [`#/assets/${asset}?trend=rms&levels=rms`, (page) => drawn(page, "trends")],
   tokens: ["#/tokens", (page) => page.getByText("Make the token").waitFor()],
-  "new asset": ["#/new", async (page) => {
-    await page.getByLabel("Gear pair, for wear in µm").selectOption("shen2022");
-    await drawn(page, "preview-spectrum");
-  }],
+  "new asset": [
+    "#/new",
+    async (page) => {
+      await page.getByLabel("Gear pair, for wear in µm").selectOption("shen2022");
+      await drawn(page, "preview-spectrum");
+    },
+  ],
   "what wear does": [`#/assets/${asset}/wear`, (page) => drawn(page, "preview-spectrum")],
-  alarms: [async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`, (page) => page.locator(".alarm-history li").first().waitFor()],
-  "no alarm chosen": ["#/alarms", (page) => page.locator(".table-card .alarms, .table-card .notice").first().waitFor()],
-  library: [async () => `#/libraries/${(await json("libraries")).items[0].id}`, (page) => drawn(page, "transmission")],
+  alarms: [
+    async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`,
+    (page) => page.locator(".alarm-history li").first().waitFor(),
+  ],
+  "no alarm chosen": [
+    "#/alarms",
+    (page) => page.locator(".table-card .alarms, .table-card .notice").first().waitFor(),
+  ],
+  library: [
+    async () => `#/libraries/${(await json("libraries")).items[0].id}`,
+    (page) => drawn(page, "transmission"),
+  ],
   report: [`v1/assets/${asset}/report`, (page) => page.locator("table tbody tr").first().waitFor()],
-  "two records": [async () => `#/assets/${asset}?pin=${(await json(`assets/${asset}/segments?limit=3`)).items[2].id}&log=1&bins=speed`, (page) => page.locator('[data-plot="envelope"] .legend', { hasText: "pinned record" }).waitFor()],
+  "two records": [
+    async () =>
+      `#/assets/${asset}?pin=${(await json(`assets/${asset}/segments?limit=3`)).items[2].id}&log=1&bins=speed`,
+    (page) => page.locator('[data-plot="envelope"] .legend', { hasText: "pinned record" }).waitFor(),
+  ],
   "no such asset": ["#/assets/no-such-asset", (page) => page.getByText("There is no asset").waitFor()],
   "no such page": ["#/nowhere", (page) => page.getByText("This address leads nowhere").waitFor()],
   libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
@@ -34,10 +53,18 @@ const PAGES = {
 /** Serious and critical findings, each with the first places it was found at. */
 async function findings(page) {
   await page.evaluate(axe);
-  const { violations } = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ["violations"] }));
+  const { violations } = await page.evaluate(() =>
+    globalThis.axe.run(document, { resultTypes: ["violations"] }),
+  );
   return violations
     .filter(({ impact }) => impact === "serious" || impact === "critical")
-    .map(({ id, nodes }) => `${id}: ${nodes.slice(0, 3).map(({ html, failureSummary }) => `${html.slice(0, 160)} ${failureSummary.slice(0, 160)}`).join(" | ")}`);
+    .map(
+      ({ id, nodes }) =>
+        `${id}: ${nodes
+          .slice(0, 3)
+          .map(({ html, failureSummary }) => `${html.slice(0, 160)} ${failureSummary.slice(0, 160)}`)
+          .join(" | ")}`,
+    );
 }
 
 const checks = Object.entries(PAGES).map(([key, [address, ready]]) => [
@@ -54,7 +81,12 @@ const checks = Object.entries(PAGES).map(([key, [address, ready]]) => [
 ]);
 
 /** What has the keyboard: its accessible words. */
-const focused = (page) => page.evaluate(() => (document.activeElement.getAttribute("aria-label") ?? document.activeElement.textContent ?? "").trim().slice(0, 60));
+const focused = (page) =>
+  page.evaluate(() =>
+    (document.activeElement.getAttribute("aria-label") ?? document.activeElement.textContent ?? "")
+      .trim()
+      .slice(0, 60),
+  );
 
 export const CHECKS = {
   ...Object.fromEntries(checks),
@@ -63,7 +95,11 @@ export const CHECKS = {
     for (const colorScheme of ["light", "dark"]) {
       const { page } = await open(`#/assets/${asset}`, { colorScheme });
       await page.getByRole("button", { name: "Add records" }).click();
-      await page.setInputFiles("#upload-file", { name: "broken.wav", mimeType: "audio/wav", buffer: Buffer.from("not a recording") });
+      await page.setInputFiles("#upload-file", {
+        name: "broken.wav",
+        mimeType: "audio/wav",
+        buffer: Buffer.from("not a recording"),
+      });
       await page.getByLabel("Start of broken.wav, UTC").waitFor();
       assert.deepEqual(await findings(page), [], `files to send, ${colorScheme}`);
       await page.getByRole("button", { name: "Send the file" }).click();
@@ -81,27 +117,41 @@ export const CHECKS = {
     }
   },
 
-  "axe finds nothing serious while there is nothing yet, the connection is lost, or a token is asked for": async () => {
-    const empty = JSON.stringify({ items: [], next_cursor: null });
-    const answered = (status, body) => (page) => page.route(/\/v1\/assets\?/, (route) => route.fulfill({ status, contentType: "application/json", body }));
-    const id = await createAsset("waiting", {});
-    for (const colorScheme of ["light", "dark"]) {
-      const states = [
-        ["first steps", "", answered(200, empty), "No assets yet"],
-        ["waiting for a record", `#/assets/${id}`, async () => {}, "Waiting for the first record"],
-        ["no record to match", `#/assets/${id}/match`, async () => {}, "No records yet"],
-        ["connection lost", "", (page) => page.route("**/v1/**", (route) => route.abort()), "Connection lost since"],
-        ["token wanted", "", answered(401, JSON.stringify({ title: "a token is needed" })), "A token is needed"],
-      ];
-      for (const [state, address, before, words] of states) {
-        const { page } = await open(address, { colorScheme }, before);
-        await page.getByText(words).first().waitFor();
-        assert.deepEqual(await findings(page), [], `${state}, ${colorScheme}`);
-        await page.context().close();
+  "axe finds nothing serious while there is nothing yet, the connection is lost, or a token is asked for":
+    async () => {
+      const empty = JSON.stringify({ items: [], next_cursor: null });
+      const answered = (status, body) => (page) =>
+        page.route(/\/v1\/assets\?/, (route) =>
+          route.fulfill({ status, contentType: "application/json", body }),
+        );
+      const id = await createAsset("waiting", {});
+      for (const colorScheme of ["light", "dark"]) {
+        const states = [
+          ["first steps", "", answered(200, empty), "No assets yet"],
+          ["waiting for a record", `#/assets/${id}`, async () => {}, "Waiting for the first record"],
+          ["no record to match", `#/assets/${id}/match`, async () => {}, "No records yet"],
+          [
+            "connection lost",
+            "",
+            (page) => page.route("**/v1/**", (route) => route.abort()),
+            "Connection lost since",
+          ],
+          [
+            "token wanted",
+            "",
+            answered(401, JSON.stringify({ title: "a token is needed" })),
+            "A token is needed",
+          ],
+        ];
+        for (const [state, address, before, words] of states) {
+          const { page } = await open(address, { colorScheme }, before);
+          await page.getByText(words).first().waitFor();
+          assert.deepEqual(await findings(page), [], `${state}, ${colorScheme}`);
+          await page.context().close();
+        }
       }
-    }
-    await removeAsset(id);
-  },
+      await removeAsset(id);
+    },
 
   "axe finds nothing serious on a phone": async () => {
     for (const key of ["fleet", "asset", "alarms", "match"]) {

@@ -3,7 +3,11 @@
 import assert from "node:assert/strict";
 import { close, createAsset, drawn, json, open, removeAsset, sendNoise, shoot } from "./page.mjs";
 
-const RULE = { quantity: { indicator: "rms" }, warning: 5, settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 } };
+const RULE = {
+  quantity: { indicator: "rms" },
+  warning: 5,
+  settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 },
+};
 const LOUDNESS = [1, 1.1, 1, 1.1, 1, 1.1, 1, 1.1, 1, 3, 1, 3];
 
 async function heard(more) {
@@ -15,7 +19,9 @@ async function heard(more) {
 const trial = (page, words) => page.locator(".rule-trial", { hasText: words }).waitFor();
 
 export const CHECKS = {
-  "a level is dragged on the trend, tried on the history, taken from the baseline, and saved": async (name) => {
+  "a level is dragged on the trend, tried on the history, taken from the baseline, and saved": async (
+    name,
+  ) => {
     const id = await heard({ alarms: [RULE, { quantity: "novelty", warning: 1000 }] });
     const opened = await open(`#/assets/${id}?trend=rms,kurtosis`);
     const { page } = opened;
@@ -37,8 +43,14 @@ export const CHECKS = {
     assert.equal((await json(`assets/${id}`)).alarms[0].warning, 5, "nothing is saved by dragging");
     await level.focus();
     await page.keyboard.press("ArrowUp");
-    await page.waitForFunction((before) => Number(document.getElementById("rule-warning").value) > before, dragged);
-    assert.ok(await level.evaluate((handle) => handle === document.activeElement), "the focus stays on the level");
+    await page.waitForFunction(
+      (before) => Number(document.getElementById("rule-warning").value) > before,
+      dragged,
+    );
+    assert.ok(
+      await level.evaluate((handle) => handle === document.activeElement),
+      "the focus stays on the level",
+    );
 
     await page.getByRole("button", { name: "Suggest from the baseline" }).click();
     await page.getByText("Baseline of 8 records: mean").waitFor();
@@ -59,7 +71,10 @@ export const CHECKS = {
   },
 
   "several alarms are acknowledged with one name": async (name) => {
-    const ids = [await heard({ alarms: [{ ...RULE, warning: 2 }] }), await heard({ alarms: [{ ...RULE, warning: 2 }] })];
+    const ids = [
+      await heard({ alarms: [{ ...RULE, warning: 2 }] }),
+      await heard({ alarms: [{ ...RULE, warning: 2 }] }),
+    ];
     const opened = await open("#/alarms");
     const { page } = opened;
     const pick = (id) => page.getByLabel(`Choose the alarm RMS of ${id}, channel a1`);

@@ -1,9 +1,29 @@
-// Alarms: they show up by themselves, are acknowledged, shelved and commented; maintenance is entered and taken back.
+// Alarms: they show up by themselves, are acknowledged, shelved and commented; maintenance is entered and
+// taken back.
 
 import assert from "node:assert/strict";
-import { asset, close, createAsset, drawn, json, noSidewaysScrolling, open, parameters, PHONE, removeAsset, sendNoise, shoot, shownTime } from "./page.mjs";
+import {
+  asset,
+  close,
+  createAsset,
+  drawn,
+  json,
+  noSidewaysScrolling,
+  open,
+  parameters,
+  PHONE,
+  removeAsset,
+  sendNoise,
+  shoot,
+  shownTime,
+} from "./page.mjs";
 
-const RULE = { quantity: { indicator: "rms" }, warning: 5, danger: 50, settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 } };
+const RULE = {
+  quantity: { indicator: "rms" },
+  warning: 5,
+  danger: 50,
+  settings: { raise: 1, raise_of: 1, clear: 1, clear_of: 1 },
+};
 
 /** An asset whose alarm on RMS the given amplitudes of noise have raised. */
 async function alarmed(amplitudes) {
@@ -51,7 +71,10 @@ export const CHECKS = {
     await page.getByRole("button", { name: "All", exact: true }).click();
     await row(page, id).waitFor();
     const restored = await open(new URL(page.url()).hash);
-    await restored.page.getByRole("region", { name: "Chosen alarm" }).getByText("looked at the flanks").waitFor();
+    await restored.page
+      .getByRole("region", { name: "Chosen alarm" })
+      .getByText("looked at the flanks")
+      .waitFor();
     assert.equal(parameters(restored.page).get("alarm"), alarm);
     await close(restored, `${name} restored`);
 
@@ -64,7 +87,10 @@ export const CHECKS = {
     await detail.getByRole("button", { name: "Comment" }).click();
     await detail.locator(".alarm-history q", { hasText: "oil changed" }).waitFor();
     const { history } = await json(`alarms/${alarm}`);
-    assert.deepEqual(history.slice(-4).map(({ by }) => by), ["Ada", "Ada", "Ada", "Ada"]);
+    assert.deepEqual(
+      history.slice(-4).map(({ by }) => by),
+      ["Ada", "Ada", "Ada", "Ada"],
+    );
     await close(opened, name);
     await removeAsset(id);
   },
@@ -74,9 +100,17 @@ export const CHECKS = {
     const opened = await open(`#/assets/${id}?trend=rms`);
     const { page } = opened;
     await drawn(page, "trends");
-    for (const words of ["warning alarm raised", "alarm over"]) await page.locator('[data-plot="trends"] .legend', { hasText: words }).waitFor();
-    assert.equal(await page.locator('[data-plot="trends"] .shapelayer path').count(), 5, "two marks, the selected record, and the levels of warning and danger");
-    await page.getByRole("region", { name: "Alarms and maintenance" }).getByRole("link", { name: "RMS" }).click();
+    for (const words of ["warning alarm raised", "alarm over"])
+      await page.locator('[data-plot="trends"] .legend', { hasText: words }).waitFor();
+    assert.equal(
+      await page.locator('[data-plot="trends"] .shapelayer path').count(),
+      5,
+      "two marks, the selected record, and the levels of warning and danger",
+    );
+    await page
+      .getByRole("region", { name: "Alarms and maintenance" })
+      .getByRole("link", { name: "RMS" })
+      .click();
     await page.getByRole("region", { name: "Chosen alarm" }).getByText("back to normal").waitFor();
     await close(opened, name);
     await removeAsset(id);
@@ -123,7 +157,10 @@ export const CHECKS = {
     await save.click();
     await page.getByText("Expected a depth from 0 to 100000 µm.").waitFor();
     assert.equal(await depth.getAttribute("aria-invalid"), "true");
-    assert.ok(await depth.evaluate((input) => input === document.activeElement), "the field to mend has the focus");
+    assert.ok(
+      await depth.evaluate((input) => input === document.activeElement),
+      "the field to mend has the focus",
+    );
     await depth.fill("30");
     await page.getByText("Expected a depth").waitFor({ state: "detached" });
     assert.equal(await page.getByLabel("Its standard error (µm)").inputValue(), "5");
@@ -136,12 +173,17 @@ export const CHECKS = {
     assert.equal((await json(`assets/${asset}/maintenance`)).items.length, 0, "nothing wrong was sent");
     await save.click();
     const events = page.getByRole("region", { name: "Alarms and maintenance" });
-    await events.getByText(`30 ± 40 µm, driven gear, at the root, ${shownTime(time)}, entered by Grace`).waitFor();
+    await events
+      .getByText(`30 ± 40 µm, driven gear, at the root, ${shownTime(time)}, entered by Grace`)
+      .waitFor();
     await page.locator('[data-plot="wear"] .legend', { hasText: "± its standard error" }).waitFor();
     assert.equal(await page.locator('[data-plot="wear"] .errorbar').count(), 1);
     await page.locator('[data-plot="wear"] .annotation-text', { hasText: "30 ± 40 µm" }).waitFor();
     const { items } = await json(`assets/${asset}/maintenance`);
-    assert.deepEqual([items[0].kind, items[0].inspection], ["inspected", { depth_um: 30, error_um: 40, gear: 2, place: "root" }]);
+    assert.deepEqual(
+      [items[0].kind, items[0].inspection],
+      ["inspected", { depth_um: 30, error_um: 40, gear: 2, place: "root" }],
+    );
     await shoot(page, `${name} shown`);
     page.on("dialog", (dialog) => dialog.accept());
     await events.getByRole("button", { name: "Take back: Wear measured" }).click();

@@ -24,7 +24,10 @@ fn the_dashboard_works_in_a_browser() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser");
     let chromium = std::env::var("FLANKWATCH_CHROMIUM").unwrap_or_else(|_| "/usr/bin/chromium".to_owned());
     let ready = Path::new(&chromium).exists() && folder.join("node_modules/playwright-core").is_dir();
-    needed(ready.then_some(()), "Chromium, or `npm install` in tests/browser,");
+    needed(
+        ready.then_some(()),
+        "Chromium, or `npm install` in tests/browser,",
+    );
     let service = Service::start();
     let pair = PairSpec::from_toml(PAIR).unwrap();
     feed(&service, &pair);
@@ -110,11 +113,16 @@ fn feed(service: &Service, pair: &PairSpec) {
         "limits": { "warning_um": 120.0, "danger_um": 200.0 },
     });
     service.post_json("/v1/assets", &asset).expect(201);
-    service.wait_for("/v1/assets/gearbox", |asset| asset["summary"]["library_state"] == "ready");
+    service.wait_for("/v1/assets/gearbox", |asset| {
+        asset["summary"]["library_state"] == "ready"
+    });
     let run = Run::new(plan(pair)).unwrap();
     for index in 0..RECORDS {
         let simulated = run.record(index).unwrap();
-        let path = format!("/v1/assets/gearbox/segments?reference_wear_um={}", simulated.wear_um);
+        let path = format!(
+            "/v1/assets/gearbox/segments?reference_wear_um={}",
+            simulated.wear_um
+        );
         let body = encode_block(&simulated.record, BlockEncoding::Protobuf);
         service.post(&path, "application/x-protobuf", &body).expect(201);
     }

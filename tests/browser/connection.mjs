@@ -1,4 +1,5 @@
-// What the page does while the server is away: between the browser and the server stands a gate that can be closed.
+// What the page does while the server is away: between the browser and the server stands a gate that can be
+// closed.
 
 import assert from "node:assert/strict";
 import { createServer, request } from "node:http";
@@ -14,10 +15,13 @@ async function gate() {
     if (isStream && !state.streams) return outgoing.writeHead(404).end();
     if (isStream) streams.add(outgoing);
     const { hostname: host, port } = target;
-    const passed = request({ host, port, path: incoming.url, method: incoming.method, headers: incoming.headers }, (answer) => {
-      outgoing.writeHead(answer.statusCode, answer.headers);
-      answer.pipe(outgoing);
-    });
+    const passed = request(
+      { host, port, path: incoming.url, method: incoming.method, headers: incoming.headers },
+      (answer) => {
+        outgoing.writeHead(answer.statusCode, answer.headers);
+        answer.pipe(outgoing);
+      },
+    );
     passed.on("error", () => outgoing.destroy());
     outgoing.on("close", () => passed.destroy());
     incoming.pipe(passed);

@@ -1,18 +1,42 @@
 // The dashboard in a real browser, against a running server.
 //
-//   FLANKWATCH_URL       where it is served, for example http://127.0.0.1:8600
-//   FLANKWATCH_ASSET     an asset with a library and at least a few estimated records
-//   FLANKWATCH_CHROMIUM  the browser (default /usr/bin/chromium)
-//   FLANKWATCH_GUARDED_URL, FLANKWATCH_TOKEN  one that asks for this token of scope admin, with an asset “pump”
-//   FLANKWATCH_EMPTY_URL, FLANKWATCH_RECORDS  one without assets, and a folder of WAV files of a run to failure of the preset “shen2022”
-//   FLANKWATCH_PAGES     a folder of pages to show instead of those that are built into the server
-//   FLANKWATCH_SHOTS     a folder for screenshots (none are taken where it is not set)
-//   FLANKWATCH_ONLY      run only checks whose name contains this
+//   FLANKWATCH_URL       where it is served, for example http://127.0.0.1:8600 FLANKWATCH_ASSET     an asset
+//   with a library and at least a few estimated records FLANKWATCH_CHROMIUM  the browser (default
+//   /usr/bin/chromium) FLANKWATCH_GUARDED_URL, FLANKWATCH_TOKEN  one that asks for this token of scope admin,
+//   with an asset “pump” FLANKWATCH_EMPTY_URL, FLANKWATCH_RECORDS  one without assets, and a folder of WAV
+//   files of a run to failure of the preset “shen2022” FLANKWATCH_PAGES     a folder of pages to show instead
+//   of those that are built into the server FLANKWATCH_SHOTS     a folder for screenshots (none are taken
+//   where it is not set) FLANKWATCH_ONLY      run only checks whose name contains this
 
 import { mkdir } from "node:fs/promises";
 import { browser, shots } from "./page.mjs";
 
-const FILES = ["pages", "severity", "record", "spectrum", "plots", "match", "views", "links", "downloads", "live", "connection", "alarms", "alarm-levels", "upload", "import", "records", "setup", "journey", "session", "tokens", "fleet", "keyboard", "accessibility", "speed"];
+const FILES = [
+  "pages",
+  "severity",
+  "record",
+  "spectrum",
+  "plots",
+  "match",
+  "views",
+  "links",
+  "downloads",
+  "live",
+  "connection",
+  "alarms",
+  "alarm-levels",
+  "upload",
+  "import",
+  "records",
+  "setup",
+  "journey",
+  "session",
+  "tokens",
+  "fleet",
+  "keyboard",
+  "accessibility",
+  "speed",
+];
 const only = process.env.FLANKWATCH_ONLY ?? "";
 
 if (shots) await mkdir(shots, { recursive: true });

@@ -4,10 +4,16 @@ import assert from "node:assert/strict";
 import { asset, close, drawn, json, open } from "./page.mjs";
 
 const PAGES = {
-  asset: [`#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior`, ["wear", "trends", "waveform", "spectrum", "envelope", "turn", "cepstrum", "posterior"]],
+  asset: [
+    `#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior`,
+    ["wear", "trends", "waveform", "spectrum", "envelope", "turn", "cepstrum", "posterior"],
+  ],
   waterfall: [`#/assets/${asset}/waterfall`, ["waterfall"]],
   match: [`#/assets/${asset}/match`, ["features", "posterior", "stiffness", "transmission"]],
-  library: [async () => `#/libraries/${(await json("libraries")).items[0].id}`, ["grid", "stiffness", "transmission"]],
+  library: [
+    async () => `#/libraries/${(await json("libraries")).items[0].id}`,
+    ["grid", "stiffness", "transmission"],
+  ],
 };
 
 async function bytesOf(download) {
@@ -27,7 +33,11 @@ async function saved(page, kind, words) {
 const PLOTS_A_PAGE = 4;
 
 const chunks = Object.entries(PAGES).flatMap(([key, [address, kinds]]) =>
-  Array.from({ length: Math.ceil(kinds.length / PLOTS_A_PAGE) }, (_, n) => [n ? `${key}, page ${n + 1}` : key, address, kinds.slice(n * PLOTS_A_PAGE, (n + 1) * PLOTS_A_PAGE)]),
+  Array.from({ length: Math.ceil(kinds.length / PLOTS_A_PAGE) }, (_, n) => [
+    n ? `${key}, page ${n + 1}` : key,
+    address,
+    kinds.slice(n * PLOTS_A_PAGE, (n + 1) * PLOTS_A_PAGE),
+  ]),
 );
 
 const checks = chunks.map(([key, address, kinds]) => [

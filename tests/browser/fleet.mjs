@@ -1,4 +1,5 @@
-// A fleet of 500 assets: it is quick, and sorted, filtered and grouped. The server's answer is made up from its own for one asset.
+// A fleet of 500 assets: it is quick, and sorted, filtered and grouped. The server's answer is made up from
+// its own for one asset.
 
 import assert from "node:assert/strict";
 import { asset, close, json, noSidewaysScrolling, open, PHONE, say, timed } from "./page.mjs";
@@ -14,20 +15,38 @@ async function many(nameOf) {
     const copy = structuredClone(one);
     const median = (n * 37) % 230;
     Object.assign(copy, { id: `gearbox-${String(n).padStart(3, "0")}`, name: nameOf(n) });
-    Object.assign(copy.summary.wear, { status: n % 11 ? "estimated" : "not_identifiable", at_least_um: undefined, median_um: median, p05_um: Math.max(0, median - 25), p95_um: median + 30 });
+    Object.assign(copy.summary.wear, {
+      status: n % 11 ? "estimated" : "not_identifiable",
+      at_least_um: undefined,
+      median_um: median,
+      p05_um: Math.max(0, median - 25),
+      p95_um: median + 30,
+    });
     copy.summary.recent_wear_um = Array.from({ length: 40 }, (_, k) => (median * k) / 39);
-    copy.summary.alarms = { danger: Number(n % 50 === 7), warning: 0, unacknowledged: Number(n % 50 === 7), shelved: 0 };
-    if (n % 13 === 0) copy.summary = { ...copy.summary, segments: 0, wear: null, recent_wear_um: [], last_start_time: null };
+    copy.summary.alarms = {
+      danger: Number(n % 50 === 7),
+      warning: 0,
+      unacknowledged: Number(n % 50 === 7),
+      shelved: 0,
+    };
+    if (n % 13 === 0)
+      copy.summary = { ...copy.summary, segments: 0, wear: null, recent_wear_um: [], last_start_time: null };
     return copy;
   });
   return { items: assets, next_cursor: null };
 }
 
-const total = (page) => page.locator("table").getAttribute("aria-rowcount").then((count) => Number(count) - 1);
+const total = (page) =>
+  page
+    .locator("table")
+    .getAttribute("aria-rowcount")
+    .then((count) => Number(count) - 1);
 
 async function fleet(options, nameOf = (n) => `Line ${1 + (n % 7)}, gearbox ${n}`) {
   const body = JSON.stringify(await many(nameOf));
-  const opened = await open("", options, (page) => page.route(/\/v1\/assets\?/, (route) => route.fulfill({ contentType: "application/json", body })));
+  const opened = await open("", options, (page) =>
+    page.route(/\/v1\/assets\?/, (route) => route.fulfill({ contentType: "application/json", body })),
+  );
   await opened.page.getByText(`${COUNT} assets`).waitFor();
   await opened.page.locator("tbody tr[data-asset]").first().waitFor();
   return opened;
@@ -42,16 +61,38 @@ export const CHECKS = {
     const seen = new Map();
     for (let y = 0; seen.size < COUNT; y += 600) {
       assert.ok(y < 200_000, `${seen.size} rows were seen`);
-      await page.evaluate((to) => new Promise((resolve) => (scrollTo(0, to), requestAnimationFrame(() => requestAnimationFrame(resolve)))), y);
-      const rows = await page.locator("tbody tr[data-asset]").evaluateAll((all) => all.map((row) => [Number(row.ariaRowIndex), parseFloat(row.querySelector(".wear-number strong")?.textContent)]));
+      await page.evaluate(
+        (to) =>
+          new Promise(
+            (resolve) => (scrollTo(0, to), requestAnimationFrame(() => requestAnimationFrame(resolve))),
+          ),
+        y,
+      );
+      const rows = await page
+        .locator("tbody tr[data-asset]")
+        .evaluateAll((all) =>
+          all.map((row) => [
+            Number(row.ariaRowIndex),
+            parseFloat(row.querySelector(".wear-number strong")?.textContent),
+          ]),
+        );
       assert.ok(rows.length < 60, `${rows.length} rows are in the page`);
       for (const [index, depth] of rows) seen.set(index, depth);
     }
-    const depths = [...seen].sort(([a], [b]) => a - b).map(([, depth]) => depth).filter((depth) => !Number.isNaN(depth));
-    assert.ok(depths.length > 300 && depths.every((depth, n) => n === 0 || depth <= depths[n - 1]), "the deepest first");
+    const depths = [...seen]
+      .sort(([a], [b]) => a - b)
+      .map(([, depth]) => depth)
+      .filter((depth) => !Number.isNaN(depth));
+    assert.ok(
+      depths.length > 300 && depths.every((depth, n) => n === 0 || depth <= depths[n - 1]),
+      "the deepest first",
+    );
     await page.getByPlaceholder("Name, id or place").fill("line 3,");
     await page.getByText(`of ${COUNT} assets`).waitFor();
-    assert.equal(await total(page), Array.from({ length: COUNT }, (_, n) => n % 7).filter((line) => line === 2).length);
+    assert.equal(
+      await total(page),
+      Array.from({ length: COUNT }, (_, n) => n % 7).filter((line) => line === 2).length,
+    );
     await page.getByRole("button", { name: /^Danger \d/ }).click();
     await page.waitForFunction(() => location.hash.includes("state=danger"));
     assert.ok((await total(page)) < 20);
@@ -68,10 +109,11 @@ export const CHECKS = {
     assert.equal(await index(), 32);
     for (let n = 0; n < 30; n++) await page.keyboard.press("ArrowDown");
     assert.equal(await index(), 62);
-    const inView = () => page.evaluate(() => {
-      const { top, bottom } = document.activeElement.getBoundingClientRect();
-      return top >= 0 && bottom <= innerHeight;
-    });
+    const inView = () =>
+      page.evaluate(() => {
+        const { top, bottom } = document.activeElement.getBoundingClientRect();
+        return top >= 0 && bottom <= innerHeight;
+      });
     assert.ok(await inView());
     await page.keyboard.press("End");
     assert.equal(await index(), COUNT + 1);
@@ -104,7 +146,8 @@ export const CHECKS = {
   "500 assets answer within 200 ms": async () => {
     const { page } = await fleet();
     for (const label of ["Asset", "Wear, 5 to 95 %", "Last record"]) {
-      const sort = (words) => [...document.querySelectorAll("th button")].find((button) => button.textContent === words).click();
+      const sort = (words) =>
+        [...document.querySelectorAll("th button")].find((button) => button.textContent === words).click();
       const times = [];
       for (let turn = 0; turn < 3; turn++) times.push(await timed(page, sort, label));
       say(`500 assets, sorting by “${label}”`, times, WANTED_MS);
@@ -117,7 +160,8 @@ export const CHECKS = {
     const [typed, scrolled] = [[], []];
     for (const words of ["line 5", "", "gearbox 4", ""]) typed.push(await timed(page, type, words));
     say("500 assets, filtering", typed, WANTED_MS);
-    for (const share of [0.5, 1, 0.2]) scrolled.push(await timed(page, (to) => scrollTo(0, to * document.body.scrollHeight), share));
+    for (const share of [0.5, 1, 0.2])
+      scrolled.push(await timed(page, (to) => scrollTo(0, to * document.body.scrollHeight), share));
     say("500 assets, scrolling", scrolled, WANTED_MS);
     await page.context().close();
   },

@@ -1,8 +1,20 @@
-// The import desk: what a file holds is shown before it is sent, one refused file stops no other, and an import is undone.
+// The import desk: what a file holds is shown before it is sent, one refused file stops no other, and an
+// import is undone.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { base, close, createAsset, json, noSidewaysScrolling, open, PHONE, removeAsset, sendNoise, shoot } from "./page.mjs";
+import {
+  base,
+  close,
+  createAsset,
+  json,
+  noSidewaysScrolling,
+  open,
+  PHONE,
+  removeAsset,
+  sendNoise,
+  shoot,
+} from "./page.mjs";
 import { csv, drop, wav } from "./upload.mjs";
 
 const audio = (name, buffer) => ({ name, mimeType: "audio/wav", buffer });
@@ -29,7 +41,15 @@ function stereo(frames) {
   bytes.write("RIFF", 0);
   bytes.writeUInt32LE(56 + 4 * frames, 4);
   bytes.write("WAVEfmt ", 8);
-  [[16, 16, 4], [20, 1, 2], [22, 2, 2], [24, 8000, 4], [28, 32000, 4], [32, 4, 2], [34, 16, 2]].forEach(([at, number, size]) => bytes.writeUIntLE(number, at, size));
+  [
+    [16, 16, 4],
+    [20, 1, 2],
+    [22, 2, 2],
+    [24, 8000, 4],
+    [28, 32000, 4],
+    [32, 4, 2],
+    [34, 16, 2],
+  ].forEach(([at, number, size]) => bytes.writeUIntLE(number, at, size));
   bytes.write("LIST", 36);
   bytes.writeUInt32LE(12, 40);
   bytes.write("data", 56);
@@ -50,7 +70,14 @@ export const CHECKS = {
     await sendNoise(other, 7);
     const exported = Buffer.from(await (await fetch(`${base}/v1/assets/${other}/export`)).arrayBuffer());
     await removeAsset(other);
-    await page.setInputFiles("#upload-file", [audio("pump_20260301_101112.wav", wav(4000)), audio("two.wav", stereo(8000)), table("samples.csv", csv(1000)), { name: "run.mcap", mimeType: "application/mcap", buffer: recording }, { name: "export.mcap", mimeType: "application/mcap", buffer: exported }, audio("broken.wav", Buffer.from("no recording"))]);
+    await page.setInputFiles("#upload-file", [
+      audio("pump_20260301_101112.wav", wav(4000)),
+      audio("two.wav", stereo(8000)),
+      table("samples.csv", csv(1000)),
+      { name: "run.mcap", mimeType: "application/mcap", buffer: recording },
+      { name: "export.mcap", mimeType: "application/mcap", buffer: exported },
+      audio("broken.wav", Buffer.from("no recording")),
+    ]);
     await page.getByRole("button", { name: "Send 6 files" }).waitFor();
     await card(page, "pump_20260301").getByText("16 bit integers · 1 channel · 4000 Hz · 1 s").waitFor();
     await card(page, "pump_20260301").getByText("from its name, read as UTC").waitFor();
@@ -58,8 +85,12 @@ export const CHECKS = {
     assert.equal(await card(page, "two.wav").locator("svg.sketch").count(), 2, "a waveform of each channel");
     await card(page, "samples.csv").getByText("CSV · 1 channel · 4000 Hz (column “time”) · 0.25 s").waitFor();
     await card(page, "run.mcap").getByText("it says nothing of its contents at its end").waitFor();
-    await card(page, "export.mcap").getByText(/MCAP · \d+ messages on \d+ topics?/).waitFor();
-    await card(page, "export.mcap").getByText(/says itself when its records began, logged 20/).waitFor();
+    await card(page, "export.mcap")
+      .getByText(/MCAP · \d+ messages on \d+ topics?/)
+      .waitFor();
+    await card(page, "export.mcap")
+      .getByText(/says itself when its records began, logged 20/)
+      .waitFor();
     await card(page, "broken.wav").getByText("It does not begin like a WAV file (RIFF, WAVE).").waitFor();
     await page.getByLabel("Start of two.wav, UTC").fill("2026-03-02T08:00:00");
     await page.getByLabel("Start of two.wav, UTC").blur();
@@ -72,7 +103,12 @@ export const CHECKS = {
     const opened = await desk();
     const { id, page } = opened;
     await sendNoise(id, 0);
-    await page.setInputFiles("#upload-file", [audio("a_20260401_080000.wav", wav(2000)), audio("broken.wav", Buffer.from("no recording")), audio("b_20260401_090000.wav", wav(2100)), audio("two_20260401_100000.wav", stereo(2000))]);
+    await page.setInputFiles("#upload-file", [
+      audio("a_20260401_080000.wav", wav(2000)),
+      audio("broken.wav", Buffer.from("no recording")),
+      audio("b_20260401_090000.wav", wav(2100)),
+      audio("two_20260401_100000.wav", stereo(2000)),
+    ]);
     await send(page);
     await good(page, "a_20260401_080000.wav: channel");
     await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was not taken" }).waitFor();
@@ -85,8 +121,16 @@ export const CHECKS = {
     await undo.click();
     await page.getByText("4 records deleted: the import is undone.").waitFor();
     const { items } = await json(`assets/${id}/segments`);
-    assert.deepEqual(items.map(({ start_time: start }) => start), ["2026-03-01T08:00:00Z"], "what was there before stays");
-    assert.match(opened.faults.splice(0).join(), /^console: [^,]* 422 [^,]*$/, "but for the refused file nothing goes wrong");
+    assert.deepEqual(
+      items.map(({ start_time: start }) => start),
+      ["2026-03-01T08:00:00Z"],
+      "what was there before stays",
+    );
+    assert.match(
+      opened.faults.splice(0).join(),
+      /^console: [^,]* 422 [^,]*$/,
+      "but for the refused file nothing goes wrong",
+    );
     await end(opened, name);
   },
 
@@ -94,7 +138,11 @@ export const CHECKS = {
     const opened = await desk();
     const { id, page } = opened;
     const file = audio("a_20260401_080000.wav", wav(2000));
-    const sent = await fetch(`${base}/v1/assets/${id}/segments?start_time=2026-04-01T08:00:00Z&unit=m/s2`, { method: "POST", headers: { "content-type": "audio/wav" }, body: file.buffer });
+    const sent = await fetch(`${base}/v1/assets/${id}/segments?start_time=2026-04-01T08:00:00Z&unit=m/s2`, {
+      method: "POST",
+      headers: { "content-type": "audio/wav" },
+      body: file.buffer,
+    });
     assert.equal(sent.status, 201);
     await page.setInputFiles("#upload-file", [file]);
     await card(page, "a_20260401").getByText("There is a record of this start already, of channel").waitFor();
@@ -110,7 +158,10 @@ export const CHECKS = {
   "columns, channels and units of a CSV file are mapped": async (name) => {
     const opened = await desk();
     const { id, page } = opened;
-    const text = ["n;in [g];out (m/s2);speed", ...Array.from({ length: 600 }, (_, n) => `${n};${Math.sin(n)};${Math.cos(n * 0.3)};25`)].join("\n");
+    const text = [
+      "n;in [g];out (m/s2);speed",
+      ...Array.from({ length: 600 }, (_, n) => `${n};${Math.sin(n)};${Math.cos(n * 0.3)};25`),
+    ].join("\n");
     await page.setInputFiles("#upload-file", [table("c_20260401_080000.csv", text)]);
     const file = card(page, "c_20260401");
     await file.getByText("Column “n” rises by the same step from row to row").waitFor();
@@ -129,8 +180,23 @@ export const CHECKS = {
     await send(page);
     await page.getByRole("button", { name: "Undo this import: delete 2 records…" }).waitFor();
     const { items } = await json(`assets/${id}/segments`);
-    const told = items.map(({ channel, unit, sample_rate_hz: rate, samples, indicators }) => [channel, unit, rate, samples, indicators.rms.toFixed(1)]).sort();
-    assert.deepEqual(told, [["gear-side", "m/s2", 2560.5, 600, "0.7"], ["in", "m/s2", 2560.5, 600, "6.9"]], "a channel in g is brought to the asset's unit");
+    const told = items
+      .map(({ channel, unit, sample_rate_hz: rate, samples, indicators }) => [
+        channel,
+        unit,
+        rate,
+        samples,
+        indicators.rms.toFixed(1),
+      ])
+      .sort();
+    assert.deepEqual(
+      told,
+      [
+        ["gear-side", "m/s2", 2560.5, 600, "0.7"],
+        ["in", "m/s2", 2560.5, 600, "6.9"],
+      ],
+      "a channel in g is brought to the asset's unit",
+    );
     await end(opened, name);
   },
 
@@ -144,7 +210,10 @@ export const CHECKS = {
     const { items } = await json(`assets/${id}/segments`);
     const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
     const greatest = Math.max(...wave.value);
-    assert.ok(greatest > 50 * 0.3 && greatest < 50 * 0.4, `9000 of 32768 counts, twice where both lines add up: ${greatest}`);
+    assert.ok(
+      greatest > 50 * 0.3 && greatest < 50 * 0.4,
+      `9000 of 32768 counts, twice where both lines add up: ${greatest}`,
+    );
     await end(opened);
   },
 
@@ -156,23 +225,42 @@ export const CHECKS = {
       const seconds = 1000;
       const size = 2 * 48000 * seconds;
       const head = new DataView(new ArrayBuffer(44));
-      const text = (at, word) => [...word].forEach((letter, n) => head.setUint8(at + n, letter.charCodeAt(0)));
+      const text = (at, word) =>
+        [...word].forEach((letter, n) => head.setUint8(at + n, letter.charCodeAt(0)));
       text(0, "RIFF");
       text(8, "WAVEfmt ");
       text(36, "data");
-      [[16, 16], [24, 48000], [28, 96000], [40, size]].forEach(([at, value]) => head.setUint32(at, value, true));
-      [[20, 1], [22, 1], [32, 2], [34, 16]].forEach(([at, value]) => head.setUint16(at, value, true));
+      [
+        [16, 16],
+        [24, 48000],
+        [28, 96000],
+        [40, size],
+      ].forEach(([at, value]) => head.setUint32(at, value, true));
+      [
+        [20, 1],
+        [22, 1],
+        [32, 2],
+        [34, 16],
+      ].forEach(([at, value]) => head.setUint16(at, value, true));
       let bytes = 0;
       const file = {
         size: 44 + size,
         slice: (from, to) => {
           bytes += to - from;
-          return from < 44 ? new Blob([head.buffer.slice(from, Math.min(44, to))]) : new Blob([new Int16Array((to - from) / 2).map((_, n) => 16384 * Math.sin(n))]);
+          return from < 44
+            ? new Blob([head.buffer.slice(from, Math.min(44, to))])
+            : new Blob([new Int16Array((to - from) / 2).map((_, n) => 16384 * Math.sin(n))]);
         },
       };
       const found = await wavHead(file);
       const sketch = await wavSketch(file, found, 0);
-      return { seconds: found.frames / found.rate, columns: sketch.columns.length, greatest: Math.max(...sketch.columns.map(([, high]) => high)), whole: sketch.whole, bytes };
+      return {
+        seconds: found.frames / found.rate,
+        columns: sketch.columns.length,
+        greatest: Math.max(...sketch.columns.map(([, high]) => high)),
+        whole: sketch.whole,
+        bytes,
+      };
     });
     assert.equal(read.seconds, 1000);
     assert.deepEqual([read.columns, read.whole], [240, false]);
@@ -193,7 +281,10 @@ export const CHECKS = {
   "the desk on a phone": async (name) => {
     const id = await createAsset("import", {});
     const opened = await open(`#/assets/${id}/import`, PHONE);
-    await opened.page.setInputFiles("#upload-file", [audio("two_20260401_080000.wav", stereo(4000)), table("samples.csv", csv(1000))]);
+    await opened.page.setInputFiles("#upload-file", [
+      audio("two_20260401_080000.wav", stereo(4000)),
+      table("samples.csv", csv(1000)),
+    ]);
     await opened.page.getByRole("button", { name: "Send 2 files" }).waitFor();
     await noSidewaysScrolling(opened.page);
     await end({ id, ...opened }, name);

@@ -10,7 +10,9 @@ const empty = process.env.FLANKWATCH_EMPTY_URL?.replace(/\/$/, "");
 const folder = process.env.FLANKWATCH_RECORDS;
 
 export const CHECKS = empty && {
-  "an empty service, an asset, a preview, records, wear, an alarm, an inspection and a report": async (name) => {
+  "an empty service, an asset, a preview, records, wear, an alarm, an inspection and a report": async (
+    name,
+  ) => {
     const opened = await open("", { viewport: { width: 1440, height: 900 } }, undefined, empty);
     const { page } = opened;
     await page.getByText("No assets yet").waitFor();
@@ -23,11 +25,19 @@ export const CHECKS = empty && {
     await drawn(page, "preview-spectrum");
     await page.locator("#preview-wear").fill("245");
     await page.locator('.preview[data-wear="245"]').waitFor();
-    await fill(page, { "Unit of samples that come without one": "m/s2", "Warning (µm)": "25", "Danger (µm)": "60", "Baseline records": "8" });
+    await fill(page, {
+      "Unit of samples that come without one": "m/s2",
+      "Warning (µm)": "25",
+      "Danger (µm)": "60",
+      "Baseline records": "8",
+    });
     await page.getByRole("button", { name: "Create asset" }).click();
 
     await page.getByRole("button", { name: "Add records…" }).first().click();
-    const files = (await readdir(folder)).filter((file) => file.endsWith(".wav")).sort().map((file) => join(folder, file));
+    const files = (await readdir(folder))
+      .filter((file) => file.endsWith(".wav"))
+      .sort()
+      .map((file) => join(folder, file));
     assert.equal(files.length, 30);
     await page.setInputFiles("#upload-file", files);
     await page.getByRole("button", { name: "Send 30 files" }).click();
@@ -36,7 +46,10 @@ export const CHECKS = empty && {
 
     await page.locator(".facts", { hasText: "complete, 8 records" }).waitFor();
     await page.locator(".wear-now strong", { hasText: "µm" }).waitFor({ timeout: 60_000 });
-    await page.locator(".verdict .badge", { hasText: /danger|warning/i }).first().waitFor({ timeout: 30_000 });
+    await page
+      .locator(".verdict .badge", { hasText: /danger|warning/i })
+      .first()
+      .waitFor({ timeout: 30_000 });
     await drawn(page, "wear");
     await shoot(page, `${name} wear`);
 
@@ -55,9 +68,16 @@ export const CHECKS = empty && {
     await page.getByLabel("By whom").fill("Grace");
     await page.getByLabel("Measured depth (µm)").fill("240");
     await page.getByRole("button", { name: "Save", exact: true }).click();
-    await page.getByRole("region", { name: "Alarms and maintenance" }).getByText("240 ± 5 µm").first().waitFor();
+    await page
+      .getByRole("region", { name: "Alarms and maintenance" })
+      .getByText("240 ± 5 µm")
+      .first()
+      .waitFor();
 
-    const [report] = await Promise.all([page.context().waitForEvent("page"), page.getByRole("link", { name: "Report" }).click()]);
+    const [report] = await Promise.all([
+      page.context().waitForEvent("page"),
+      page.getByRole("link", { name: "Report" }).click(),
+    ]);
     await report.waitForLoadState();
     await report.getByRole("heading", { name: "Press line 3" }).first().waitFor();
     assert.match(await report.locator("body").innerText(), /Wear depth/);

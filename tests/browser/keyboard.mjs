@@ -1,44 +1,81 @@
-// The keyboard walks over each page: everything that can be pressed is reached once, is in view, named and marked when it has the focus.
+// The keyboard walks over each page: everything that can be pressed is reached once, is in view, named and
+// marked when it has the focus.
 
 import assert from "node:assert/strict";
 import { asset, close, drawn, json, open, overviewDrawn } from "./page.mjs";
 
 const PAGES = {
   fleet: ["", (page) => page.locator(`[data-asset="${asset}"]`).waitFor()],
-  asset: [`#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior&cursor=s~399.36~16.64&zoom=1`, async (page) => (await overviewDrawn(page), await drawn(page, "turn"))],
+  asset: [
+    `#/assets/${asset}?show=waveform,spectrum,envelope,turn,cepstrum,posterior&cursor=s~399.36~16.64&zoom=1`,
+    async (page) => (await overviewDrawn(page), await drawn(page, "turn")),
+  ],
   waterfall: [`#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall")],
   match: [`#/assets/${asset}/match`, (page) => drawn(page, "transmission")],
   settings: [`#/assets/${asset}/settings`, (page) => page.locator(".gear-drawing svg").waitFor()],
   records: [`#/assets/${asset}/records`, (page) => page.locator(".record-table tbody tr").first().waitFor()],
   import: [`#/assets/${asset}/import`, (page) => page.getByText("Start replay").waitFor()],
   tokens: ["#/tokens", (page) => page.getByText("Make the token").waitFor()],
-  alarms: [async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`, (page) => page.locator(".alarm-history li").first().waitFor()],
+  alarms: [
+    async () => `#/alarms?show=all&alarm=${(await json(`alarms?asset=${asset}`)).items[0].id}`,
+    (page) => page.locator(".alarm-history li").first().waitFor(),
+  ],
   libraries: ["#/libraries", (page) => page.locator("tbody tr").first().waitFor()],
-  library: [async () => `#/libraries/${(await json("libraries")).items[0].id}`, (page) => drawn(page, "transmission")],
+  library: [
+    async () => `#/libraries/${(await json("libraries")).items[0].id}`,
+    (page) => drawn(page, "transmission"),
+  ],
 };
 
 const MOST = 400;
 
 /** What has the focus: its name, where it is, and how it is marked; each element gets a number of its own when it is first seen. */
-const focused = (page) => page.evaluate(() => {
-  const element = document.activeElement;
-  if (element === document.body) return null;
-  globalThis.walked ??= new Map();
-  if (!walked.has(element)) walked.set(element, walked.size);
-  const { left, top, width, height } = element.getBoundingClientRect();
-  const [x, y] = [left + width / 2, top + height / 2];
-  const hit = document.elementFromPoint(x, y);
-  const label = element.labels?.[0]?.textContent;
-  const name = (element.getAttribute("aria-label") ?? label ?? element.textContent ?? "").trim() || (element.getAttribute("title") ?? "");
-  const { outlineStyle, outlineWidth } = getComputedStyle(element);
-  const inView = x >= 0 && y >= 0 && x <= innerWidth && (y <= innerHeight || height > innerHeight);
-  return { number: walked.get(element), name, html: element.outerHTML.slice(0, 120), marked: outlineStyle !== "none" && parseFloat(outlineWidth) >= 1, inView, uncovered: height > innerHeight / 2 || Boolean(hit && (element.contains(hit) || hit.contains(element) || element.labels?.[0]?.contains(hit))) };
-});
+const focused = (page) =>
+  page.evaluate(() => {
+    const element = document.activeElement;
+    if (element === document.body) return null;
+    globalThis.walked ??= new Map();
+    if (!walked.has(element)) walked.set(element, walked.size);
+    const { left, top, width, height } = element.getBoundingClientRect();
+    const [x, y] = [left + width / 2, top + height / 2];
+    const hit = document.elementFromPoint(x, y);
+    const label = element.labels?.[0]?.textContent;
+    const name =
+      (element.getAttribute("aria-label") ?? label ?? element.textContent ?? "").trim() ||
+      (element.getAttribute("title") ?? "");
+    const { outlineStyle, outlineWidth } = getComputedStyle(element);
+    const inView = x >= 0 && y >= 0 && x <= innerWidth && (y <= innerHeight || height > innerHeight);
+    return {
+      number: walked.get(element),
+      name,
+      html: element.outerHTML.slice(0, 120),
+      marked: outlineStyle !== "none" && parseFloat(outlineWidth) >= 1,
+      inView,
+      uncovered:
+        height > innerHeight / 2 ||
+        Boolean(
+          hit && (element.contains(hit) || hit.contains(element) || element.labels?.[0]?.contains(hit)),
+        ),
+    };
+  });
 
 /** Everything that can be pressed or typed in and was not reached; of radio buttons and hidden parts only some are. */
-const missed = (page) => page.evaluate(() => [...document.querySelectorAll("a[href], button:not(:disabled), select:not(:disabled), input:not(:disabled), textarea, [tabindex='0']")]
-  .filter((element) => element.checkVisibility({ visibilityProperty: true }) && element.type !== "radio" && element.tabIndex >= 0 && !walked.has(element))
-  .map((element) => element.outerHTML.slice(0, 120)));
+const missed = (page) =>
+  page.evaluate(() =>
+    [
+      ...document.querySelectorAll(
+        "a[href], button:not(:disabled), select:not(:disabled), input:not(:disabled), textarea, [tabindex='0']",
+      ),
+    ]
+      .filter(
+        (element) =>
+          element.checkVisibility({ visibilityProperty: true }) &&
+          element.type !== "radio" &&
+          element.tabIndex >= 0 &&
+          !walked.has(element),
+      )
+      .map((element) => element.outerHTML.slice(0, 120)),
+  );
 
 async function walk(page) {
   const seen = new Set();
@@ -77,15 +114,24 @@ export const CHECKS = {
   "dialogs are opened, walked through and left by keyboard, and give the focus back": async () => {
     const { page, faults } = await open(`#/assets/${asset}`);
     await overviewDrawn(page);
-    for (const [button, dialog] of [["Add records…", `Add records to ${asset}`], ["Enter maintenance…", `Maintenance of ${asset}`]]) {
+    for (const [button, dialog] of [
+      ["Add records…", `Add records to ${asset}`],
+      ["Enter maintenance…", `Maintenance of ${asset}`],
+    ]) {
       await page.getByRole("button", { name: button }).focus();
       await page.keyboard.press("Enter");
       await page.getByRole("dialog", { name: dialog }).waitFor();
-      const inside = await page.evaluate(() => document.querySelector("dialog[open]").contains(document.activeElement));
+      const inside = await page.evaluate(() =>
+        document.querySelector("dialog[open]").contains(document.activeElement),
+      );
       assert.ok(inside, "the focus is in the dialog");
       for (let presses = 0; presses < 20; presses++) {
         await page.keyboard.press("Tab");
-        const where = await page.evaluate(() => document.activeElement === document.body || document.querySelector("dialog[open]").contains(document.activeElement));
+        const where = await page.evaluate(
+          () =>
+            document.activeElement === document.body ||
+            document.querySelector("dialog[open]").contains(document.activeElement),
+        );
         assert.ok(where, "the page under the dialog is not reached");
       }
       await page.keyboard.press("Escape");

@@ -2,16 +2,35 @@
 
 import assert from "node:assert/strict";
 import { isDeepStrictEqual } from "node:util";
-import { asset, close, createAsset, drawn, json, open, overviewDrawn, parameters, removeAsset, sendNoise } from "./page.mjs";
+import {
+  asset,
+  close,
+  createAsset,
+  drawn,
+  json,
+  open,
+  overviewDrawn,
+  parameters,
+  removeAsset,
+  sendNoise,
+} from "./page.mjs";
 
 /** What all controls of a page stand at, by their names; places of the page that differ from one look to the next are left out. */
-const controls = (page) => page.evaluate(() => Object.fromEntries([...document.querySelectorAll("main :is(select, input, [aria-pressed], [aria-sort], [aria-expanded])")]
-  .filter((element) => element.checkVisibility() && element.type !== "file")
-  .map((element) => {
-    const name = element.id || (element.getAttribute("aria-label") ?? element.textContent).trim();
-    const { type, checked, value, ariaPressed, ariaSort, ariaExpanded } = element;
-    return [name, ariaPressed ?? ariaSort ?? ariaExpanded ?? (type === "checkbox" ? String(checked) : value)];
-  })));
+const controls = (page) =>
+  page.evaluate(() =>
+    Object.fromEntries(
+      [...document.querySelectorAll("main :is(select, input, [aria-pressed], [aria-sort], [aria-expanded])")]
+        .filter((element) => element.checkVisibility() && element.type !== "file")
+        .map((element) => {
+          const name = element.id || (element.getAttribute("aria-label") ?? element.textContent).trim();
+          const { type, checked, value, ariaPressed, ariaSort, ariaExpanded } = element;
+          return [
+            name,
+            ariaPressed ?? ariaSort ?? ariaExpanded ?? (type === "checkbox" ? String(checked) : value),
+          ];
+        }),
+    ),
+  );
 
 /** Sets controls one after the other, then compares them with those of the page that the link opens. */
 async function linked(name, address, ready, steps, expected) {
@@ -21,7 +40,8 @@ async function linked(name, address, ready, steps, expected) {
   const before = await controls(page);
   for (const step of steps) await step(page);
   await page.waitForTimeout(700);
-  for (const parameter of expected) await page.waitForFunction((key) => new URLSearchParams(location.hash.split("?")[1]).has(key), parameter);
+  for (const parameter of expected)
+    await page.waitForFunction((key) => new URLSearchParams(location.hash.split("?")[1]).has(key), parameter);
   assert.notDeepEqual(await controls(page), before, "something was set");
   const restored = await open(new URL(page.url()).hash);
   await ready(restored.page);
@@ -49,10 +69,11 @@ const zoom = (kind) => async (page) => {
   await page.mouse.up();
 };
 
-const range = (page, kind) => page.evaluate((key) => {
-  const { xaxis } = document.querySelector(`[data-plot="${key}"] .plot`)._fullLayout;
-  return xaxis.range.map((end) => xaxis.r2l(end));
-}, kind);
+const range = (page, kind) =>
+  page.evaluate((key) => {
+    const { xaxis } = document.querySelector(`[data-plot="${key}"] .plot`)._fullLayout;
+    return xaxis.range.map((end) => xaxis.r2l(end));
+  }, kind);
 
 const near = ([a, b], [c, d], slack) => Math.abs(a - c) <= slack && Math.abs(b - d) <= slack;
 
@@ -67,17 +88,48 @@ export const CHECKS = {
 
   "a link to an asset has trends, axis, zoom, cursor, scales and ways to look": async (name) => {
     const steps = [
-      press("Kurtosis"), press("NA4"), check("trend-log"), select("trend-bins", "speed"),
-      press("Cepstrum"), press("Average over one turn"), select("spectrum-axis", "orders"), select("spectrum-zoom", "2"),
-      select("spectrum-cursor", "s"), check("spectrum-log"), check("sidebands"), select("envelope-range", "1"), press("Pin to compare"), press("◀ Previous"),
+      press("Kurtosis"),
+      press("NA4"),
+      check("trend-log"),
+      select("trend-bins", "speed"),
+      press("Cepstrum"),
+      press("Average over one turn"),
+      select("spectrum-axis", "orders"),
+      select("spectrum-zoom", "2"),
+      select("spectrum-cursor", "s"),
+      check("spectrum-log"),
+      check("sidebands"),
+      select("envelope-range", "1"),
+      press("Pin to compare"),
+      press("◀ Previous"),
     ];
-    await linked(name, `#/assets/${asset}`, overviewDrawn, steps, ["trend", "log", "bins", "show", "axis", "zoom", "cursor", "slog", "side", "near", "pin", "segment"]);
+    await linked(name, `#/assets/${asset}`, overviewDrawn, steps, [
+      "trend",
+      "log",
+      "bins",
+      "show",
+      "axis",
+      "zoom",
+      "cursor",
+      "slog",
+      "side",
+      "near",
+      "pin",
+      "segment",
+    ]);
   },
 
   "a link to one channel among several shows that channel": async (name) => {
     const id = await createAsset("channels", {});
-    for (let minute = 0; minute < 3; minute++) for (const channel of ["a1", "a2"]) await sendNoise(id, minute, 1, channel);
-    await linked(name, `#/assets/${id}?trend=rms`, (page) => drawn(page, "trends"), [select("channel", "a2")], ["channel"]);
+    for (let minute = 0; minute < 3; minute++)
+      for (const channel of ["a1", "a2"]) await sendNoise(id, minute, 1, channel);
+    await linked(
+      name,
+      `#/assets/${id}?trend=rms`,
+      (page) => drawn(page, "trends"),
+      [select("channel", "a2")],
+      ["channel"],
+    );
     await removeAsset(id);
   },
 
@@ -86,12 +138,24 @@ export const CHECKS = {
       await page.locator("#waterfall-max").fill("60");
       await page.locator("#waterfall-max").press("Enter");
     };
-    await linked(name, `#/assets/${asset}/waterfall`, (page) => drawn(page, "waterfall"), [select("waterfall-axis", "orders"), max, select("waterfall-floor", "40")], ["axis", "max", "floor"]);
+    await linked(
+      name,
+      `#/assets/${asset}/waterfall`,
+      (page) => drawn(page, "waterfall"),
+      [select("waterfall-axis", "orders"), max, select("waterfall-floor", "40")],
+      ["axis", "max", "floor"],
+    );
   },
 
   "a link to a library has state and indicator": async (name) => {
     const { items } = await json("libraries");
-    await linked(name, `#/libraries/${items[0].id}`, (page) => drawn(page, "grid"), [select("library-indicator", "omx"), press("Show state 2")], ["indicator", "state"]);
+    await linked(
+      name,
+      `#/libraries/${items[0].id}`,
+      (page) => drawn(page, "grid"),
+      [select("library-indicator", "omx"), press("Show state 2")],
+      ["indicator", "state"],
+    );
   },
 
   "a link has the stretch of time and the part of the spectrum that were dragged out": async (name) => {
@@ -105,10 +169,17 @@ export const CHECKS = {
     const [time, band] = [await range(page, "wear"), await range(page, "spectrum")];
     const restored = await open(new URL(page.url()).hash);
     await overviewDrawn(restored.page);
-    for (const kind of ["wear", "trends"]) assert.ok(near(await range(restored.page, kind), time, 2000), `${kind} shows the stretch of time`);
-    assert.ok(near(await range(restored.page, "spectrum"), band, 0.01 * (band[1] - band[0])), "the spectrum shows its part");
+    for (const kind of ["wear", "trends"])
+      assert.ok(near(await range(restored.page, kind), time, 2000), `${kind} shows the stretch of time`);
+    assert.ok(
+      near(await range(restored.page, "spectrum"), band, 0.01 * (band[1] - band[0])),
+      "the spectrum shows its part",
+    );
     // a double click shows the whole again, and the address forgets the range
-    for (const [kind, parameter] of [["wear", "time"], ["spectrum", "band"]]) {
+    for (const [kind, parameter] of [
+      ["wear", "time"],
+      ["spectrum", "band"],
+    ]) {
       const area = restored.page.locator(`[data-plot="${kind}"] .nsewdrag`).first();
       await area.scrollIntoViewIfNeeded();
       // on a busy machine two clicks may come too far apart to be a double one

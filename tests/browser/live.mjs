@@ -34,7 +34,10 @@ export const CHECKS = {
       }
     })();
     await page.getByText(/^[1-9]\d* records?/).waitFor({ timeout: 10_000 });
-    assert.ok((await json(`assets/${id}`)).summary.segments < 60, "the page followed while records were coming");
+    assert.ok(
+      (await json(`assets/${id}`)).summary.segments < 60,
+      "the page followed while records were coming",
+    );
     sending = false;
     await stream;
     await page.context().close();

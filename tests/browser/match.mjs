@@ -5,16 +5,32 @@ import { asset, close, drawn, open } from "./page.mjs";
 
 /** An answer with features at 0, 1.5 and 2.5 standard deviations beside their bars, and one in the noise. */
 function changed(match) {
-  const feature = (name, measured, above = true) => ({ name, measured_db: measured, scatter_db: 2, expected_db: 5, expected_interval_db: [4, 6], above_noise: above });
-  return { ...match, features: [feature("ln_mesh_1", 5), feature("ln_mesh_2", 9), feature("ln_mesh_3", 11), feature("ln_mesh_4", 30, false)] };
+  const feature = (name, measured, above = true) => ({
+    name,
+    measured_db: measured,
+    scatter_db: 2,
+    expected_db: 5,
+    expected_interval_db: [4, 6],
+    above_noise: above,
+  });
+  return {
+    ...match,
+    features: [
+      feature("ln_mesh_1", 5),
+      feature("ln_mesh_2", 9),
+      feature("ln_mesh_3", 11),
+      feature("ln_mesh_4", 30, false),
+    ],
+  };
 }
 
 export const CHECKS = {
   "as many features agree as are drawn to reach their bars": async (name) => {
-    const prepare = (page) => page.route("**/match", async (route) => {
-      const answer = await route.fetch();
-      await route.fulfill({ response: answer, json: changed(await answer.json()), headers: {} });
-    });
+    const prepare = (page) =>
+      page.route("**/match", async (route) => {
+        const answer = await route.fetch();
+        await route.fulfill({ response: answer, json: changed(await answer.json()), headers: {} });
+      });
     const opened = await open(`#/assets/${asset}/match`, {}, prepare);
     const { page } = opened;
     await drawn(page, "features");
@@ -25,12 +41,21 @@ export const CHECKS = {
         const at = bars.y.indexOf(name);
         return value + whisker >= bars.base[at] && value - whisker <= bars.base[at] + bars.x[at];
       };
-      const each = measured.flatMap(({ x, y, error_x: { array } }) => Array.from(x, (value, n) => reaches(y[n], value, array[n])));
+      const each = measured.flatMap(({ x, y, error_x: { array } }) =>
+        Array.from(x, (value, n) => reaches(y[n], value, array[n])),
+      );
       return [each.filter(Boolean).length, each.length];
     });
     assert.deepEqual(counted, [2, 3]);
-    await page.locator(".match-words .fact", { hasText: "Agreement with the model" }).getByText("2 of 3 features").waitFor();
-    await page.locator('[data-plot="features"] .plot-sub', { hasText: "agrees where its whisker, 2 standard deviations" }).waitFor();
+    await page
+      .locator(".match-words .fact", { hasText: "Agreement with the model" })
+      .getByText("2 of 3 features")
+      .waitFor();
+    await page
+      .locator('[data-plot="features"] .plot-sub', {
+        hasText: "agrees where its whisker, 2 standard deviations",
+      })
+      .waitFor();
     await close(opened, name);
   },
 };

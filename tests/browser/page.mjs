@@ -1,4 +1,5 @@
-// What all checks share: the browser, a page with a list of what went wrong in it, and waiting for what it shows.
+// What all checks share: the browser, a page with a list of what went wrong in it, and waiting for what it
+// shows.
 
 import assert from "node:assert/strict";
 import { cpus, loadavg } from "node:os";
@@ -17,20 +18,36 @@ export const shots = process.env.FLANKWATCH_SHOTS;
 export const PLOTS = ["wear", "trends", "spectrum", "envelope"];
 export const PHONE = { viewport: { width: 390, height: 844 }, colorScheme: "dark", hasTouch: true };
 
-const ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
+const ARGUMENTS = [
+  "--no-sandbox",
+  "--disable-gpu",
+  "--disable-quic",
+  "--no-first-run",
+  "--disable-background-networking",
+  "--disable-component-update",
+  "--disable-sync",
+];
 
-export const browser = await chromium.launch({ executablePath: process.env.FLANKWATCH_CHROMIUM ?? "/usr/bin/chromium", args: ARGUMENTS });
+export const browser = await chromium.launch({
+  executablePath: process.env.FLANKWATCH_CHROMIUM ?? "/usr/bin/chromium",
+  args: ARGUMENTS,
+});
 
 /** A fresh page and the list of what went wrong in it: errors on the console, exceptions, requests to other hosts. `before` prepares the page, `host` is another service. */
 export async function open(path, options = {}, before = async () => {}, host = base) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
   const page = await context.newPage();
   const faults = [];
-  page.on("console", (message) => message.type() === "error" && faults.push(`console: ${message.text()} ${message.location().url}`));
+  page.on(
+    "console",
+    (message) =>
+      message.type() === "error" && faults.push(`console: ${message.text()} ${message.location().url}`),
+  );
   page.on("pageerror", (error) => faults.push(`exception: ${error.stack}`));
   page.on("request", (request) => {
     const url = new URL(request.url());
-    if (/^(https?|wss?):$/.test(url.protocol) && url.origin !== new URL(host).origin) faults.push(`outside host: ${url}`);
+    if (/^(https?|wss?):$/.test(url.protocol) && url.origin !== new URL(host).origin)
+      faults.push(`outside host: ${url}`);
   });
   if (process.env.FLANKWATCH_PAGES) await fromFolder(context, process.env.FLANKWATCH_PAGES, host);
   await before(page);
@@ -55,11 +72,16 @@ export async function close({ page, faults }, name) {
 }
 
 export async function shoot(page, name) {
-  if (shots) await page.screenshot({ path: join(shots, `${name.replaceAll(/\W+/g, "-")}.png`), fullPage: true });
+  if (shots)
+    await page.screenshot({ path: join(shots, `${name.replaceAll(/\W+/g, "-")}.png`), fullPage: true });
 }
 
 /** Waits until a plot is drawn. */
-export const drawn = (page, kind) => page.locator(`[data-plot="${kind}"] .plot .main-svg`).first().waitFor({ state: "visible", timeout: 45_000 });
+export const drawn = (page, kind) =>
+  page
+    .locator(`[data-plot="${kind}"] .plot .main-svg`)
+    .first()
+    .waitFor({ state: "visible", timeout: 45_000 });
 
 /** Waits for the plots that an asset's page begins with. */
 export async function overviewDrawn(page) {
@@ -76,7 +98,11 @@ const asJson = { "content-type": "application/json" };
 export async function createAsset(kind, more) {
   const id = `${kind}-${Date.now()}`;
   const spec = { id, gear: { teeth: [31, 62], shaft_speed_hz: 10 }, sensor: { unit: "m/s2" }, ...more };
-  const answer = await fetch(`${base}/v1/assets`, { method: "POST", headers: asJson, body: JSON.stringify(spec) });
+  const answer = await fetch(`${base}/v1/assets`, {
+    method: "POST",
+    headers: asJson,
+    body: JSON.stringify(spec),
+  });
   assert.equal(answer.status, 201, await answer.text());
   return id;
 }
@@ -85,8 +111,17 @@ export const removeAsset = (id) => fetch(`${base}/v1/assets/${id}`, { method: "D
 
 /** Sends a record of noise of an amplitude to an asset. */
 export async function sendNoise(id, minute, amplitude = 1, channel = "a1") {
-  const samples = Array.from({ length: 2000 }, (_, n) => amplitude * (Math.sin(n * 0.49) + 0.2 * Math.sin(n * n)));
-  const body = JSON.stringify({ start_time: `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`, sample_rate_hz: 4000, unit: "m/s2", channel, samples });
+  const samples = Array.from(
+    { length: 2000 },
+    (_, n) => amplitude * (Math.sin(n * 0.49) + 0.2 * Math.sin(n * n)),
+  );
+  const body = JSON.stringify({
+    start_time: `2026-03-01T08:${String(minute).padStart(2, "0")}:00Z`,
+    sample_rate_hz: 4000,
+    unit: "m/s2",
+    channel,
+    samples,
+  });
   const answer = await fetch(`${base}/v1/assets/${id}/segments`, { method: "POST", headers: asJson, body });
   assert.equal(answer.status, 201, await answer.text());
 }
@@ -94,12 +129,16 @@ export async function sendNoise(id, minute, amplitude = 1, channel = "a1") {
 /** Waits until the page shows the record that its address names. */
 export async function recordShown(page) {
   const segment = await json(`segments/${parameters(page).get("segment")}`);
-  await page.locator(".record-bar h2", { hasText: shownTime(segment.start_time) }).waitFor({ timeout: 10_000 });
+  await page
+    .locator(".record-bar h2", { hasText: shownTime(segment.start_time) })
+    .waitFor({ timeout: 10_000 });
   return segment;
 }
 
 export async function noSidewaysScrolling(page) {
-  const excess = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
+  const excess = await page.evaluate(
+    () => document.documentElement.scrollWidth - document.documentElement.clientWidth,
+  );
   assert.ok(excess <= 0, `the page is ${excess} px too wide`);
 }
 
@@ -107,7 +146,9 @@ const FAR_TOO_LONG = 5;
 
 /** Says what was measured, and how busy the machine was. Other work counts into these times, so only what takes many times as long as wanted fails. */
 export function say(what, measured, wanted) {
-  console.log(`        ${what}: ${measured.map((ms) => ms.toFixed(0)).join(", ")} ms (wanted: ${wanted}; load ${loadavg()[0].toFixed(1)} on ${cpus().length} cores)`);
+  console.log(
+    `        ${what}: ${measured.map((ms) => ms.toFixed(0)).join(", ")} ms (wanted: ${wanted}; load ${loadavg()[0].toFixed(1)} on ${cpus().length} cores)`,
+  );
   assert.ok(Math.min(...measured) < FAR_TOO_LONG * wanted, `${what} takes ${measured} ms`);
 }
 

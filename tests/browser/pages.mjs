@@ -38,7 +38,12 @@ export const CHECKS = {
     const { mesh_harmonics: harmonics } = await json(`segments/${wear.segment_id}/spectrum`);
     const labels = opened.page.locator('[data-plot="spectrum"] .annotation-text', { hasText: /^\d+×$/ });
     assert.equal(await labels.count(), harmonics.length, "one label a mesh harmonic");
-    for (const [kind, words] of [["wear", "Wear depth (µm)"], ["wear", "UTC"], ["spectrum", "Peak amplitude"], ["spectrum", "Frequency (Hz)"]]) {
+    for (const [kind, words] of [
+      ["wear", "Wear depth (µm)"],
+      ["wear", "UTC"],
+      ["spectrum", "Peak amplitude"],
+      ["spectrum", "Frequency (Hz)"],
+    ]) {
       const titles = await opened.page.locator(`[data-plot="${kind}"] .infolayer`).first().textContent();
       assert.ok(titles.includes(words), `${kind} has ${JSON.stringify(words)} on an axis, but ${titles}`);
     }
@@ -50,11 +55,17 @@ export const CHECKS = {
     const { page } = opened;
     await overviewDrawn(page);
     for (const [address, view, plots] of VIEWS) {
-      await page.getByRole("navigation", { name: "Pages of this asset" }).getByRole("link", { name: view, exact: false }).click();
+      await page
+        .getByRole("navigation", { name: "Pages of this asset" })
+        .getByRole("link", { name: view, exact: false })
+        .click();
       await page.waitForURL((url) => url.hash === address);
       for (const kind of plots) await drawn(page, kind);
     }
-    const [report] = await Promise.all([page.context().waitForEvent("page"), page.getByRole("link", { name: "Report" }).click()]);
+    const [report] = await Promise.all([
+      page.context().waitForEvent("page"),
+      page.getByRole("link", { name: "Report" }).click(),
+    ]);
     await report.locator("h2", { hasText: "Wear depth" }).waitFor();
     assert.ok((await report.locator("figure svg").count()) >= 5);
     await report.close();

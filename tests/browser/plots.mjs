@@ -4,15 +4,30 @@ import assert from "node:assert/strict";
 import { asset, close, createAsset, drawn, open, overviewDrawn, removeAsset, sendNoise } from "./page.mjs";
 
 /** Has the history of wear go: baseline, estimates, baseline after new gears, estimates. */
-const twoLives = (page) => page.route("**/wear/history*", async (route) => {
-  const answer = await route.fetch();
-  const history = await answer.json();
-  const quarter = Math.floor(history.items.length / 4);
-  const none = { reference_wear_um: null, median_um: null, p05_um: null, p25_um: null, p75_um: null, p95_um: null };
-  const known = { reference_wear_um: null, median_um: 40, p05_um: 30, p25_um: 35, p75_um: 45, p95_um: 50 };
-  history.items.forEach((item, n) => Object.assign(item, Math.floor(n / quarter) % 2 ? { ...known, status: "estimated" } : { ...none, status: "collecting_baseline" }));
-  await route.fulfill({ response: answer, json: history, headers: {} });
-});
+const twoLives = (page) =>
+  page.route("**/wear/history*", async (route) => {
+    const answer = await route.fetch();
+    const history = await answer.json();
+    const quarter = Math.floor(history.items.length / 4);
+    const none = {
+      reference_wear_um: null,
+      median_um: null,
+      p05_um: null,
+      p25_um: null,
+      p75_um: null,
+      p95_um: null,
+    };
+    const known = { reference_wear_um: null, median_um: 40, p05_um: 30, p25_um: 35, p75_um: 45, p95_um: 50 };
+    history.items.forEach((item, n) =>
+      Object.assign(
+        item,
+        Math.floor(n / quarter) % 2
+          ? { ...known, status: "estimated" }
+          : { ...none, status: "collecting_baseline" },
+      ),
+    );
+    await route.fulfill({ response: answer, json: history, headers: {} });
+  });
 
 const wear = (page, read) => page.evaluate(`(${read})(document.querySelector('[data-plot="wear"] .plot'))`);
 
@@ -24,10 +39,15 @@ export const CHECKS = {
     await page.evaluate(() => {
       document.querySelector(".asset-grid").style.gridTemplateColumns = "minmax(0, 1fr)";
     });
-    await page.waitForFunction(() => ["wear", "trends", "spectrum"].every((kind) => {
-      const plot = document.querySelector(`[data-plot="${kind}"] .plot`);
-      return plot.clientWidth > 1000 && Math.abs(plot.querySelector(".main-svg").clientWidth - plot.clientWidth) < 1;
-    }));
+    await page.waitForFunction(() =>
+      ["wear", "trends", "spectrum"].every((kind) => {
+        const plot = document.querySelector(`[data-plot="${kind}"] .plot`);
+        return (
+          plot.clientWidth > 1000 &&
+          Math.abs(plot.querySelector(".main-svg").clientWidth - plot.clientWidth) < 1
+        );
+      }),
+    );
     await close(opened, name);
   },
 
@@ -35,7 +55,10 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}`, {}, twoLives);
     const { page } = opened;
     await drawn(page, "wear");
-    const zones = await wear(page, "({ layout }) => layout.shapes.filter(({ type, y0, y1 }) => type === 'rect' && y0 === 0 && y1 === 1).map(({ x0, x1 }) => [x0, x1])");
+    const zones = await wear(
+      page,
+      "({ layout }) => layout.shapes.filter(({ type, y0, y1 }) => type === 'rect' && y0 === 0 && y1 === 1).map(({ x0, x1 }) => [x0, x1])",
+    );
     assert.equal(zones.length, 2, JSON.stringify(zones));
     assert.ok(zones[0][1] < zones[1][0], "estimates lie between them");
     await close(opened, name);
@@ -45,7 +68,10 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}`, {}, twoLives);
     const { page } = opened;
     await drawn(page, "wear");
-    const zeros = await wear(page, "({ data }) => data.filter(({ yaxis = 'y', opacity = 1 }) => yaxis === 'y' && opacity > 0).flatMap(({ y }) => Array.from(y)).filter((depth) => depth === 0).length");
+    const zeros = await wear(
+      page,
+      "({ data }) => data.filter(({ yaxis = 'y', opacity = 1 }) => yaxis === 'y' && opacity > 0).flatMap(({ y }) => Array.from(y)).filter((depth) => depth === 0).length",
+    );
     assert.equal(zeros, 0);
     await page.locator('[data-plot="wear"] .legend', { hasText: "records without an estimate" }).waitFor();
     await close(opened, name);
@@ -56,17 +82,31 @@ export const CHECKS = {
     const { page } = opened;
     await drawn(page, "trends");
     for (const axis of ["y", "y2"]) {
-      const ticks = await page.locator(`[data-plot="trends"] .${axis}tick text`).evaluateAll((list) => list.map((text) => [Number(text.textContent), -text.getBoundingClientRect().top]));
+      const ticks = await page
+        .locator(`[data-plot="trends"] .${axis}tick text`)
+        .evaluateAll((list) =>
+          list.map((text) => [Number(text.textContent), -text.getBoundingClientRect().top]),
+        );
       const places = ticks.sort(([a], [b]) => a - b).map(([, place]) => place);
-      assert.ok(places.length > 1 && places.every((place, n) => n === 0 || place > places[n - 1]), `${axis}: ${ticks}`);
+      assert.ok(
+        places.length > 1 && places.every((place, n) => n === 0 || place > places[n - 1]),
+        `${axis}: ${ticks}`,
+      );
     }
     await close(opened, name);
   },
 
   "header, sentence and alarms speak of one channel, and name the other": async (name) => {
     const settings = { raise: 1, raise_of: 1, clear: 1, clear_of: 1 };
-    const id = await createAsset("channels", { alarms: [{ quantity: { indicator: "rms" }, danger: 4, settings }] });
-    for (let minute = 0; minute < 3; minute++) for (const [channel, amplitude] of [["a1", 1], ["a2", 20]]) await sendNoise(id, minute, amplitude, channel);
+    const id = await createAsset("channels", {
+      alarms: [{ quantity: { indicator: "rms" }, danger: 4, settings }],
+    });
+    for (let minute = 0; minute < 3; minute++)
+      for (const [channel, amplitude] of [
+        ["a1", 1],
+        ["a2", 20],
+      ])
+        await sendNoise(id, minute, amplitude, channel);
     const opened = await open(`#/assets/${id}?channel=a1`);
     const { page } = opened;
     await page.locator(".whole-asset", { hasText: "Danger alarm" }).waitFor();
@@ -86,22 +126,43 @@ export const CHECKS = {
       const opened = await open(`#/assets/${asset}`, { colorScheme });
       const { page } = opened;
       await overviewDrawn(page);
-      const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Wear over time: save as PNG" }).click()]);
+      const [download] = await Promise.all([
+        page.waitForEvent("download"),
+        page.getByRole("button", { name: "Wear over time: save as PNG" }).click(),
+      ]);
       const chunks = [];
       for await (const chunk of await download.createReadStream()) chunks.push(chunk);
-      const { width, height, corner, inks, plot, ground } = await page.evaluate(async (bytes) => {
-        const bitmap = await createImageBitmap(new Blob([new Uint8Array(bytes)]));
-        const canvas = Object.assign(document.createElement("canvas"), { width: bitmap.width, height: bitmap.height });
-        const context = canvas.getContext("2d");
-        context.drawImage(bitmap, 0, 0);
-        const element = document.querySelector('[data-plot="wear"] .plot');
-        const head = context.getImageData(0, 0, bitmap.width, bitmap.height - 2 * element.clientHeight).data;
-        const inked = new Set();
-        for (let n = 0; n < head.length; n += 4) inked.add(`${head[n]},${head[n + 1]},${head[n + 2]}`);
-        const probe = document.body.appendChild(document.createElement("i"));
-        probe.style.color = "var(--surface)";
-        return { width: bitmap.width, height: bitmap.height, corner: [...context.getImageData(0, 0, 1, 1).data], inks: inked.size, plot: [element.clientWidth, element.clientHeight], ground: getComputedStyle(probe).color };
-      }, [...Buffer.concat(chunks)]);
+      const { width, height, corner, inks, plot, ground } = await page.evaluate(
+        async (bytes) => {
+          const bitmap = await createImageBitmap(new Blob([new Uint8Array(bytes)]));
+          const canvas = Object.assign(document.createElement("canvas"), {
+            width: bitmap.width,
+            height: bitmap.height,
+          });
+          const context = canvas.getContext("2d");
+          context.drawImage(bitmap, 0, 0);
+          const element = document.querySelector('[data-plot="wear"] .plot');
+          const head = context.getImageData(
+            0,
+            0,
+            bitmap.width,
+            bitmap.height - 2 * element.clientHeight,
+          ).data;
+          const inked = new Set();
+          for (let n = 0; n < head.length; n += 4) inked.add(`${head[n]},${head[n + 1]},${head[n + 2]}`);
+          const probe = document.body.appendChild(document.createElement("i"));
+          probe.style.color = "var(--surface)";
+          return {
+            width: bitmap.width,
+            height: bitmap.height,
+            corner: [...context.getImageData(0, 0, 1, 1).data],
+            inks: inked.size,
+            plot: [element.clientWidth, element.clientHeight],
+            ground: getComputedStyle(probe).color,
+          };
+        },
+        [...Buffer.concat(chunks)],
+      );
       assert.equal(width, 2 * plot[0]);
       assert.ok(height > 2 * plot[1] + 60, "there is room for title and legend");
       assert.ok(inks > 10, "and something in it");

@@ -1,7 +1,17 @@
 // Choosing a record, the ways to look at it, cursors, comparison; and that a link brings all of it back.
 
 import assert from "node:assert/strict";
-import { asset, close, drawn, json, open, overviewDrawn, parameters, recordShown, shownTime } from "./page.mjs";
+import {
+  asset,
+  close,
+  drawn,
+  json,
+  open,
+  overviewDrawn,
+  parameters,
+  recordShown,
+  shownTime,
+} from "./page.mjs";
 
 const selectedTime = (page) => page.locator(".record-bar h2").textContent();
 const readout = (page) => page.locator(".cursor-readout");
@@ -14,7 +24,10 @@ export const CHECKS = {
     const area = await page.locator('[data-plot="wear"] .nsewdrag').first().boundingBox();
     // Plotly tells what is clicked from what is pointed at
     await page.mouse.move(area.x + 0.4 * area.width, area.y + 0.5 * area.height);
-    await page.locator('[data-plot="wear"] .hoverlayer .legend, [data-plot="wear"] .hoverlayer .hovertext').first().waitFor();
+    await page
+      .locator('[data-plot="wear"] .hoverlayer .legend, [data-plot="wear"] .hoverlayer .hovertext')
+      .first()
+      .waitFor();
     await page.mouse.click(area.x + 0.4 * area.width, area.y + 0.5 * area.height);
     await page.waitForFunction(() => location.hash.includes("segment="));
     const clicked = await recordShown(page);
@@ -50,7 +63,8 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await overviewDrawn(page);
-    for (const label of ["Waveform", "Average over one turn", "Cepstrum"]) await page.getByRole("button", { name: label, exact: true }).click();
+    for (const label of ["Waveform", "Average over one turn", "Cepstrum"])
+      await page.getByRole("button", { name: label, exact: true }).click();
     for (const kind of ["waveform", "turn", "cepstrum"]) await drawn(page, kind);
     const restored = await open(new URL(page.url()).hash);
     for (const kind of ["waveform", "turn", "cepstrum", "spectrum"]) await drawn(restored.page, kind);
@@ -63,8 +77,12 @@ export const CHECKS = {
     const { page } = opened;
     await drawn(page, "waveform");
     await page.locator('[data-plot="waveform"] .plot-sub', { hasText: "every sample" }).waitFor();
-    const { sample_rate_hz: rate } = await json(`segments/${(await json(`assets/${asset}/wear`)).segment_id}`);
-    const points = await page.evaluate(() => document.querySelector('[data-plot="waveform"] .plot').data[0].x.length);
+    const { sample_rate_hz: rate } = await json(
+      `segments/${(await json(`assets/${asset}/wear`)).segment_id}`,
+    );
+    const points = await page.evaluate(
+      () => document.querySelector('[data-plot="waveform"] .plot').data[0].x.length,
+    );
     assert.ok(Math.abs(points - 0.01 * rate) <= 2, `${points} samples in 10 ms at ${rate} Hz`);
     await close(opened, name);
   },
@@ -90,11 +108,17 @@ export const CHECKS = {
     await page.mouse.move(x + reach, y, { steps: 6 });
     await page.mouse.up();
     // let go near the second mesh harmonic, it stands on that line's peak
-    await page.waitForFunction((hertz) => Math.abs(Number(/cursor=h(?:%7E|~)([\d.]+)/.exec(location.hash)?.[1]) / hertz - 2) < 0.02, mesh);
+    await page.waitForFunction(
+      (hertz) => Math.abs(Number(/cursor=h(?:%7E|~)([\d.]+)/.exec(location.hash)?.[1]) / hertz - 2) < 0.02,
+      mesh,
+    );
     await handle.focus();
     const before = parameters(page).get("cursor");
     await page.keyboard.press("ArrowRight");
-    await page.waitForFunction((was) => new URLSearchParams(location.hash.split("?")[1]).get("cursor") !== was, before);
+    await page.waitForFunction(
+      (was) => new URLSearchParams(location.hash.split("?")[1]).get("cursor") !== was,
+      before,
+    );
     await page.getByLabel("Cursor", { exact: true }).selectOption("s");
     await readout(page).getByText("Sidebands: centre").waitFor();
     const spacing = page.getByRole("slider", { name: "First upper sideband" });
@@ -106,9 +130,14 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}?axis=orders`);
     const { page } = opened;
     await drawn(page, "spectrum");
-    await page.locator('[data-plot="spectrum"] .infolayer', { hasText: "Order of the driving shaft" }).first().waitFor();
+    await page
+      .locator('[data-plot="spectrum"] .infolayer', { hasText: "Order of the driving shaft" })
+      .first()
+      .waitFor();
     const { gear } = await json(`assets/${asset}`);
-    const first = await page.evaluate(() => document.querySelector('[data-plot="spectrum"] .plot').data.at(-1).x[0]);
+    const first = await page.evaluate(
+      () => document.querySelector('[data-plot="spectrum"] .plot').data.at(-1).x[0],
+    );
     assert.equal(first, gear.teeth[0]);
     await close(opened, name);
   },
@@ -126,11 +155,18 @@ export const CHECKS = {
     await close(opened, name);
   },
 
-  "two records are drawn together in every way to look at them, and the link brings both back": async (name) => {
+  "two records are drawn together in every way to look at them, and the link brings both back": async (
+    name,
+  ) => {
     const { items } = await json(`assets/${asset}/segments?limit=100`);
     const [first, last] = [items[2].id, items.at(-2).id];
-    const [{ start_time: pinnedAt }, { start_time: selectedAt }] = [await json(`segments/${first}`), await json(`segments/${last}`)];
-    const opened = await open(`#/assets/${asset}?segment=${last}&pin=${first}&show=waveform,spectrum,envelope,turn,cepstrum`);
+    const [{ start_time: pinnedAt }, { start_time: selectedAt }] = [
+      await json(`segments/${first}`),
+      await json(`segments/${last}`),
+    ];
+    const opened = await open(
+      `#/assets/${asset}?segment=${last}&pin=${first}&show=waveform,spectrum,envelope,turn,cepstrum`,
+    );
     const { page } = opened;
     const read = {
       waveform: async (id) => (await json(`segments/${id}/waveform?max_points=4000`)).value,
@@ -141,18 +177,35 @@ export const CHECKS = {
     };
     for (const [kind, values] of Object.entries(read)) {
       await drawn(page, kind);
-      const curves = await page.evaluate((key) => document.querySelector(`[data-plot="${key}"] .plot`).data.map(({ y }) => Array.from(y)), kind);
+      const curves = await page.evaluate(
+        (key) => document.querySelector(`[data-plot="${key}"] .plot`).data.map(({ y }) => Array.from(y)),
+        kind,
+      );
       for (const id of [first, last]) {
         const wanted = await values(id);
-        assert.ok(curves.some((curve) => curve.length === wanted.length && curve.every((y, n) => y === wanted[n])), `${kind} draws ${id === first ? "the pinned" : "the selected"} record as the server has it`);
+        assert.ok(
+          curves.some((curve) => curve.length === wanted.length && curve.every((y, n) => y === wanted[n])),
+          `${kind} draws ${id === first ? "the pinned" : "the selected"} record as the server has it`,
+        );
       }
-      for (const words of [`selected, ${shownTime(selectedAt)}`, `pinned, ${shownTime(pinnedAt)}`]) await page.locator(`[data-plot="${kind}"] .annotation-text`, { hasText: words }).waitFor();
-      const scales = await page.evaluate((key) => [1, ""].map((n) => document.querySelector(`[data-plot="${key}"] .plot`)._fullLayout[n ? "yaxis2" : "yaxis"].range.map(Number)), kind);
+      for (const words of [`selected, ${shownTime(selectedAt)}`, `pinned, ${shownTime(pinnedAt)}`])
+        await page.locator(`[data-plot="${kind}"] .annotation-text`, { hasText: words }).waitFor();
+      const scales = await page.evaluate(
+        (key) =>
+          [1, ""].map((n) =>
+            document
+              .querySelector(`[data-plot="${key}"] .plot`)
+              ._fullLayout[n ? "yaxis2" : "yaxis"].range.map(Number),
+          ),
+        kind,
+      );
       assert.deepEqual(scales[0], scales[1], `${kind} has both on the same scale`);
     }
     await page.locator(".record-bar", { hasText: `Pinned: ${shownTime(pinnedAt)}` }).waitFor();
     await page.getByRole("button", { name: "Unpin" }).click();
-    await page.locator('[data-plot="spectrum"] .legend', { hasText: "pinned record" }).waitFor({ state: "detached" });
+    await page
+      .locator('[data-plot="spectrum"] .legend', { hasText: "pinned record" })
+      .waitFor({ state: "detached" });
     assert.equal(parameters(page).get("pin"), null);
     await close(opened, name);
   },
@@ -167,12 +220,19 @@ export const CHECKS = {
     await page.mouse.down();
     await page.mouse.move(area.x + 0.7 * area.width, y, { steps: 5 });
     await page.mouse.up();
-    const range = (kind) => page.evaluate((k) => document.querySelector(`[data-plot="${k}"] .plot`).layout.xaxis.range.map(String), kind);
-    await page.waitForFunction(() => document.querySelector('[data-plot="wear"] .plot').layout.xaxis.autorange !== true);
+    const range = (kind) =>
+      page.evaluate(
+        (k) => document.querySelector(`[data-plot="${k}"] .plot`).layout.xaxis.range.map(String),
+        kind,
+      );
+    await page.waitForFunction(
+      () => document.querySelector('[data-plot="wear"] .plot').layout.xaxis.autorange !== true,
+    );
     const zoomed = await range("wear");
     await page.waitForTimeout(4500);
     // the address holds whole seconds
-    const apart = (ends) => Math.max(...ends.map((end, n) => Math.abs(Date.parse(end) - Date.parse(zoomed[n]))));
+    const apart = (ends) =>
+      Math.max(...ends.map((end, n) => Math.abs(Date.parse(end) - Date.parse(zoomed[n]))));
     assert.ok(apart(await range("wear")) <= 1000, `${await range("wear")}, not ${zoomed}`);
     assert.ok(apart(await range("trends")) <= 1000, "the trends show the same stretch of time");
     await close(opened, name);
@@ -183,7 +243,10 @@ export const CHECKS = {
     const { page } = opened;
     await overviewDrawn(page);
     const save = async (button) => {
-      const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: button, exact: true }).click()]);
+      const [download] = await Promise.all([
+        page.waitForEvent("download"),
+        page.getByRole("button", { name: button, exact: true }).click(),
+      ]);
       const chunks = [];
       for await (const chunk of await download.createReadStream()) chunks.push(chunk);
       return Buffer.concat(chunks);

@@ -1,7 +1,19 @@
 // The table of records: filters, pages, what is done to several records, and the way to a record.
 
 import assert from "node:assert/strict";
-import { base, close, createAsset, json, noSidewaysScrolling, open, parameters, PHONE, removeAsset, sendNoise, shoot } from "./page.mjs";
+import {
+  base,
+  close,
+  createAsset,
+  json,
+  noSidewaysScrolling,
+  open,
+  parameters,
+  PHONE,
+  removeAsset,
+  sendNoise,
+  shoot,
+} from "./page.mjs";
 
 const BASELINE = 8;
 
@@ -14,7 +26,10 @@ async function recorded(records, others = 0) {
 }
 
 const rows = (page) => page.locator(".record-table tbody tr");
-const box = (page, minute, channel = "a1") => page.getByLabel(`Select the record of 2026-03-01 08:${String(minute).padStart(2, "0")}:00 UTC, channel ${channel}`);
+const box = (page, minute, channel = "a1") =>
+  page.getByLabel(
+    `Select the record of 2026-03-01 08:${String(minute).padStart(2, "0")}:00 UTC, channel ${channel}`,
+  );
 const settled = (page, words) => page.locator(".record-pages").getByText(words, { exact: true }).waitFor();
 
 export const CHECKS = {
@@ -25,8 +40,21 @@ export const CHECKS = {
     await settled(page, "1 to 14 of 14 records");
     const first = rows(page).filter({ hasText: "08:11:00" });
     const words = (await first.innerText()).replaceAll(/\s+/g, " ");
-    for (const part of ["2026-03-01 08:11:00 UTC", "a1", "0.5 s", "4000 Hz", "m/s²", "No library", "yes", "Download"]) assert.ok(words.includes(part), `${part} in ${words}`);
-    assert.match(await rows(page).filter({ hasText: "08:03:00" }).innerText(), /Collecting baseline\s+baseline/);
+    for (const part of [
+      "2026-03-01 08:11:00 UTC",
+      "a1",
+      "0.5 s",
+      "4000 Hz",
+      "m/s²",
+      "No library",
+      "yes",
+      "Download",
+    ])
+      assert.ok(words.includes(part), `${part} in ${words}`);
+    assert.match(
+      await rows(page).filter({ hasText: "08:03:00" }).innerText(),
+      /Collecting baseline\s+baseline/,
+    );
     await page.locator("#records-channel").selectOption("a2");
     await settled(page, "1 to 2 of 2 records");
     await page.locator("#records-channel").selectOption("");
@@ -49,7 +77,17 @@ export const CHECKS = {
     const samples = Array.from({ length: 200 }, (_, n) => Math.sin(n * 0.49));
     const send = (n) => {
       const start = new Date(Date.UTC(2026, 2, 1, 8, 0, n)).toISOString();
-      return fetch(`${base}/v1/assets/${id}/segments`, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ start_time: start, sample_rate_hz: 4000, unit: "m/s2", channel: "a1", samples }) });
+      return fetch(`${base}/v1/assets/${id}/segments`, {
+        method: "POST",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify({
+          start_time: start,
+          sample_rate_hz: 4000,
+          unit: "m/s2",
+          channel: "a1",
+          samples,
+        }),
+      });
     };
     for (let n = 0; n < 120; n += 30) await Promise.all(Array.from({ length: 30 }, (_, k) => send(n + k)));
     const opened = await open(`#/assets/${id}/records`);
@@ -84,7 +122,11 @@ export const CHECKS = {
     await page.getByRole("button", { name: "Exclude", exact: true }).click();
     await page.getByText("3 records excluded.").waitFor();
     await page.locator('[data-excluded="true"]').nth(2).waitFor();
-    assert.deepEqual(await page.locator("[data-excluded] .part").allInnerTexts(), ["excluded", "excluded", "excluded"]);
+    assert.deepEqual(await page.locator("[data-excluded] .part").allInnerTexts(), [
+      "excluded",
+      "excluded",
+      "excluded",
+    ]);
     await shoot(page, `${name} excluded`);
     await page.getByRole("button", { name: "Include again" }).click();
     await page.getByText("3 records included again.").waitFor();
@@ -112,7 +154,11 @@ export const CHECKS = {
     await box(page, 10).click();
     await box(page, 18).click({ modifiers: ["Shift"] });
     await page.getByRole("button", { name: "Use as the baseline…" }).click();
-    await page.getByText("The 9 records from 2026-03-01 08:10:00 UTC to 2026-03-01 08:18:00 UTC become the healthy baseline").waitFor();
+    await page
+      .getByText(
+        "The 9 records from 2026-03-01 08:10:00 UTC to 2026-03-01 08:18:00 UTC become the healthy baseline",
+      )
+      .waitFor();
     await page.getByLabel("Your name").fill("");
     await page.getByRole("button", { name: "Use as the baseline", exact: true }).click();
     await page.getByText("Your name is empty").waitFor();
@@ -120,8 +166,14 @@ export const CHECKS = {
     await page.getByRole("button", { name: "Use as the baseline", exact: true }).click();
     await page.getByText("The baseline is chosen.").waitFor();
     const { items } = await json(`assets/${id}/maintenance`);
-    assert.deepEqual([items[0].kind, items[0].time, items[0].by], ["baseline_chosen", "2026-03-01T08:10:00Z", "Ada"]);
-    await rows(page).filter({ hasText: "08:17:00" }).getByText("Collecting baseline").waitFor({ timeout: 20_000 });
+    assert.deepEqual(
+      [items[0].kind, items[0].time, items[0].by],
+      ["baseline_chosen", "2026-03-01T08:10:00Z", "Ada"],
+    );
+    await rows(page)
+      .filter({ hasText: "08:17:00" })
+      .getByText("Collecting baseline")
+      .waitFor({ timeout: 20_000 });
     await close(opened, name);
     await removeAsset(id);
   },
@@ -130,9 +182,15 @@ export const CHECKS = {
     const id = await recorded(2);
     const { page } = await open(`#/assets/${id}/records`);
     await settled(page, "1 to 2 of 2 records");
-    const [raw] = await Promise.all([page.waitForEvent("download"), rows(page).first().getByRole("link", { name: "Download" }).click()]);
+    const [raw] = await Promise.all([
+      page.waitForEvent("download"),
+      rows(page).first().getByRole("link", { name: "Download" }).click(),
+    ]);
     assert.match(raw.suggestedFilename(), /^recorded-\d+-a1-2026-03-01T08-01-00Z\.json$/);
-    const [mcap] = await Promise.all([page.waitForEvent("download"), page.getByRole("link", { name: "Export as MCAP" }).click()]);
+    const [mcap] = await Promise.all([
+      page.waitForEvent("download"),
+      page.getByRole("link", { name: "Export as MCAP" }).click(),
+    ]);
     assert.match(mcap.suggestedFilename(), /\.mcap$/);
     await page.context().close();
     await removeAsset(id);

@@ -21,7 +21,10 @@ export const CHECKS = guarded && {
     await logIn(page, token);
     await page.locator("h1", { hasText: "pump" }).waitFor();
 
-    const [report] = await Promise.all([context.waitForEvent("page"), page.getByRole("link", { name: "Report" }).click()]);
+    const [report] = await Promise.all([
+      context.waitForEvent("page"),
+      page.getByRole("link", { name: "Report" }).click(),
+    ]);
     await report.waitForLoadState();
     assert.equal((await report.request.get(report.url())).status(), 200);
     assert.match(await report.title(), /pump/);
@@ -29,7 +32,11 @@ export const CHECKS = guarded && {
 
     const [cookie] = await context.cookies();
     assert.deepEqual([cookie.httpOnly, cookie.sameSite], [true, "Strict"]);
-    assert.equal(await page.evaluate(() => document.cookie + JSON.stringify({ ...sessionStorage })), "{}", "no script reads the token");
+    assert.equal(
+      await page.evaluate(() => document.cookie + JSON.stringify({ ...sessionStorage })),
+      "{}",
+      "no script reads the token",
+    );
     await page.close();
     const other = await context.newPage();
     await other.goto(`${guarded}/#/assets/pump/settings`);

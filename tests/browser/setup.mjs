@@ -1,7 +1,20 @@
 // A new asset by the form: what is wrong at its field, what wear does before any data, a copy, and deleting.
 
 import assert from "node:assert/strict";
-import { asset, base, close, drawn, json, noSidewaysScrolling, open, PHONE, removeAsset, say, shoot, shots } from "./page.mjs";
+import {
+  asset,
+  base,
+  close,
+  drawn,
+  json,
+  noSidewaysScrolling,
+  open,
+  PHONE,
+  removeAsset,
+  say,
+  shoot,
+  shots,
+} from "./page.mjs";
 
 const NUMBERS = {
   "Teeth, driving": "20",
@@ -15,7 +28,8 @@ const NUMBERS = {
 };
 
 export async function fill(page, values) {
-  for (const [label, value] of Object.entries(values)) await page.getByLabel(label, { exact: true }).fill(value);
+  for (const [label, value] of Object.entries(values))
+    await page.getByLabel(label, { exact: true }).fill(value);
 }
 
 const field = (page, label) => page.locator(".setup-field", { has: page.getByLabel(label, { exact: true }) });
@@ -41,23 +55,43 @@ export const CHECKS = {
     await page.locator(".measures li", { hasText: "Contact ratio" }).waitFor();
     assert.equal(await page.locator('.measures [data-verdict="impossible"]').count(), 0);
     await page.getByText("All other fields as JSON").click();
-    await page.locator("#setup-json").fill('{ "bands": [{ "name": "low", "band_hz": [10, 1000] }], "gear": { "pair": { "errors": { "seed": 7 } } } }');
+    await page
+      .locator("#setup-json")
+      .fill(
+        '{ "bands": [{ "name": "low", "band_hz": [10, 1000] }], "gear": { "pair": { "errors": { "seed": 7 } } } }',
+      );
     await page.getByRole("button", { name: "Create asset" }).click();
     await page.getByText("Waiting for the first record").waitFor();
     const made = await json(`assets/${id}`);
-    assert.deepEqual([made.gear.teeth, made.gear.shaft_speed_hz, made.gear.pair.geometry.teeth, made.gear.pair.operation.shaft_speed_hz], [[20, 40], 25, [20, 40], 25]);
-    assert.deepEqual([made.limits, made.bands[0].name, made.gear.pair.errors.seed], [{ warning_um: 20, danger_um: 30 }, "low", 7]);
+    assert.deepEqual(
+      [
+        made.gear.teeth,
+        made.gear.shaft_speed_hz,
+        made.gear.pair.geometry.teeth,
+        made.gear.pair.operation.shaft_speed_hz,
+      ],
+      [[20, 40], 25, [20, 40], 25],
+    );
+    assert.deepEqual(
+      [made.limits, made.bands[0].name, made.gear.pair.errors.seed],
+      [{ warning_um: 20, danger_um: 30 }, "low", 7],
+    );
 
     await page.getByRole("link", { name: "Settings" }).click();
     await page.getByRole("link", { name: "Edit gears and all fields…" }).click();
     await page.getByRole("heading", { name: `Edit ${id}` }).waitFor();
     await field(page, "Module (mm)").waitFor();
-    await page.waitForFunction(() => document.getElementById("setup-gear-pair-geometry-module-mm").value === "1");
+    await page.waitForFunction(
+      () => document.getElementById("setup-gear-pair-geometry-module-mm").value === "1",
+    );
     await fill(page, { "Profile shift, driving (modules)": "0.2" });
     await page.getByRole("button", { name: "Save asset" }).click();
     await page.getByText("Waiting for the first record").waitFor();
     const edited = await json(`assets/${id}`);
-    assert.deepEqual([edited.gear.pair.geometry.profile_shift, edited.bands.length, edited.gear.pair.errors.seed], [[0.2, 0], 1, 7]);
+    assert.deepEqual(
+      [edited.gear.pair.geometry.profile_shift, edited.bands.length, edited.gear.pair.errors.seed],
+      [[0.2, 0], 1, 7],
+    );
 
     await page.goto(`${base}/#/new?copy=${id}`);
     await page.waitForFunction(() => document.getElementById("setup-id").value.endsWith("-copy"));
@@ -83,14 +117,31 @@ export const CHECKS = {
     await fill(page, NUMBERS);
     await page.locator(".measures li").first().waitFor();
     await fill(page, { "Teeth, driving": "11", "Bore radius, driving (mm)": "4.5" });
-    await field(page, "Bore radius, driving (mm)").getByText(/^Bore radius, driving: expected at most 3\.\d+/).waitFor();
-    assert.equal(await page.getByLabel("Bore radius, driving (mm)", { exact: true }).getAttribute("aria-invalid"), "true");
-    assert.equal(await page.getByLabel("Bore radius, driven (mm)", { exact: true }).getAttribute("aria-invalid"), null);
-    for (const quantity of ["undercut_margin", "root_to_bore"]) await page.locator(`.measures [data-quantity="${quantity}"][data-verdict="impossible"]`).waitFor();
+    await field(page, "Bore radius, driving (mm)")
+      .getByText(/^Bore radius, driving: expected at most 3\.\d+/)
+      .waitFor();
+    assert.equal(
+      await page.getByLabel("Bore radius, driving (mm)", { exact: true }).getAttribute("aria-invalid"),
+      "true",
+    );
+    assert.equal(
+      await page.getByLabel("Bore radius, driven (mm)", { exact: true }).getAttribute("aria-invalid"),
+      null,
+    );
+    for (const quantity of ["undercut_margin", "root_to_bore"])
+      await page.locator(`.measures [data-quantity="${quantity}"][data-verdict="impossible"]`).waitFor();
     assert.ok((await page.locator(".pair-drawing .drawn-bad").count()) > 0);
     await shoot(page, `${name} impossible`);
-    await fill(page, { "Teeth, driving": "20", "Bore radius, driving (mm)": "3", "Danger (µm)": "10", "Warning (µm)": "50", Id: "Not An Id" });
-    await field(page, "Warning (µm)").getByText("Warning: expected a depth at or below that of danger").waitFor();
+    await fill(page, {
+      "Teeth, driving": "20",
+      "Bore radius, driving (mm)": "3",
+      "Danger (µm)": "10",
+      "Warning (µm)": "50",
+      Id: "Not An Id",
+    });
+    await field(page, "Warning (µm)")
+      .getByText("Warning: expected a depth at or below that of danger")
+      .waitFor();
     await field(page, "Id").getByText("Id: expected 1 to 64 characters").waitFor();
     await fill(page, { Id: asset, "Danger (µm)": "60", "Module (mm)": "" });
     await page.getByRole("button", { name: "Create asset" }).click();
@@ -99,7 +150,10 @@ export const CHECKS = {
     await page.getByRole("button", { name: "Create asset" }).click();
     await field(page, "Id").getByText("Id: expected an id that no other asset has").waitFor();
     // the browser notes the refusal that is asked for
-    assert.deepEqual(opened.faults.filter((fault) => !fault.includes("409")), []);
+    assert.deepEqual(
+      opened.faults.filter((fault) => !fault.includes("409")),
+      [],
+    );
     await page.context().close();
   },
 
@@ -108,29 +162,44 @@ export const CHECKS = {
     const { page } = opened;
     await page.getByLabel("Gear pair, for wear in µm").selectOption("shen2022");
     await worn(page);
-    for (const kind of ["harmonics", "stiffness", "transmission", "preview-waveform", "preview-spectrum"]) await drawn(page, kind);
+    for (const kind of ["harmonics", "stiffness", "transmission", "preview-waveform", "preview-spectrum"])
+      await drawn(page, kind);
     const times = [];
     for (const part of [0.2, 0.5, 0.8, 1]) {
       const began = Date.now();
       await slide(page, "wear", part);
-      await page.waitForFunction((wear) => Math.abs(Number(document.querySelector(".preview").dataset.wear) - wear) < 1, 245 * part);
+      await page.waitForFunction(
+        (wear) => Math.abs(Number(document.querySelector(".preview").dataset.wear) - wear) < 1,
+        245 * part,
+      );
       times.push(Date.now() - began);
     }
     say("a step of the wear slider, from the hand to the last curve", times, 250);
-    assert.ok((await page.locator(".preview .mesh-lost").count()) === 2, "what is lost is drawn on both gears");
+    assert.ok(
+      (await page.locator(".preview .mesh-lost").count()) === 2,
+      "what is lost is drawn on both gears",
+    );
     const before = await page.locator(".preview-facts").innerText();
     await slide(page, "speed", 0.9);
     await page.waitForFunction((text) => document.querySelector(".preview-facts").innerText !== text, before);
-    const angle = () => page.locator(".preview .mesh-driving").evaluate((path) => path.parentElement.getAttribute("transform"));
+    const angle = () =>
+      page.locator(".preview .mesh-driving").evaluate((path) => path.parentElement.getAttribute("transform"));
     const still = await angle();
     await page.getByRole("button", { name: "Roll the teeth" }).click();
-    await page.waitForFunction((text) => document.querySelector(".preview .mesh-driving").parentElement.getAttribute("transform") !== text, still);
+    await page.waitForFunction(
+      (text) =>
+        document.querySelector(".preview .mesh-driving").parentElement.getAttribute("transform") !== text,
+      still,
+    );
     await page.getByRole("button", { name: "Stop" }).click();
     await close(opened, name);
   },
 
   "what wear does is a page of an asset, on a phone too": async (name) => {
-    for (const [size, options] of Object.entries({ desk: { viewport: { width: 1440, height: 900 } }, phone: PHONE })) {
+    for (const [size, options] of Object.entries({
+      desk: { viewport: { width: 1440, height: 900 } },
+      phone: PHONE,
+    })) {
       const opened = await open(`#/assets/${asset}/wear`, options);
       await worn(opened.page);
       await drawn(opened.page, "preview-spectrum");
@@ -138,7 +207,13 @@ export const CHECKS = {
       await close(opened, `${name} ${size}`);
     }
     if (!shots) return;
-    for (const [width, colorScheme] of [[1440, "light"], [1440, "dark"], [1280, "light"], [390, "light"], [390, "dark"]]) {
+    for (const [width, colorScheme] of [
+      [1440, "light"],
+      [1440, "dark"],
+      [1280, "light"],
+      [390, "light"],
+      [390, "dark"],
+    ]) {
       const opened = await open("#/new", { viewport: { width, height: 900 }, colorScheme });
       await opened.page.getByLabel("Gear pair, for wear in µm").selectOption("shen2022");
       await worn(opened.page);

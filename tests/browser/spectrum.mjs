@@ -14,7 +14,10 @@ function amplitudeAt({ resolution_hz: step, amplitude }, frequency) {
 }
 
 const digits = (value) => Number(value.toPrecision(3)).toString();
-const rows = (page) => page.locator('[data-plot="spectrum"] .lines tbody tr').evaluateAll((list) => list.map((row) => [...row.children].map((cell) => cell.textContent)));
+const rows = (page) =>
+  page
+    .locator('[data-plot="spectrum"] .lines tbody tr')
+    .evaluateAll((list) => list.map((row) => [...row.children].map((cell) => cell.textContent)));
 
 export const CHECKS = {
   "a cursor reads every line of the spectrum": async (name) => {
@@ -23,14 +26,20 @@ export const CHECKS = {
     const full = await whole(await latest());
     assert.ok(full.amplitude.length > 4000, "more lines than are drawn of the whole");
     const sides = [-5, -4, -3, -2, -1, 1, 2, 3, 4, 5].map((k) => amplitudeAt(full, 397.6 + 4 * k));
-    await readout(page).getByText(`root sum square ${digits(Math.hypot(...sides))} m/s²`).waitFor();
-    await readout(page).getByText(`with ${digits(amplitudeAt(full, 397.6))} m/s²`).waitFor();
+    await readout(page)
+      .getByText(`root sum square ${digits(Math.hypot(...sides))} m/s²`)
+      .waitFor();
+    await readout(page)
+      .getByText(`with ${digits(amplitudeAt(full, 397.6))} m/s²`)
+      .waitFor();
     assert.equal((await rows(page)).length, 11);
     // one that reaches over the whole spectrum
     await page.goto(`${page.url().split("?")[0]}?cursor=h~150`);
     const harmonics = Array.from({ length: 30 }, (_, n) => amplitudeAt(full, 150 * (n + 1)));
     const strongest = harmonics.indexOf(Math.max(...harmonics));
-    await readout(page).getByText(`strongest ${strongest + 1}× with ${digits(harmonics[strongest])} m/s²`).waitFor();
+    await readout(page)
+      .getByText(`strongest ${strongest + 1}× with ${digits(harmonics[strongest])} m/s²`)
+      .waitFor();
     await close(opened, name);
   },
 
@@ -44,7 +53,8 @@ export const CHECKS = {
       return [Array.from(line.x), Array.from(line.y)];
     });
     const full = await whole(await latest());
-    const inside = (list) => list.filter((_, n) => full.frequency_hz[n] >= 1000 && full.frequency_hz[n] <= 1200);
+    const inside = (list) =>
+      list.filter((_, n) => full.frequency_hz[n] >= 1000 && full.frequency_hz[n] <= 1200);
     const within = x.flatMap((hz, n) => (hz >= 1000 && hz <= 1200 ? [y[n]] : []));
     assert.deepEqual(within, inside(full.amplitude));
     await close(opened, name);
@@ -56,7 +66,9 @@ export const CHECKS = {
     await page.locator('[data-plot="spectrum"] .plot-sub', { hasText: "every one drawn" }).waitFor();
     await drawn(page, "spectrum");
     const { order } = await whole(await latest(), "orders");
-    const shown = await page.evaluate(() => Array.from(document.querySelector('[data-plot="spectrum"] .plot').data[0].x));
+    const shown = await page.evaluate(() =>
+      Array.from(document.querySelector('[data-plot="spectrum"] .plot').data[0].x),
+    );
     const near = (list) => list.filter((value) => value > 44 && value < 52).length;
     assert.equal(near(shown), near(order));
     await close(opened, name);
@@ -66,14 +78,20 @@ export const CHECKS = {
     const opened = await open(`#/assets/${asset}`);
     const { page } = opened;
     await drawn(page, "spectrum");
-    const [{ mesh_harmonics: harmonics, shaft_speed_hz: shaft }, head] = [await whole(await latest()), page.locator('[data-plot="spectrum"] .lines thead')];
+    const [{ mesh_harmonics: harmonics, shaft_speed_hz: shaft }, head] = [
+      await whole(await latest()),
+      page.locator('[data-plot="spectrum"] .lines thead'),
+    ];
     await head.getByText("Since the baseline, dB").waitFor();
     const table = await rows(page);
     assert.equal(table.length, harmonics.length);
     const [{ frequency_hz: hz, amplitude, baseline_amplitude: healthy }] = harmonics;
     const [label, order, frequency, height, grown] = table[0];
     assert.equal(label, "mesh 1×");
-    assert.ok(Math.abs(order - hz / shaft) < 0.01 && Math.abs(frequency - hz) < 0.01, `${order}, ${frequency}`);
+    assert.ok(
+      Math.abs(order - hz / shaft) < 0.01 && Math.abs(frequency - hz) < 0.01,
+      `${order}, ${frequency}`,
+    );
     assert.ok(Math.abs(height / amplitude - 1) < 1e-3, height);
     assert.ok(Math.abs(Number(grown.replace("−", "-")) - 20 * Math.log10(amplitude / healthy)) < 0.06, grown);
     await close(opened, name);
@@ -86,7 +104,8 @@ export const CHECKS = {
       await drawn(page, "spectrum");
       await page.getByLabel("Cursor", { exact: true }).selectOption("s");
       await readout(page).getByText("Sidebands: centre").waitFor();
-      for (const slider of ["Centre of the sideband cursor", "First upper sideband of the cursor"]) await page.getByRole("slider", { name: slider }).waitFor({ timeout: 5000 });
+      for (const slider of ["Centre of the sideband cursor", "First upper sideband of the cursor"])
+        await page.getByRole("slider", { name: slider }).waitFor({ timeout: 5000 });
       await close(opened, `${name} ${view}`);
     }
   },
@@ -96,8 +115,13 @@ export const CHECKS = {
     const { page } = opened;
     await page.locator('[data-plot="spectrum"] .cursor-line').first().waitFor({ state: "attached" });
     const under = await page.evaluate(() => {
-      const [lines, plot] = [".cursor-line", ".plot"].map((name) => document.querySelector(`[data-plot="spectrum"] ${name}`));
-      return Boolean(lines.compareDocumentPosition(plot) & Node.DOCUMENT_POSITION_FOLLOWING) && getComputedStyle(plot).position === "relative";
+      const [lines, plot] = [".cursor-line", ".plot"].map((name) =>
+        document.querySelector(`[data-plot="spectrum"] ${name}`),
+      );
+      return (
+        Boolean(lines.compareDocumentPosition(plot) & Node.DOCUMENT_POSITION_FOLLOWING) &&
+        getComputedStyle(plot).position === "relative"
+      );
     });
     assert.ok(under);
     await close(opened, name);

@@ -12,15 +12,25 @@ async function long(page) {
     }));
     return JSON.stringify({ ...answer, items: rows, reduced: true });
   };
-  const [wear, trend] = await Promise.all([stretch(`assets/${asset}/wear/history`), stretch(`assets/${asset}/indicators?names=rms,kurtosis,omx`)]);
-  await page.route("**/wear/history?*", (route) => route.fulfill({ contentType: "application/json", body: wear }));
-  await page.route("**/indicators?*", (route) => route.fulfill({ contentType: "application/json", body: trend }));
+  const [wear, trend] = await Promise.all([
+    stretch(`assets/${asset}/wear/history`),
+    stretch(`assets/${asset}/indicators?names=rms,kurtosis,omx`),
+  ]);
+  await page.route("**/wear/history?*", (route) =>
+    route.fulfill({ contentType: "application/json", body: wear }),
+  );
+  await page.route("**/indicators?*", (route) =>
+    route.fulfill({ contentType: "application/json", body: trend }),
+  );
 }
 
 /** A waterfall of 600 spectra after the server's own. */
 async function tall(page) {
   const answer = await json(`assets/${asset}/waterfall?cells=500&max_records=600`);
-  const items = Array.from({ length: 600 }, (_, n) => ({ ...answer.items[n % answer.items.length], start_time: new Date(Date.UTC(2026, 0, 1) + n * 60_000).toISOString() }));
+  const items = Array.from({ length: 600 }, (_, n) => ({
+    ...answer.items[n % answer.items.length],
+    start_time: new Date(Date.UTC(2026, 0, 1) + n * 60_000).toISOString(),
+  }));
   const body = JSON.stringify({ ...answer, items });
   await page.route("**/waterfall?*", (route) => route.fulfill({ contentType: "application/json", body }));
 }
@@ -38,7 +48,9 @@ export const CHECKS = {
     for (let turn = 0; turn < 3; turn++) {
       const { page } = await open("");
       await page.locator(`[data-asset="${asset}"] .badge`).waitFor();
-      const painted = await page.evaluate(() => performance.getEntriesByName("first-contentful-paint")[0]?.startTime ?? NaN);
+      const painted = await page.evaluate(
+        () => performance.getEntriesByName("first-contentful-paint")[0]?.startTime ?? NaN,
+      );
       const useful = await page.evaluate(() => performance.now());
       times.push(useful);
       if (turn === 0) console.log(`        first contentful paint: ${painted.toFixed(0)} ms`);
@@ -60,7 +72,9 @@ export const CHECKS = {
     for (const share of [0.3, 0.5, 0.7]) {
       const began = Date.now();
       await page.mouse.move(area.x + share * area.width, area.y + area.height / 2);
-      await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+      await page.evaluate(
+        () => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))),
+      );
       hovers.push(Date.now() - began);
     }
     say("pointing at a record", hovers, 200);

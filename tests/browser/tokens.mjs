@@ -16,7 +16,8 @@ async function logIn(address, words, options = {}) {
   return page;
 }
 
-const asked = (path, words) => fetch(`${guarded}/v1/${path}`, { headers: { authorization: `Bearer ${words}` } });
+const asked = (path, words) =>
+  fetch(`${guarded}/v1/${path}`, { headers: { authorization: `Bearer ${words}` } });
 
 export const CHECKS = guarded && {
   "a token is made, shown once, and revoked": async (name) => {
@@ -32,8 +33,12 @@ export const CHECKS = guarded && {
     assert.match(made, /^fwt_[0-9a-f]{8}_[0-9a-f]{64}$/);
     assert.equal((await asked("assets", made)).status, 200);
     assert.equal((await asked("tokens", made)).status, 403);
-    assert.ok(!JSON.stringify(await (await asked("tokens", token)).json()).includes(made.split("_")[2]), "no list holds the secret");
-    if (shots) await page.screenshot({ path: join(shots, `${name.replaceAll(/\W+/g, "-")}.png`), fullPage: true });
+    assert.ok(
+      !JSON.stringify(await (await asked("tokens", token)).json()).includes(made.split("_")[2]),
+      "no list holds the secret",
+    );
+    if (shots)
+      await page.screenshot({ path: join(shots, `${name.replaceAll(/\W+/g, "-")}.png`), fullPage: true });
     await page.reload();
     await page.getByRole("row", { name: /display/ }).waitFor();
     assert.equal(await page.getByLabel("The token display", { exact: true }).count(), 0, "it is shown once");

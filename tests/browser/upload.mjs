@@ -13,14 +13,26 @@ export function wav(samples) {
   bytes.write("RIFF", 0);
   bytes.writeUInt32LE(36 + 2 * samples, 4);
   bytes.write("WAVEfmt ", 8);
-  [[16, 16, 4], [20, 1, 2], [22, 1, 2], [24, RATE, 4], [28, 2 * RATE, 4], [32, 2, 2], [34, 16, 2]].forEach(([at, number, size]) => bytes.writeUIntLE(number, at, size));
+  [
+    [16, 16, 4],
+    [20, 1, 2],
+    [22, 1, 2],
+    [24, RATE, 4],
+    [28, 2 * RATE, 4],
+    [32, 2, 2],
+    [34, 16, 2],
+  ].forEach(([at, number, size]) => bytes.writeUIntLE(number, at, size));
   bytes.write("data", 36);
   bytes.writeUInt32LE(2 * samples, 40);
   for (let n = 0; n < samples; n++) bytes.writeInt16LE(Math.round(9000 * value(n)), 44 + 2 * n);
   return bytes;
 }
 
-export const csv = (rows, broken) => ["time,a1", ...Array.from({ length: rows }, (_, n) => `${n / RATE},${n === broken ? "none" : value(n)}`)].join("\n");
+export const csv = (rows, broken) =>
+  [
+    "time,a1",
+    ...Array.from({ length: rows }, (_, n) => `${n / RATE},${n === broken ? "none" : value(n)}`),
+  ].join("\n");
 
 /** A page of a new asset with its dialog open. */
 async function dialog() {
@@ -33,13 +45,19 @@ async function dialog() {
 /** Drags files, contents by name, over a place of the page and drops them there; whether the page took them is answered. */
 export function drop(page, files, place = "main h1") {
   const contents = Object.entries(files).map(([name, content]) => [name, [...Buffer.from(content)]]);
-  return page.evaluate(([list, where]) => {
-    const transfer = new DataTransfer();
-    for (const [name, content] of list) transfer.items.add(new File([new Uint8Array(content)], name));
-    const target = document.querySelector(where);
-    const send = (kind) => target.dispatchEvent(new DragEvent(kind, { bubbles: true, cancelable: true, dataTransfer: transfer }));
-    return !send("dragover") && !send("drop");
-  }, [contents, place]);
+  return page.evaluate(
+    ([list, where]) => {
+      const transfer = new DataTransfer();
+      for (const [name, content] of list) transfer.items.add(new File([new Uint8Array(content)], name));
+      const target = document.querySelector(where);
+      const send = (kind) =>
+        target.dispatchEvent(
+          new DragEvent(kind, { bubbles: true, cancelable: true, dataTransfer: transfer }),
+        );
+      return !send("dragover") && !send("drop");
+    },
+    [contents, place],
+  );
 }
 
 /** Chooses files and sends them. */
@@ -74,7 +92,10 @@ export const CHECKS = {
     const { items } = await json(`assets/${id}/segments`);
     assert.deepEqual([items[0].samples, items[0].sample_rate_hz], [2000, RATE]);
     const wave = await json(`segments/${items[0].id}/waveform?max_points=4000`);
-    assert.ok(wave.value.every((sample, n) => Math.abs(sample - value(n)) < 1e-6), "no sample is changed");
+    assert.ok(
+      wave.value.every((sample, n) => Math.abs(sample - value(n)) < 1e-6),
+      "no sample is changed",
+    );
     await end(opened);
   },
 
@@ -82,7 +103,8 @@ export const CHECKS = {
     const opened = await dialog();
     const { id, page } = opened;
     const clock = (n) => new Date(Date.UTC(2026, 2, 5, 6, 7, 28) + n).toISOString();
-    const german = (n) => `05.03.2026 06:07:${String(8 + Math.floor(n / 1000)).padStart(2, "0")},${String(n % 1000).padStart(3, "0")}`;
+    const german = (n) =>
+      `05.03.2026 06:07:${String(8 + Math.floor(n / 1000)).padStart(2, "0")},${String(n % 1000).padStart(3, "0")}`;
     const columns = {
       "Zeit [s]": (n) => String(n / 1000).replace(".", ","),
       "Time - Voltage_1": (n) => n / 1000,
@@ -93,40 +115,81 @@ export const CHECKS = {
       time_ns: (n) => `${Date.UTC(2026, 2, 5, 6, 7, 48) + n}000000`,
     };
     for (const [index, [heading, cell]] of Object.entries(columns).entries()) {
-      const text = [`${heading};a1`, ...Array.from({ length: 2000 }, (_, n) => `${cell(n)};${String(value(n)).replace(".", ",")}`)].join("\n");
-      await choose(page, { name: `2026-03-0${index + 1}_08-00-00.csv`, mimeType: "text/csv", buffer: Buffer.from(text) });
-      await page.locator('.result[data-kind="good"]').getByText(`2026-03-0${index + 1}_08-00-00.csv`).waitFor();
+      const text = [
+        `${heading};a1`,
+        ...Array.from({ length: 2000 }, (_, n) => `${cell(n)};${String(value(n)).replace(".", ",")}`),
+      ].join("\n");
+      await choose(page, {
+        name: `2026-03-0${index + 1}_08-00-00.csv`,
+        mimeType: "text/csv",
+        buffer: Buffer.from(text),
+      });
+      await page
+        .locator('.result[data-kind="good"]')
+        .getByText(`2026-03-0${index + 1}_08-00-00.csv`)
+        .waitFor();
     }
     const { items } = await json(`assets/${id}/segments`);
     assert.equal(items.length, 7, "one channel of each file");
-    for (const { channel, sample_rate_hz: rate, start_time: start } of items) assert.deepEqual([channel, rate], [items[0].channel, 1000], start);
-    for (const second of ["08", "28", "48"]) assert.ok(items.some(({ start_time: start }) => start === `2026-03-05T06:07:${second}Z`), "times of day say the start");
+    for (const { channel, sample_rate_hz: rate, start_time: start } of items)
+      assert.deepEqual([channel, rate], [items[0].channel, 1000], start);
+    for (const second of ["08", "28", "48"])
+      assert.ok(
+        items.some(({ start_time: start }) => start === `2026-03-05T06:07:${second}Z`),
+        "times of day say the start",
+      );
 
-    const refused = (text, words) => choose(page, { name: "odd.csv", mimeType: "text/csv", buffer: Buffer.from(text) }).then(() => page.locator('.result[data-kind="bad"]', { hasText: words }).waitFor());
+    const refused = (text, words) =>
+      choose(page, { name: "odd.csv", mimeType: "text/csv", buffer: Buffer.from(text) }).then(() =>
+        page.locator('.result[data-kind="bad"]', { hasText: words }).waitFor(),
+      );
     await refused("Zeit [s];a1\n0;1\n0,1;2\n0,2;3\n0,9;4\n1;5", "column “Zeit [s]” goes on by");
     await refused("n;a1\n1;0,1\n2;0,5\n3;0,2\n4;0,1", "column “n” rises by the same step from row to row");
     await page.locator("summary", { hasText: "sampling rate" }).click();
     await page.getByLabel("Sampling rate of a CSV file, Hz").fill("900");
-    await refused("Zeit [s];a1\n0;1\n0,001;2\n0,002;3\n0,003;4", "the sampling rate is 900 Hz, expected 1000 Hz as column “Zeit [s]” says");
+    await refused(
+      "Zeit [s];a1\n0;1\n0,001;2\n0,002;3\n0,003;4",
+      "the sampling rate is 900 Hz, expected 1000 Hz as column “Zeit [s]” says",
+    );
     await end(opened);
   },
 
   "each file has its own start, which can be mended before it is sent": async () => {
     const opened = await dialog();
     const { id, page } = opened;
-    const timed = csv(500).split("\n").map((line, n) => (n ? line.replace(/^[^,]*/, new Date(Date.UTC(2026, 1, 3, 4, 5, 6) + n - 1).toISOString()) : line)).join("\n");
-    await drop(page, { "pump_20260301_101112.wav": wav(500), "pump_2026-03-02T10-11-12.250.wav": wav(600), "inside.csv": timed, "undated.wav": wav(700) }, ".drop");
+    const timed = csv(500)
+      .split("\n")
+      .map((line, n) =>
+        n ? line.replace(/^[^,]*/, new Date(Date.UTC(2026, 1, 3, 4, 5, 6) + n - 1).toISOString()) : line,
+      )
+      .join("\n");
+    await drop(
+      page,
+      {
+        "pump_20260301_101112.wav": wav(500),
+        "pump_2026-03-02T10-11-12.250.wav": wav(600),
+        "inside.csv": timed,
+        "undated.wav": wav(700),
+      },
+      ".drop",
+    );
     const start = (name) => page.getByLabel(`Start of ${name}, UTC`);
     await start("undated.wav").waitFor();
     assert.equal(await start("pump_20260301_101112.wav").inputValue(), "2026-03-01T10:11:12");
     assert.equal(await start("pump_2026-03-02T10-11-12.250.wav").inputValue(), "2026-03-02T10:11:12.25");
     assert.equal(await start("inside.csv").inputValue(), "2026-02-03T04:05:06");
-    await page.locator(".files li", { hasText: "undated.wav" }).getByText("when the file was changed last").waitFor();
+    await page
+      .locator(".files li", { hasText: "undated.wav" })
+      .getByText("when the file was changed last")
+      .waitFor();
     await start("undated.wav").fill("2026-03-04T01:02:03");
     await send(page);
     await page.locator('.result[data-kind="good"]', { hasText: "undated.wav" }).waitFor();
     const { items } = await json(`assets/${id}/segments`);
-    assert.deepEqual(items.map(({ start_time: time }) => time), ["2026-02-03T04:05:06Z", "2026-03-01T10:11:12Z", "2026-03-02T10:11:12.25Z", "2026-03-04T01:02:03Z"]);
+    assert.deepEqual(
+      items.map(({ start_time: time }) => time),
+      ["2026-02-03T04:05:06Z", "2026-03-01T10:11:12Z", "2026-03-02T10:11:12.25Z", "2026-03-04T01:02:03Z"],
+    );
     await end(opened);
   },
 
@@ -134,10 +197,21 @@ export const CHECKS = {
     const opened = await dialog();
     const { id, page } = opened;
     const recording = (name) => readFile(new URL(`../../fixtures/recordings/${name}.mcap`, import.meta.url));
-    await choose(page, { name: "run.mcap", mimeType: "application/mcap", buffer: await recording("mcap-json") });
-    await page.locator('.result[data-kind="good"]').getByText(/run\.mcap: [1-9]\d* records read, [1-9]\d* stored, 0 already known, 0 refused/).waitFor();
+    await choose(page, {
+      name: "run.mcap",
+      mimeType: "application/mcap",
+      buffer: await recording("mcap-json"),
+    });
+    await page
+      .locator('.result[data-kind="good"]')
+      .getByText(/run\.mcap: [1-9]\d* records read, [1-9]\d* stored, 0 already known, 0 refused/)
+      .waitFor();
     assert.ok((await json(`assets/${id}`)).summary.segments > 0);
-    await choose(page, { name: "torn.mcap", mimeType: "application/mcap", buffer: await recording("mcap-bad-chunk-crc") });
+    await choose(page, {
+      name: "torn.mcap",
+      mimeType: "application/mcap",
+      buffer: await recording("mcap-bad-chunk-crc"),
+    });
     const torn = page.locator('.result[data-kind="part"]');
     await torn.getByText(/torn\.mcap: .* 1 refused/).waitFor();
     assert.match(await torn.innerText(), /Record 1: mcap: damaged at byte \d+: Chunk CRC failed/);
@@ -159,12 +233,27 @@ export const CHECKS = {
     const opened = await dialog();
     const { id, page } = opened;
     await page.getByRole("button", { name: "Close" }).click();
-    await drop(page, { "samples.csv": csv(1500), "broken.wav": "RIFF, and then nothing of a recording", "torn.csv": csv(100, 41), "notes.txt": "words" });
+    await drop(page, {
+      "samples.csv": csv(1500),
+      "broken.wav": "RIFF, and then nothing of a recording",
+      "torn.csv": csv(100, 41),
+      "notes.txt": "words",
+    });
     await send(page);
-    await page.locator('.result[data-kind="good"]', { hasText: /samples\.csv: channel .* stored as the record of/ }).waitFor();
+    await page
+      .locator('.result[data-kind="good"]', { hasText: /samples\.csv: channel .* stored as the record of/ })
+      .waitFor();
     await page.locator('.result[data-kind="bad"]', { hasText: "broken.wav was not taken" }).waitFor();
-    await page.locator('.result[data-kind="bad"]', { hasText: "torn.csv was not taken: line 43, column “a1” is “none”, expected a finite number" }).waitFor();
-    await page.locator('.result[data-kind="bad"]', { hasText: "notes.txt was not taken: expected a file that ends in .wav" }).waitFor();
+    await page
+      .locator('.result[data-kind="bad"]', {
+        hasText: "torn.csv was not taken: line 43, column “a1” is “none”, expected a finite number",
+      })
+      .waitFor();
+    await page
+      .locator('.result[data-kind="bad"]', {
+        hasText: "notes.txt was not taken: expected a file that ends in .wav",
+      })
+      .waitFor();
     assert.equal((await json(`assets/${id}`)).summary.segments, 1);
     assert.ok(await page.locator("body:not(.dropping)").count(), "the mark of a drag is gone");
     await end(opened);
@@ -193,7 +282,10 @@ export const CHECKS = {
     await page.locator(`[data-asset="${asset}"]`).waitFor();
     const address = page.url();
     assert.ok(await drop(page, { "lost.wav": wav(100) }), "the browser is kept from showing the file itself");
-    await page.getByRole("dialog").getByText("lost.wav cannot be taken here: records belong to an asset").waitFor();
+    await page
+      .getByRole("dialog")
+      .getByText("lost.wav cannot be taken here: records belong to an asset")
+      .waitFor();
     await page.keyboard.press("Escape");
     await page.getByRole("dialog").waitFor({ state: "detached" });
     assert.equal(page.url(), address);
@@ -204,19 +296,45 @@ export const CHECKS = {
   "records that others analyse later are told as waiting": async () => {
     const opened = await dialog();
     const { id, page } = opened;
-    const queued = { state: "queued", id: "0".repeat(32), asset_id: id, channel: "a1", start_time: "2026-03-01T08:00:00Z", received_at: "2026-03-01T08:00:09Z", unit: "m/s2", operating_point: {} };
+    const queued = {
+      state: "queued",
+      id: "0".repeat(32),
+      asset_id: id,
+      channel: "a1",
+      start_time: "2026-03-01T08:00:00Z",
+      received_at: "2026-03-01T08:00:09Z",
+      unit: "m/s2",
+      operating_point: {},
+    };
     let body = queued;
-    await page.route("**/segments*", (route) => (route.request().method() === "POST" ? route.fulfill({ status: 202, contentType: "application/json", body: JSON.stringify(body) }) : route.continue()));
+    await page.route("**/segments*", (route) =>
+      route.request().method() === "POST"
+        ? route.fulfill({ status: 202, contentType: "application/json", body: JSON.stringify(body) })
+        : route.continue(),
+    );
     const one = (name) => choose(page, { name, mimeType: "audio/wav", buffer: wav(100) });
     const good = (words) => page.locator('.result[data-kind="good"]', { hasText: words }).waitFor();
     await one("one.wav");
-    await good("one.wav: channel a1 taken as the record of 2026-03-01 08:00:00 UTC; it waits to be analysed, and its wear shows up on the page by itself.");
+    await good(
+      "one.wav: channel a1 taken as the record of 2026-03-01 08:00:00 UTC; it waits to be analysed, and its wear shows up on the page by itself.",
+    );
     body = { segments: [queued, { ...queued, channel: "a2" }] };
     await one("two.wav");
     await good("two.wav: channel a2 taken as the record of 2026-03-01 08:00:00 UTC; it waits");
-    body = { records: 4, stored: 0, queued: 3, repeated: 1, refused_count: 0, refused: [], segments: ["1", "2", "3"].map((digit) => digit.repeat(24)), wear: null };
+    body = {
+      records: 4,
+      stored: 0,
+      queued: 3,
+      repeated: 1,
+      refused_count: 0,
+      refused: [],
+      segments: ["1", "2", "3"].map((digit) => digit.repeat(24)),
+      wear: null,
+    };
     await one("run.wav");
-    await good("run.wav: 4 records read, 0 stored, 3 taken and waiting to be analysed, 1 already known, 0 refused.");
+    await good(
+      "run.wav: 4 records read, 0 stored, 3 taken and waiting to be analysed, 1 already known, 0 refused.",
+    );
     assert.deepEqual(opened.faults, []);
     await end(opened);
   },

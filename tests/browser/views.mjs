@@ -1,7 +1,19 @@
 // Waterfall, match and settings: what is clicked and typed in them.
 
 import assert from "node:assert/strict";
-import { asset, base, close, createAsset, drawn, json, open, parameters, recordShown, removeAsset, shoot } from "./page.mjs";
+import {
+  asset,
+  base,
+  close,
+  createAsset,
+  drawn,
+  json,
+  open,
+  parameters,
+  recordShown,
+  removeAsset,
+  shoot,
+} from "./page.mjs";
 
 export const CHECKS = {
   "a click on a line of the waterfall opens its record": async (name) => {
@@ -13,11 +25,13 @@ export const CHECKS = {
     const box = await page.locator('[data-plot="waterfall"] .nsewdrag').first().boundingBox();
     const [x, y] = [box.x + 0.5 * box.width, box.y + 0.5 * box.height];
     await page.mouse.move(x, y);
-    const label = page.locator("[data-plot=\"waterfall\"] .cell-label");
+    const label = page.locator('[data-plot="waterfall"] .cell-label');
     await label.waitFor();
     assert.match(await label.textContent(), /UTC, [\d.]+ order: −?-?[\d.]+ dB$/);
     await page.mouse.click(x, y);
-    await page.waitForURL((url) => url.hash.startsWith(`#/assets/${asset}?`) && url.hash.includes("segment="));
+    await page.waitForURL(
+      (url) => url.hash.startsWith(`#/assets/${asset}?`) && url.hash.includes("segment="),
+    );
     await recordShown(page);
     await close(opened, name);
   },
@@ -42,7 +56,10 @@ export const CHECKS = {
     const words = page.locator('[data-plot="trends"] .annotation', { hasText: "warning above 4" });
     await words.first().waitFor();
     const answer = await json(`assets/${asset}/indicators?names=novelty`);
-    assert.ok(answer.items.some(({ novelty }) => novelty >= 0), "records after the baseline have a novelty");
+    assert.ok(
+      answer.items.some(({ novelty }) => novelty >= 0),
+      "records after the baseline have a novelty",
+    );
     await close(opened, name);
   },
 
@@ -57,8 +74,17 @@ export const CHECKS = {
 
   "settings are changed, and a wrong one is refused at its field": async (name) => {
     const id = `settings-${Date.now()}`;
-    const spec = { id, name: "Before", gear: { teeth: [31, 62], shaft_speed_hz: 10 }, limits: { warning_um: 50, danger_um: 90 } };
-    const made = await fetch(`${base}/v1/assets`, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(spec) });
+    const spec = {
+      id,
+      name: "Before",
+      gear: { teeth: [31, 62], shaft_speed_hz: 10 },
+      limits: { warning_um: 50, danger_um: 90 },
+    };
+    const made = await fetch(`${base}/v1/assets`, {
+      method: "POST",
+      headers: { "content-type": "application/json" },
+      body: JSON.stringify(spec),
+    });
     assert.equal(made.status, 201);
     const { page, faults } = await open(`#/assets/${id}/settings`);
     await page.getByLabel("Name", { exact: true }).fill("After");
@@ -83,7 +109,10 @@ export const CHECKS = {
     await page.getByText("Wear depth: warning above 50 µm, danger above 90 µm").waitFor();
     await page.getByLabel("Rules of its own").check();
     await page.getByRole("button", { name: "Add rule" }).click();
-    const rule = page.locator(".setting-row").filter({ has: page.getByLabel("Watches") }).last();
+    const rule = page
+      .locator(".setting-row")
+      .filter({ has: page.getByLabel("Watches") })
+      .last();
     await rule.getByLabel("Indicator", { exact: true }).fill("kurtosis");
     await rule.getByLabel("Warning above").fill("4");
     await page.getByRole("button", { name: "Add operating bin" }).click();
@@ -93,7 +122,10 @@ export const CHECKS = {
     await page.getByRole("button", { name: "Save", exact: true }).click();
     await page.getByText("Saved.").waitFor();
     const { alarms, operating_bins: bins } = await json(`assets/${id}`);
-    assert.deepEqual(alarms.map(({ quantity }) => quantity), ["wear_um", "novelty", { indicator: "kurtosis" }]);
+    assert.deepEqual(
+      alarms.map(({ quantity }) => quantity),
+      ["wear_um", "novelty", { indicator: "kurtosis" }],
+    );
     assert.deepEqual(bins, [{ name: "full load", torque_nm: [80, 120] }]);
     assert.deepEqual(opened.faults, []);
     await rule.getByLabel("Danger above").fill("2");
@@ -122,7 +154,9 @@ export const CHECKS = {
     await drawn(page, "trends");
     await page.locator('[data-plot="trends"] .legend li').first().waitFor();
     await page.getByLabel("Log", { exact: true }).first().check();
-    await page.waitForFunction(() => document.querySelector('[data-plot="trends"] .plot').layout.yaxis.type === "log");
+    await page.waitForFunction(
+      () => document.querySelector('[data-plot="trends"] .plot').layout.yaxis.type === "log",
+    );
     assert.equal(parameters(page).get("log"), "1");
     const titles = await page.locator('[data-plot="trends"] .infolayer').first().textContent();
     assert.ok(titles.includes("Kurtosis") && titles.includes("Peak"), titles);

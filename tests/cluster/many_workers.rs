@@ -1,5 +1,5 @@
-//! Any number of workers on one database: the same records give the bits that one machine gives, in whatever order and however often they
-//! come to whichever worker.
+//! Any number of workers on one database: the same records give the bits that one machine gives, in whatever
+//! order and however often they come to whichever worker.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,7 +10,10 @@ use bytes::Bytes;
 use flankwatch::asset::{AssetId, AssetSpec};
 use flankwatch::library::{EnsembleSettings, FIRST_MEMBERS, GridSettings};
 use flankwatch::recording::{BlockEncoding, encode_block};
-use flankwatch::service::{LiveEvent, Precondition, Readiness, RecordFormat, Role, Service, ServiceFolders, UploadMetadata, WorkLimits};
+use flankwatch::service::{
+    LiveEvent, Precondition, Readiness, RecordFormat, Role, Service, ServiceFolders, UploadMetadata,
+    WorkLimits,
+};
 use flankwatch::store::{AlarmFilter, SegmentFilter, Store, StoreSettings};
 use jiff::Timestamp;
 use rand::SeedableRng;
@@ -25,7 +28,8 @@ use flankwatch_test_support::needed;
 type Sent = (AssetId, Bytes);
 
 fn asset(id: &str) -> AssetSpec {
-    let pair = flankwatch::gear::PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap();
+    let pair =
+        flankwatch::gear::PairSpec::from_toml(include_str!("../../fixtures/pairs/shen2022.toml")).unwrap();
     let asset = json!({
         "id": id,
         "gear": { "teeth": pair.geometry.teeth, "shaft_speed_hz": pair.operation.shaft_speed_hz, "pair": pair },
@@ -53,7 +57,10 @@ fn records(asset: &AssetId, channel: &str, count: u32) -> Vec<Sent> {
             let loud = samples(n).iter().map(|sample| 3.0 * sample).collect();
             one = flankwatch::signal::Record::new(channel, minute(n.into()), 4000.0, "m/s2", loud).unwrap();
         }
-        (asset.clone(), Bytes::from(encode_block(&one, BlockEncoding::Protobuf)))
+        (
+            asset.clone(),
+            Bytes::from(encode_block(&one, BlockEncoding::Protobuf)),
+        )
     };
     (0..count).map(one).collect()
 }
@@ -79,7 +86,15 @@ async fn worker_with(settings: &StoreSettings, folder: &Path, neighbours: Ensemb
         seconds: 0.25,
         ..GridSettings::default()
     };
-    Service::new(store, folders, &limits, grid, Arc::new(ManualClock::default()), Role::Standalone).unwrap()
+    Service::new(
+        store,
+        folders,
+        &limits,
+        grid,
+        Arc::new(ManualClock::default()),
+        Role::Standalone,
+    )
+    .unwrap()
 }
 
 /// Waits until a worker has all that is simulated of an asset.
@@ -100,7 +115,13 @@ async fn send(worker: &Service, (asset, bytes): &Sent) {
         let ticket = worker.workers.admit().unwrap();
         let taken = worker
             .pipeline
-            .accept(asset, RecordFormat::Protobuf, bytes.clone(), UploadMetadata::default(), ticket)
+            .accept(
+                asset,
+                RecordFormat::Protobuf,
+                bytes.clone(),
+                UploadMetadata::default(),
+                ticket,
+            )
             .await;
         match taken {
             Ok(_) => return,
@@ -114,7 +135,10 @@ async fn send(worker: &Service, (asset, bytes): &Sent) {
 async fn settle(worker: &Service, asset: &AssetId, keys: &[String]) {
     for tries in 0.. {
         let channels = worker.store.channels(asset).await.unwrap();
-        let found: Vec<String> = channels.iter().map(|channel| format!("{:?}", channel.keys)).collect();
+        let found: Vec<String> = channels
+            .iter()
+            .map(|channel| format!("{:?}", channel.keys))
+            .collect();
         if channels.iter().all(|channel| !channel.must_fold) && (keys.is_empty() || found == keys) {
             return;
         }
@@ -125,14 +149,21 @@ async fn settle(worker: &Service, asset: &AssetId, keys: &[String]) {
 
 async fn keys(worker: &Service, asset: &AssetId) -> Vec<String> {
     let channels = worker.store.channels(asset).await.unwrap();
-    channels.iter().map(|channel| format!("{:?}", channel.keys)).collect()
+    channels
+        .iter()
+        .map(|channel| format!("{:?}", channel.keys))
+        .collect()
 }
 
 /// Every number of every record, and what stands of the alarms.
 async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, String> {
     let store = &worker.store;
     let mut all = BTreeMap::new();
-    for segment in store.segments(asset, &SegmentFilter::default(), 10_000).await.unwrap() {
+    for segment in store
+        .segments(asset, &SegmentFilter::default(), 10_000)
+        .await
+        .unwrap()
+    {
         all.insert(segment.id.to_string(), format!("{segment:?}"));
     }
     let filter = AlarmFilter {
@@ -143,7 +174,13 @@ async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, Strin
         let (history, _) = store.alarm_history(&alarm.id, 10_000).await.unwrap();
         // Not its latest readings: those that changed nothing are kept with the states of the fold alone.
         let held = &alarm.alarm;
-        let stands = (held.standing(), held.severity(), held.raised_at(), held.value(), held.last());
+        let stands = (
+            held.standing(),
+            held.severity(),
+            held.raised_at(),
+            held.value(),
+            held.last(),
+        );
         let told: Vec<_> = history
             .iter()
             .filter(|entry| entry.withdrawn_at.is_none())
@@ -151,7 +188,10 @@ async fn everything(worker: &Service, asset: &AssetId) -> BTreeMap<String, Strin
             .collect();
         // What records in another order raised for a time and was withdrawn is no part of what stands.
         if !told.is_empty() {
-            all.insert(format!("alarm {}", alarm.id), format!("{:?} {stands:?} {told:?}", alarm.rule));
+            all.insert(
+                format!("alarm {}", alarm.id),
+                format!("{:?} {stands:?} {told:?}", alarm.rule),
+            );
         }
     }
     all
@@ -172,8 +212,13 @@ fn database() -> TestDatabase {
     )
 }
 
-/// What one machine on SQLite makes of the records, in order: all numbers, and what the histories stand under.
-async fn on_one_machine(folder: &Path, specs: &[AssetSpec], all: &[Sent]) -> Vec<(Vec<String>, BTreeMap<String, String>)> {
+/// What one machine on SQLite makes of the records, in order: all numbers, and what the histories stand
+/// under.
+async fn on_one_machine(
+    folder: &Path,
+    specs: &[AssetSpec],
+    all: &[Sent],
+) -> Vec<(Vec<String>, BTreeMap<String, String>)> {
     let alone = worker(&folder.join("alone").as_path().into(), folder).await;
     for spec in specs {
         alone.assets.create(spec).await.unwrap();
@@ -225,7 +270,8 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
             }
             let mut tasks = tokio::task::JoinSet::new();
             for (n, worker) in workers.iter().cloned().enumerate() {
-                // Each worker gets two thirds of the records, so that most come to more than one, in an order of its own.
+                // Each worker gets two thirds of the records, so that most come to more than one, in an order
+                // of its own.
                 let mut mine: Vec<Sent> = all
                     .iter()
                     .enumerate()
@@ -238,7 +284,11 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                     let middle = mine.len() / 2;
                     for (k, sent) in mine.iter().enumerate() {
                         if let Some(anew) = anew.as_ref().filter(|_| k == middle) {
-                            worker.assets.update(anew, &Precondition::default()).await.unwrap();
+                            worker
+                                .assets
+                                .update(anew, &Precondition::default())
+                                .await
+                                .unwrap();
                         }
                         send(&worker, sent).await;
                     }
@@ -257,9 +307,13 @@ fn any_number_of_workers_gives_the_bits_of_one_machine() {
                     assert_eq!(found.get(name), Some(expected), "{name} of {count} workers");
                 }
             }
-            let libraries = (0..count).map(|n| files(&folder.path().join(format!("{n} of {count}/libraries"))));
+            let libraries =
+                (0..count).map(|n| files(&folder.path().join(format!("{n} of {count}/libraries"))));
             for found in libraries {
-                assert!(found == files(&folder.path().join("libraries")), "{count} workers");
+                assert!(
+                    found == files(&folder.path().join("libraries")),
+                    "{count} workers"
+                );
             }
             for worker in &workers {
                 worker.store.close().await;
@@ -332,7 +386,12 @@ fn a_history_is_folded_again_when_the_neighbours_have_come() {
         members: FIRST_MEMBERS + 4,
     };
     runtime().block_on(async {
-        let alone = worker_with(&folder.path().join("alone").as_path().into(), folder.path(), neighbours).await;
+        let alone = worker_with(
+            &folder.path().join("alone").as_path().into(),
+            folder.path(),
+            neighbours,
+        )
+        .await;
         alone.assets.create(&spec).await.unwrap();
         send(&alone, &records(&spec.id, "1", 1)[0]).await;
         let without = keys(&alone, &spec.id).await;
@@ -357,7 +416,12 @@ fn a_worker_that_awaits_neighbours_leaves_a_history_that_was_made_with_them() {
     let neighbours = |members| EnsembleSettings { members };
     runtime().block_on(async {
         let settings = StoreSettings::Shared(database.settings(folder.path()));
-        let with = worker_with(&settings, &folder.path().join("with"), neighbours(FIRST_MEMBERS + 4)).await;
+        let with = worker_with(
+            &settings,
+            &folder.path().join("with"),
+            neighbours(FIRST_MEMBERS + 4),
+        )
+        .await;
         with.assets.create(&spec).await.unwrap();
         simulated(&with, &spec).await;
         for sent in &all[..12] {
@@ -419,11 +483,22 @@ fn workers_that_keep_a_quota_at_the_same_time_give_up_no_more_than_needed() {
         let volume: u64 = all.iter().map(|(_, bytes)| bytes.len() as u64).sum();
         let largest = all.iter().map(|(_, bytes)| bytes.len() as u64).max().unwrap();
         for quota in [volume / 2, volume / 4] {
-            let given_up = workers.iter().map(|worker| worker.store.give_up_oldest(Some(&spec.id), quota, 256));
+            let given_up = workers
+                .iter()
+                .map(|worker| worker.store.give_up_oldest(Some(&spec.id), quota, 256));
             let given_up = futures_util::future::join_all(given_up).await;
-            assert_eq!(given_up.iter().filter(|one| one.as_ref().unwrap().objects > 0).count(), 1);
+            assert_eq!(
+                given_up
+                    .iter()
+                    .filter(|one| one.as_ref().unwrap().objects > 0)
+                    .count(),
+                1
+            );
             let left = workers[0].store.raw_volumes().await.unwrap()["pump"];
-            assert!(left <= quota && left + largest > quota, "{left} of {volume} left, expected {quota}");
+            assert!(
+                left <= quota && left + largest > quota,
+                "{left} of {volume} left, expected {quota}"
+            );
         }
         for worker in &workers {
             worker.store.close().await;
@@ -451,13 +526,21 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
         nodes[0].assets.create(&plain("first")).await.unwrap();
         // More than one sensor may have.
         let specs: Vec<AssetSpec> = (0..16).map(|n| listener(n, "first")).collect();
-        let made = specs.iter().enumerate().map(|(n, spec)| nodes[n % 4].assets.create(spec));
+        let made = specs
+            .iter()
+            .enumerate()
+            .map(|(n, spec)| nodes[n % 4].assets.create(spec));
         let made = futures_util::future::join_all(made).await;
         let refused = made.iter().filter_map(|made| made.as_ref().err());
         for error in refused {
             assert!(error.to_string().contains("fewer than 8"), "{error}");
         }
-        let there = nodes[0].store.assets_of_sensor(&plain("first").id).await.unwrap().len();
+        let there = nodes[0]
+            .store
+            .assets_of_sensor(&plain("first").id)
+            .await
+            .unwrap()
+            .len();
         assert_eq!(made.iter().filter(|made| made.is_ok()).count() + 1, there);
         assert_eq!(there, flankwatch::asset::MAX_ON_ONE_SENSOR, "{made:?}");
         // One asset goes while another one is to hear through it: one of both is refused, and told why.
@@ -467,7 +550,10 @@ fn nodes_that_describe_assets_of_one_sensor_at_the_same_time_see_each_other() {
             nodes[0].assets.create(&plain(&of)).await.unwrap();
             let id = AssetId::new(of).unwrap();
             let always = Precondition::default();
-            let (made, gone) = tokio::join!(nodes[1].assets.create(&through), nodes[2].assets.delete(&id, &always));
+            let (made, gone) = tokio::join!(
+                nodes[1].assets.create(&through),
+                nodes[2].assets.delete(&id, &always)
+            );
             match (made, gone) {
                 (Ok(_), Err(error)) => assert!(error.to_string().contains(through.id.as_str()), "{error}"),
                 (Err(error), Ok(())) => assert!(error.to_string().contains("sensor.of"), "{error}"),

@@ -14,7 +14,8 @@ use flankwatch_test_support::needed;
 /// Takes records from a broker; `more` are further lines of the settings.
 pub(crate) fn feed(service: &Service, port: u16, root: &str, more: &str) -> MqttFeed {
     // The broker need not remember it for long.
-    let text = format!("url = \"mqtt://127.0.0.1:{port}\"\nroot = \"{root}\"\nsession_expiry_s = 120\n{more}");
+    let text =
+        format!("url = \"mqtt://127.0.0.1:{port}\"\nroot = \"{root}\"\nsession_expiry_s = 120\n{more}");
     // A session of the test's own, unless it says whose it is.
     let own = if more.contains("client_id") {
         String::new()
@@ -27,7 +28,9 @@ pub(crate) fn feed(service: &Service, port: u16, root: &str, more: &str) -> Mqtt
 fn start(service: &Service, table: &str) -> MqttFeed {
     let table: MqttTable = toml::from_str(table).unwrap();
     let settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-    let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
+    let feed = service
+        .run(async { MqttFeed::start(settings, service.service()) })
+        .unwrap();
     // The one that was started last; others may have been stopped before it, and the service may be full.
     let began = std::time::Instant::now();
     loop {
@@ -80,15 +83,25 @@ fn outcome(service: &Service, outcome: &str) -> f64 {
 fn wait_for_outcome(service: &Service, what: &str, count: f64) {
     let began = std::time::Instant::now();
     while outcome(service, what) < count {
-        assert!(began.elapsed() < LONGEST, "{} of {count} {what}", outcome(service, what));
+        assert!(
+            began.elapsed() < LONGEST,
+            "{} of {count} {what}",
+            outcome(service, what)
+        );
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
 }
 
 fn times(service: &Service, asset: &str) -> BTreeSet<String> {
-    let segments = service.get(&format!("/v1/assets/{asset}/segments?limit=1000")).expect(200).json();
+    let segments = service
+        .get(&format!("/v1/assets/{asset}/segments?limit=1000"))
+        .expect(200)
+        .json();
     let items = segments["items"].as_array().unwrap();
-    let times: BTreeSet<String> = items.iter().map(|item| item["start_time"].as_str().unwrap().to_owned()).collect();
+    let times: BTreeSet<String> = items
+        .iter()
+        .map(|item| item["start_time"].as_str().unwrap().to_owned())
+        .collect();
     assert_eq!(times.len(), items.len(), "a record is there twice");
     times
 }
@@ -105,7 +118,11 @@ fn every_message_is_a_record_once() {
     let mut sender = Sender::connect(port);
     for n in 0..20 {
         let record = record("named otherwise", n);
-        let encoding = if n % 2 == 0 { BlockEncoding::Protobuf } else { BlockEncoding::Json };
+        let encoding = if n % 2 == 0 {
+            BlockEncoding::Protobuf
+        } else {
+            BlockEncoding::Json
+        };
         let block = encode_block(&record, encoding);
         let said = (n % 4 < 2).then(|| encoding.media_type());
         sender.send_as(&topic(&root, "pump", "input"), &block, said);
@@ -127,8 +144,14 @@ fn every_message_is_a_record_once() {
     let ours = service.get("/v1/assets/pump/indicators").expect(200).json();
     let last = ours["items"].as_array().unwrap().last().unwrap().clone();
     assert_eq!(last["rms"], uploaded["indicators"]["rms"], "{last}");
-    assert_eq!(metric(&service, "flankwatch_records_total{outcome=\"repeated\"}"), 4.0);
-    assert_eq!((outcome(&service, "received"), outcome(&service, "refused")), (24.0, 0.0));
+    assert_eq!(
+        metric(&service, "flankwatch_records_total{outcome=\"repeated\"}"),
+        4.0
+    );
+    assert_eq!(
+        (outcome(&service, "received"), outcome(&service, "refused")),
+        (24.0, 0.0)
+    );
     assert_eq!(metric(&service, "flankwatch_feed_connected{feed=\"mqtt\"}"), 1.0);
     let health = service.get("/readyz").expect(200).json();
     let expected = json!([{ "name": "mqtt", "is_connected": true, "held": 0 }]);
@@ -152,7 +175,13 @@ struct Unusable {
 }
 
 impl Unusable {
-    fn new(asset: &'static str, point: &'static str, payload: Vec<u8>, status: u16, words: &'static str) -> Self {
+    fn new(
+        asset: &'static str,
+        point: &'static str,
+        payload: Vec<u8>,
+        status: u16,
+        words: &'static str,
+    ) -> Self {
         Self {
             asset,
             point,
@@ -178,7 +207,8 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
     let mut no_time = Record::new("1", jiff::Timestamp::UNIX_EPOCH, 4000.0, "g", vec![1.0; 100]).unwrap();
     let no_time_protobuf = protobuf(&no_time);
     no_time = no_time.with_channel("2");
-    let mut no_time_json: Value = serde_json::from_slice(&encode_block(&no_time, BlockEncoding::Json)).unwrap();
+    let mut no_time_json: Value =
+        serde_json::from_slice(&encode_block(&no_time, BlockEncoding::Json)).unwrap();
     no_time_json.as_object_mut().unwrap().remove("start_time");
     let text = b"{\"samples\": [1]}".to_vec();
     let (timeless, in_json) = ("start_time is missing", no_time_json.to_string().into_bytes());
@@ -192,7 +222,13 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
         Unusable::new("pump", "text", text, 422, "missing field `sample_rate_hz`"),
         Unusable {
             content_type: Some("audio/wav"),
-            ..Unusable::new("pump", "wav", good.clone(), 415, "application/x-protobuf or application/json")
+            ..Unusable::new(
+                "pump",
+                "wav",
+                good.clone(),
+                415,
+                "application/x-protobuf or application/json",
+            )
         },
         Unusable::new("pump", "large", vec![0; 100_001], 413, "100001"),
         Unusable::new("pump", "timeless", no_time_protobuf, 422, timeless),
@@ -200,14 +236,20 @@ fn what_cannot_be_used_is_refused_with_the_reason() {
     ];
     let mut sender = Sender::connect(port);
     for case in &cases {
-        sender.send_as(&topic(&root, case.asset, case.point), &case.payload, case.content_type);
+        sender.send_as(
+            &topic(&root, case.asset, case.point),
+            &case.payload,
+            case.content_type,
+        );
     }
     sender.send(&topic(&root, "pump", "good"), &good);
     let heard = listener.wait_for(cases.len());
     assert_eq!(heard.len(), cases.len());
     for case in &cases {
         let address = format!("{root}/{}/{}", case.asset, case.point);
-        let found = heard.iter().find(|(topic, _)| *topic == format!("{address}/rejected"));
+        let found = heard
+            .iter()
+            .find(|(topic, _)| *topic == format!("{address}/rejected"));
         let (_, problem) = found.unwrap_or_else(|| panic!("nothing of {address} in {heard:?}"));
         assert_eq!(problem["status"], case.status, "{problem}");
         let detail = problem["detail"].as_str().unwrap();
@@ -245,7 +287,10 @@ fn a_publisher_that_is_misaddressed_does_not_stop_the_others() {
     wait_for_outcome(&service, "accepted", 20.0);
     assert_eq!(times(&service, "wheel").len(), 20);
     for (topic, problem) in listener.wait_for(40) {
-        assert_eq!((topic.as_str(), &problem["status"]), ("flankwatch/pinion/1/rejected", &json!(409)));
+        assert_eq!(
+            (topic.as_str(), &problem["status"]),
+            ("flankwatch/pinion/1/rejected", &json!(409))
+        );
         assert!(problem["detail"].as_str().unwrap().contains("wheel"), "{problem}");
     }
     assert_eq!(outcome(&service, "refused"), 40.0);
@@ -295,9 +340,18 @@ fn a_full_service_leaves_messages_at_the_broker() {
         std::thread::sleep(std::time::Duration::from_millis(20));
         held = service.get("/readyz").json();
     }
-    assert!(held["feeds"][0]["trouble"].as_str().unwrap().contains("queue"), "{held}");
-    assert_eq!(metric(&service, "flankwatch_feed_messages_held{feed=\"mqtt\"}"), 4.0);
-    assert_eq!((outcome(&service, "received"), outcome(&service, "accepted")), (4.0, 0.0));
+    assert!(
+        held["feeds"][0]["trouble"].as_str().unwrap().contains("queue"),
+        "{held}"
+    );
+    assert_eq!(
+        metric(&service, "flankwatch_feed_messages_held{feed=\"mqtt\"}"),
+        4.0
+    );
+    assert_eq!(
+        (outcome(&service, "received"), outcome(&service, "accepted")),
+        (4.0, 0.0)
+    );
     drop(tickets);
     wait_for_outcome(&service, "accepted", 40.0);
     assert_eq!(times(&service, "pump").len(), 40);
@@ -322,10 +376,15 @@ fn what_finds_no_place_for_long_is_asked_for_again() {
     let parts = service.service();
     let tickets: Vec<_> = std::iter::from_fn(|| parts.workers.admit().ok()).collect();
     let second = feed(&service, broker.port, "flankwatch", settings);
-    // Longer than a broker waits for a sign of life: what a session kept may come all at once, and the connection has to stand.
+    // Longer than a broker waits for a sign of life: what a session kept may come all at once, and the
+    // connection has to stand.
     std::thread::sleep(std::time::Duration::from_secs(10));
     let feeds = service.get("/readyz").json()["feeds"].clone();
-    assert_eq!((&feeds[1]["is_connected"], &feeds[1]["held"]), (&true.into(), &4.into()), "{feeds}");
+    assert_eq!(
+        (&feeds[1]["is_connected"], &feeds[1]["held"]),
+        (&true.into(), &4.into()),
+        "{feeds}"
+    );
     drop(tickets);
     wait_for_records(&service, 40);
     service.run(second.stop(LONGEST));
@@ -353,7 +412,12 @@ fn nodes_that_share_a_subscription_share_the_messages() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     let (first, second) = (times(&one, "pump"), times(&other, "pump"));
-    assert!(!first.is_empty() && !second.is_empty(), "{} and {}", first.len(), second.len());
+    assert!(
+        !first.is_empty() && !second.is_empty(),
+        "{} and {}",
+        first.len(),
+        second.len()
+    );
     assert!(first.is_disjoint(&second));
     assert_eq!(first.len() + second.len(), 40);
     for (service, feed) in [&one, &other].into_iter().zip(feeds) {
@@ -374,7 +438,12 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
     let passwords = folder.path().join("passwords");
     std::fs::write(&passwords, "").unwrap();
     let mut maker = std::process::Command::new("mosquitto_passwd");
-    let added = maker.arg("-b").arg(&passwords).args(["flankwatch", "correct horse"]).output().ok();
+    let added = maker
+        .arg("-b")
+        .arg(&passwords)
+        .args(["flankwatch", "correct horse"])
+        .output()
+        .ok();
     let added = added.filter(|output| output.status.success());
     needed(added, "mosquitto_passwd (apt install mosquitto)");
     let settings = format!(
@@ -404,7 +473,9 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
         let service = Service::start();
         let table: MqttTable = toml::from_str(table).unwrap();
         let settings = table.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-        let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
+        let feed = service
+            .run(async { MqttFeed::start(settings, service.service()) })
+            .unwrap();
         let ready = service.wait_for("/readyz", |ready| {
             let trouble = ready["feeds"][0]["trouble"].as_str().unwrap_or_default();
             words.iter().any(|word| trouble.contains(word))
@@ -412,24 +483,50 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
         assert_eq!(ready["feeds"][0]["is_connected"], false);
         service.run(feed.stop(LONGEST));
     };
-    trouble(&table(&server.certificate, &shown), &["NotAuthorized", "BadUserNamePassword"]);
+    trouble(
+        &table(&server.certificate, &shown),
+        &["NotAuthorized", "BadUserNamePassword"],
+    );
     trouble(&table(&client.certificate, &shown), &["certificate"]);
-    trouble(&table(&server.certificate, ""), &["ertificate", "aborted", "closed", "reset"]);
+    trouble(
+        &table(&server.certificate, ""),
+        &["ertificate", "aborted", "closed", "reset"],
+    );
     // The file is read again for each connection.
     let service = Service::start();
     service.plain_asset("pump");
     let resolved: MqttTable = toml::from_str(&table(&server.certificate, &shown)).unwrap();
     let settings = resolved.resolve(MqttCredentials::default(), 1 << 20).unwrap();
-    let feed = service.run(async { MqttFeed::start(settings, service.service()) }).unwrap();
-    service.wait_for("/readyz", |ready| ready["feeds"][0]["trouble"] != "not connected yet");
+    let feed = service
+        .run(async { MqttFeed::start(settings, service.service()) })
+        .unwrap();
+    service.wait_for("/readyz", |ready| {
+        ready["feeds"][0]["trouble"] != "not connected yet"
+    });
     std::fs::write(&secret, "correct horse\n").unwrap();
     service.wait_for("/readyz", |ready| ready["feeds"][0]["is_connected"] == true);
     let mut publisher = std::process::Command::new("mosquitto_pub");
     let message = folder.path().join("message");
     std::fs::write(&message, protobuf(&record("1", 1))).unwrap();
     publisher
-        .args(["-h", "127.0.0.1", "-p", &broker.port.to_string(), "-V", "5", "-q", "1"])
-        .args(["-u", "flankwatch", "-P", "correct horse", "-t", "flankwatch/pump/1/waveform"])
+        .args([
+            "-h",
+            "127.0.0.1",
+            "-p",
+            &broker.port.to_string(),
+            "-V",
+            "5",
+            "-q",
+            "1",
+        ])
+        .args([
+            "-u",
+            "flankwatch",
+            "-P",
+            "correct horse",
+            "-t",
+            "flankwatch/pump/1/waveform",
+        ])
         .arg("--cafile")
         .arg(&server.certificate)
         .arg("--cert")
@@ -438,7 +535,10 @@ fn a_broker_that_asks_who_comes_is_answered_over_tls() {
         .arg(&client.key)
         .arg("-f")
         .arg(&message);
-    let sent = needed(publisher.output().ok(), "mosquitto_pub (apt install mosquitto-clients)");
+    let sent = needed(
+        publisher.output().ok(),
+        "mosquitto_pub (apt install mosquitto-clients)",
+    );
     assert!(sent.status.success(), "{}", String::from_utf8_lossy(&sent.stderr));
     wait_for_records(&service, 1);
     service.run(feed.stop(LONGEST));

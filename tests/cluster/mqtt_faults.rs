@@ -1,4 +1,5 @@
-//! Brokers that go away and services that are killed: every message that a broker has is a record in the end, once.
+//! Brokers that go away and services that are killed: every message that a broker has is a record in the end,
+//! once.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -62,7 +63,8 @@ fn a_broker_restarted_in_between_loses_nothing() {
     wait_for_records(&service, sent);
     let reconnects = metric(&service, "flankwatch_feed_reconnects_total{feed=\"mqtt\"}");
     assert!(reconnects >= f64::from(rounds), "{reconnects} in {rounds} rounds");
-    // A broker that is killed forgets what it did not write; a device that sends all again makes no record twice.
+    // A broker that is killed forgets what it did not write; a device that sends all again makes no record
+    // twice.
     broker.end("-KILL");
     broker.launch();
     service.wait_for("/readyz", |ready| ready["feeds"][0]["is_connected"] == true);
@@ -117,6 +119,8 @@ fn a_service_killed_before_it_acknowledges_loses_nothing() {
     };
     assert_eq!(stored.len(), sent as usize);
     assert!(stored.values().all(|count| *count == 1));
-    eprintln!("{rounds} rounds: {sent} messages, all records; {between} rounds ended with some of them stored");
+    eprintln!(
+        "{rounds} rounds: {sent} messages, all records; {between} rounds ended with some of them stored"
+    );
     program.kill();
 }

@@ -1,5 +1,5 @@
-//! API nodes and workers of a cluster of its own, inside the test's process: each with its own connections, and nothing in common but the
-//! servers.
+//! API nodes and workers of a cluster of its own, inside the test's process: each with its own connections,
+//! and nothing in common but the servers.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
@@ -43,7 +43,11 @@ pub(super) fn database() -> TestDatabase {
 
 /// A name that no other cluster has.
 pub(super) fn unused_name() -> String {
-    format!("test_{}_{}", std::process::id(), CLUSTERS.fetch_add(1, Ordering::Relaxed))
+    format!(
+        "test_{}_{}",
+        std::process::id(),
+        CLUSTERS.fetch_add(1, Ordering::Relaxed)
+    )
 }
 
 /// A service that answers at an address.
@@ -58,11 +62,20 @@ impl Client {
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(60)))
             .build();
-        Self { url, agent: agent.into() }
+        Self {
+            url,
+            agent: agent.into(),
+        }
     }
 
     /// Status and body; none where nobody answers.
-    pub(super) fn try_send(&self, method: &str, path: &str, media_type: &str, body: &[u8]) -> Option<(u16, Value)> {
+    pub(super) fn try_send(
+        &self,
+        method: &str,
+        path: &str,
+        media_type: &str,
+        body: &[u8],
+    ) -> Option<(u16, Value)> {
         let (status, _, answer) = self.try_send_with(method, path, &[("content-type", media_type)], body)?;
         Some((status, answer))
     }
@@ -75,12 +88,19 @@ impl Client {
         headers: &[(&str, &str)],
         body: &[u8],
     ) -> Option<(u16, ureq::http::HeaderMap, Value)> {
-        let mut request = ureq::http::Request::builder().method(method).uri(format!("{}{path}", self.url));
+        let mut request = ureq::http::Request::builder()
+            .method(method)
+            .uri(format!("{}{path}", self.url));
         for (name, value) in headers {
             request = request.header(*name, *value);
         }
         let mut response = self.agent.run(request.body(body).unwrap()).ok()?;
-        let text = response.body_mut().with_config().limit(64 << 20).read_to_string().ok()?;
+        let text = response
+            .body_mut()
+            .with_config()
+            .limit(64 << 20)
+            .read_to_string()
+            .ok()?;
         let body = serde_json::from_str(&text).unwrap_or(Value::String(text));
         Some((response.status().as_u16(), response.headers().clone(), body))
     }
@@ -129,7 +149,10 @@ impl Client {
             {
                 return answer.clone();
             }
-            assert!(began.elapsed() < Duration::from_secs(120), "{path} is still {found:?}");
+            assert!(
+                began.elapsed() < Duration::from_secs(120),
+                "{path} is still {found:?}"
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -138,11 +161,18 @@ impl Client {
     pub(super) fn history(&self, asset: &str) -> Vec<Value> {
         let mut rows = Vec::new();
         let summary = self.get(&format!("/v1/assets/{asset}"))["summary"].clone();
-        let mut channels: Vec<&str> = summary["channels"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+        let mut channels: Vec<&str> = summary["channels"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter_map(Value::as_str)
+            .collect();
         channels.sort_unstable();
         for channel in channels {
             for path in ["wear/history", "indicators"] {
-                let answer = self.get(&format!("/v1/assets/{asset}/{path}?max_points=200000&channel={channel}"));
+                let answer = self.get(&format!(
+                    "/v1/assets/{asset}/{path}?max_points=200000&channel={channel}"
+                ));
                 rows.push(answer["items"].clone());
             }
         }
@@ -151,7 +181,10 @@ impl Client {
 
     /// The state of every alarm, and what came of it, without when people saw it.
     pub(super) fn alarms(&self) -> Vec<Value> {
-        let mut alarms = self.get("/v1/alarms?limit=1000")["items"].as_array().unwrap().clone();
+        let mut alarms = self.get("/v1/alarms?limit=1000")["items"]
+            .as_array()
+            .unwrap()
+            .clone();
         for alarm in &mut alarms {
             alarm.as_object_mut().unwrap().remove("changed_at");
         }
@@ -217,7 +250,10 @@ impl TestCluster {
 
     async fn open(&self) -> (Cluster, Store) {
         let store = StoreSettings::Shared(self.settings());
-        (Cluster::join(self.nats.clone()).await.unwrap(), Store::open(&store).await.unwrap())
+        (
+            Cluster::join(self.nats.clone()).await.unwrap(),
+            Store::open(&store).await.unwrap(),
+        )
     }
 
     /// Does something with the store that nobody of the cluster is told of.
@@ -250,7 +286,9 @@ impl TestCluster {
                     receiver: subscription.receiver,
                 },
             };
-            let running = start_node(config(&folder), node, Arc::new(ManualClock::default())).await.unwrap();
+            let running = start_node(config(&folder), node, Arc::new(ManualClock::default()))
+                .await
+                .unwrap();
             cluster.publish_events(running.service());
             running
         });
@@ -280,7 +318,8 @@ impl TestCluster {
         self.workers.push(worker);
     }
 
-    /// A process that looks after the store and takes no record from the queue; its clock is ahead by some days.
+    /// A process that looks after the store and takes no record from the queue; its clock is ahead by some
+    /// days.
     pub(super) fn keeper(&mut self, orphan_age: Duration, days_ahead: i64) -> Arc<Service> {
         let folder = self.own_folder();
         self.runtime.block_on(async {
@@ -295,7 +334,8 @@ impl TestCluster {
                 uploads: folder.join("uploads"),
             };
             let role = Role::Worker(cluster.queue_of_worker());
-            let clock = Arc::new(move || jiff::Timestamp::now() + jiff::SignedDuration::from_hours(24 * days_ahead));
+            let clock =
+                Arc::new(move || jiff::Timestamp::now() + jiff::SignedDuration::from_hours(24 * days_ahead));
             let service = Service::new(store, folders, &config.work, config.grid, clock, role).unwrap();
             service.resume().await.unwrap();
             service
@@ -324,14 +364,18 @@ impl TestCluster {
         Client::new(self.nodes[node].url())
     }
 
-    /// Waits until every worker has the library of an asset: records that come before are folded without it first.
+    /// Waits until every worker has the library of an asset: records that come before are folded without it
+    /// first.
     pub(super) fn wait_for_libraries(&self, asset: &str) {
         let id = AssetId::new(asset).unwrap();
         let began = Instant::now();
         for (_, service) in &self.workers {
             let spec = self.runtime.block_on(service.store.asset(&id)).unwrap().spec;
             while !matches!(service.simulations.of(&spec).1.readiness, Readiness::Ready(_)) {
-                assert!(began.elapsed() < Duration::from_secs(100), "a worker has no library of {asset}");
+                assert!(
+                    began.elapsed() < Duration::from_secs(100),
+                    "a worker has no library of {asset}"
+                );
                 std::thread::sleep(Duration::from_millis(20));
             }
         }
@@ -354,7 +398,11 @@ impl TestCluster {
         run();
         self.runtime.block_on(async {
             let mut payloads = Vec::new();
-            while let Ok(Some(message)) = tokio::time::timeout(Duration::from_millis(300), futures_util::StreamExt::next(&mut heard)).await
+            while let Ok(Some(message)) = tokio::time::timeout(
+                Duration::from_millis(300),
+                futures_util::StreamExt::next(&mut heard),
+            )
+            .await
             {
                 payloads.push(message.payload);
             }
@@ -370,8 +418,12 @@ impl TestCluster {
     /// Records that wait or are worked on.
     pub(super) fn waiting(&self) -> u64 {
         self.runtime.block_on(async {
-            let jetstream = async_nats::jetstream::new(async_nats::connect(&self.nats.urls[0]).await.unwrap());
-            let stream = jetstream.get_stream(format!("{}_work", self.nats.name)).await.unwrap();
+            let jetstream =
+                async_nats::jetstream::new(async_nats::connect(&self.nats.urls[0]).await.unwrap());
+            let stream = jetstream
+                .get_stream(format!("{}_work", self.nats.name))
+                .await
+                .unwrap();
             stream.cached_info().state.messages
         })
     }
@@ -395,7 +447,9 @@ impl Drop for TestCluster {
 
 /// Takes the streams of a cluster away.
 pub(super) async fn remove_streams(url: &str, name: &str) {
-    let Ok(client) = async_nats::connect(url).await else { return };
+    let Ok(client) = async_nats::connect(url).await else {
+        return;
+    };
     let jetstream = async_nats::jetstream::new(client);
     for stream in ["work", "dead", "events", "attempts"] {
         let _ = jetstream.delete_stream(format!("{name}_{stream}")).await;

@@ -18,7 +18,11 @@ pub(super) struct Process {
 
 impl Process {
     pub(super) fn spawn(mut command: Command) -> Self {
-        let mut child = command.stdin(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = command
+            .stdin(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
         let mut err = child.stderr.take().unwrap();
         let log: Arc<Mutex<String>> = Arc::default();
         let said = Arc::clone(&log);
@@ -27,7 +31,9 @@ impl Process {
             while let Ok(count) = err.read(&mut piece)
                 && count > 0
             {
-                said.lock().unwrap().push_str(&String::from_utf8_lossy(&piece[..count]));
+                said.lock()
+                    .unwrap()
+                    .push_str(&String::from_utf8_lossy(&piece[..count]));
             }
         });
         Self { child, log }
@@ -120,7 +126,10 @@ impl Program {
             {
                 return answer.clone();
             }
-            assert!(began.elapsed() < Duration::from_secs(60), "still {found:?}, expected {status}");
+            assert!(
+                began.elapsed() < Duration::from_secs(60),
+                "still {found:?}, expected {status}"
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -128,7 +137,11 @@ impl Program {
 
 /// A port that nobody listens on.
 pub(super) fn free_port() -> u16 {
-    TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port()
+    TcpListener::bind((Ipv4Addr::LOCALHOST, 0))
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port()
 }
 
 pub(super) fn wait_for_port(address: SocketAddr, process: &Process) {
@@ -174,7 +187,9 @@ impl NatsServer {
 
     fn spawn(program: &Path, folder: &Path, port: u16) -> Process {
         let mut command = Command::new(program);
-        command.args(["-a", "127.0.0.1", "-p", &port.to_string(), "-js", "-sd"]).arg(folder);
+        command
+            .args(["-a", "127.0.0.1", "-p", &port.to_string(), "-js", "-sd"])
+            .arg(folder);
         let process = Process::spawn(command);
         wait_for_port(SocketAddr::from((Ipv4Addr::LOCALHOST, port)), &process);
         process
@@ -208,7 +223,9 @@ impl S3Server {
             .stdout(Stdio::null());
         let process = Process::spawn(command);
         wait_for_port(address, &process);
-        let bucket = ureq::put(format!("http://{address}/records")).send_empty().unwrap();
+        let bucket = ureq::put(format!("http://{address}/records"))
+            .send_empty()
+            .unwrap();
         assert!(bucket.status().is_success());
         Self {
             address,

@@ -38,7 +38,9 @@ impl Proxy {
                 if wire.load(Ordering::SeqCst) == Wire::Closed as u8 {
                     continue;
                 }
-                let Ok(server) = TcpStream::connect(server) else { continue };
+                let Ok(server) = TcpStream::connect(server) else {
+                    continue;
+                };
                 let mut open = open.lock().unwrap();
                 for (from, to) in [(&client, &server), (&server, &client)] {
                     let (from, to) = (from.try_clone().unwrap(), to.try_clone().unwrap());

@@ -1,4 +1,5 @@
-//! Two API nodes and two workers give the bits of one machine, in whatever order and however often the records come.
+//! Two API nodes and two workers give the bits of one machine, in whatever order and however often the
+//! records come.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -34,10 +35,15 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     let alone = alone.client();
     for client in [&nodes[0], &alone] {
         client.send_json("POST", "/v1/assets", &asset("pump"), 201);
-        client.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
+        client.wait_for("/v1/assets/pump", |asset| {
+            asset["summary"]["library_state"] == "ready"
+        });
     }
     cluster.wait_for_libraries("pump");
-    let mut all: Vec<Record> = ["1", "2"].into_iter().flat_map(|channel| records(channel, 40)).collect();
+    let mut all: Vec<Record> = ["1", "2"]
+        .into_iter()
+        .flat_map(|channel| records(channel, 40))
+        .collect();
     for record in &all {
         alone.upload("pump", record);
     }
@@ -45,7 +51,10 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     let redelivered = cluster.redeliver("work", || {
         for (n, record) in all.iter().enumerate() {
             let answer = nodes[n % 2].upload("pump", record);
-            assert!(answer["state"] == "queued" || answer["wear"].is_object(), "{answer}");
+            assert!(
+                answer["state"] == "queued" || answer["wear"].is_object(),
+                "{answer}"
+            );
             if n % 3 == 0 {
                 let again = nodes[(n + 1) % 2].upload("pump", record);
                 assert_eq!(again["id"], answer["id"]);
@@ -71,14 +80,18 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
     assert!(!alarms.is_empty());
     for node in &nodes {
         // Late records have the histories after them folded again in the background.
-        node.wait_for("/v1/assets/pump/wear/history?channel=1&max_points=100000", |rows| {
-            rows["items"] == expected[0]
-        });
+        node.wait_for(
+            "/v1/assets/pump/wear/history?channel=1&max_points=100000",
+            |rows| rows["items"] == expected[0],
+        );
         assert_eq!(node.history("pump"), expected);
         assert_eq!(node.alarms(), alarms);
     }
     let again = nodes[1].upload("pump", &all[0]);
-    assert!(again["wear"].is_object(), "a repeat is answered with what is stored: {again}");
+    assert!(
+        again["wear"].is_object(),
+        "a repeat is answered with what is stored: {again}"
+    );
 }
 
 #[test]
@@ -86,9 +99,14 @@ fn two_nodes_and_two_workers_give_the_bits_of_one_machine() {
 fn every_node_shows_the_events_of_all_under_the_same_names() {
     let mut cluster = TestCluster::start(2, 1);
     let nodes = [cluster.client(0), cluster.client(1)];
-    let mut streams: Vec<EventStream> = nodes.iter().map(|node| EventStream::open_at(&node.url, "", None)).collect();
+    let mut streams: Vec<EventStream> = nodes
+        .iter()
+        .map(|node| EventStream::open_at(&node.url, "", None))
+        .collect();
     nodes[0].send_json("POST", "/v1/assets", &asset("pump"), 201);
-    nodes[1].wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
+    nodes[1].wait_for("/v1/assets/pump", |asset| {
+        asset["summary"]["library_state"] == "ready"
+    });
     cluster.wait_for_libraries("pump");
     let all = records("1", 11);
     for (n, record) in all.iter().enumerate() {
@@ -132,7 +150,9 @@ fn every_node_shows_the_events_of_all_under_the_same_names() {
     for stream in &mut streams {
         while stream.next().data["change"]["by"] != "anna" {}
     }
-    nodes[0].wait_for(&format!("/v1/alarms/{acknowledged}"), |alarm| alarm["state"] != "unacknowledged");
+    nodes[0].wait_for(&format!("/v1/alarms/{acknowledged}"), |alarm| {
+        alarm["state"] != "unacknowledged"
+    });
 }
 
 #[test]
@@ -146,7 +166,9 @@ fn a_changed_description_told_to_a_node_is_done_by_a_worker() {
     alone.send_json("POST", "/v1/assets", &anew, 201);
     node.send_json("POST", "/v1/assets", &asset("pump"), 201);
     for client in [&node, &alone] {
-        client.wait_for("/v1/assets/pump", |asset| asset["summary"]["library_state"] == "ready");
+        client.wait_for("/v1/assets/pump", |asset| {
+            asset["summary"]["library_state"] == "ready"
+        });
         cluster.wait_for_libraries("pump");
         for record in records("1", 20) {
             client.upload("pump", &record);
@@ -161,5 +183,7 @@ fn a_changed_description_told_to_a_node_is_done_by_a_worker() {
     let path = "/v1/assets/pump/indicators?max_points=200000&channel=1";
     node.wait_for(path, |rows| rows["items"] == expected[1]);
     assert_eq!(node.history("pump"), expected);
-    node.wait_for("/v1/recomputations", |list| list["items"][0]["state"] == "finished");
+    node.wait_for("/v1/recomputations", |list| {
+        list["items"][0]["state"] == "finished"
+    });
 }

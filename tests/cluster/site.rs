@@ -84,10 +84,11 @@ impl Site {
         if let Some(proxy) = database {
             url = url.replace(&self.database_server().to_string(), &proxy.address().to_string());
         }
-        let path = self
-            .folder
-            .path()
-            .join(if database.is_some() { "cut.toml" } else { "cluster.toml" });
+        let path = self.folder.path().join(if database.is_some() {
+            "cut.toml"
+        } else {
+            "cluster.toml"
+        });
         let text = format!(
             "[cluster]\nname = \"faults\"\n[cluster.database]\nurl = {url:?}\nconnect_timeout_s = 2\n\
              [cluster.nats]\nurls = [{:?}]\nack_wait_s = 2\n[cluster.objects]\n{}\n",

@@ -1,4 +1,5 @@
-//! The program killed at random moments while it is written to: what it acknowledged is there, once, and nothing else changes.
+//! The program killed at random moments while it is written to: what it acknowledged is there, once, and
+//! nothing else changes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -38,13 +39,18 @@ fn first_difference(one: &[Value], other: &[Value]) -> Option<(Value, Value)> {
 
 /// Raw objects in a folder: files that are named by a hash, in folders of two characters.
 fn raw_objects(folder: &Path) -> usize {
-    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return 0;
+    };
     let shards = entries.flatten().filter(|entry| entry.file_name().len() == 2);
     let objects = shards.flat_map(|shard| std::fs::read_dir(shard.path()).unwrap().flatten());
-    objects.filter(|object| object.path().extension().is_none()).count()
+    objects
+        .filter(|object| object.path().extension().is_none())
+        .count()
 }
 
-/// A segment's indicators without the one that follows from the records before it, which a late record changes.
+/// A segment's indicators without the one that follows from the records before it, which a late record
+/// changes.
 fn of_itself(segment: &Value) -> Value {
     let mut indicators = segment["indicators"].clone();
     indicators.as_object_mut().unwrap().remove("novelty");
@@ -106,7 +112,11 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
         let known = acknowledged.lock().unwrap();
         for (n, segment) in known.iter() {
             let id = segment["id"].as_str().unwrap();
-            assert_eq!(stored.get(id), Some(&1), "round {round}: record {n} was acknowledged");
+            assert_eq!(
+                stored.get(id),
+                Some(&1),
+                "round {round}: record {n} was acknowledged"
+            );
         }
         // Nothing but what was sent, and no raw object without its record for long.
         assert!(stored.len() <= next.load(Ordering::Relaxed) as usize);
@@ -139,8 +149,8 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
     }
     let began = Instant::now();
     loop {
-        // Records that came very late are folded in the background, and everything once more where the pair's variants are ready: for one
-        // asset before the other.
+        // Records that came very late are folded in the background, and everything once more where the pair's
+        // variants are ready: for one asset before the other.
         let (killed, undisturbed) = (program.history("killed"), program.history("undisturbed"));
         if killed == undisturbed {
             break;
@@ -155,7 +165,10 @@ fn what_was_acknowledged_survives_being_killed_at_random_moments() {
     }
     let stored = program.segments("killed");
     assert_eq!(stored.len(), sent as usize);
-    assert_eq!(stored.values().copied().collect::<BTreeSet<u32>>(), BTreeSet::from([1]));
+    assert_eq!(
+        stored.values().copied().collect::<BTreeSet<u32>>(),
+        BTreeSet::from([1])
+    );
     let known = acknowledged.lock().unwrap().len();
     eprintln!(
         "{rounds} rounds: {sent} records sent, {known} acknowledged, {unacknowledged} stored although the answer was cut off, \

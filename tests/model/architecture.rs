@@ -1,10 +1,11 @@
-//! What the compiler does not hold: modules name only modules below them, and the pure packages have no clock, environment, chance or files.
+//! What the compiler does not hold: modules name only modules below them, and the pure packages have no
+//! clock, environment, chance or files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A package's modules in a folder, and for each the modules beside it that it may name. That packages do not name each other otherwise than
-/// their manifests say, the compiler holds.
+/// A package's modules in a folder, and for each the modules beside it that it may name. That packages do not
+/// name each other otherwise than their manifests say, the compiler holds.
 type Modules = (&'static str, &'static [(&'static str, &'static [&'static str])]);
 
 const MODULES: [Modules; 3] = [
@@ -65,7 +66,10 @@ fn a_module_names_only_modules_below_it() {
             for path in rust_files(&root().join(folder).join(module)) {
                 let depth = depth_in(&root().join(folder), &path);
                 for named in named_at_the_top(&code(&path), depth) {
-                    if named != *module && names.contains(&named.as_str()) && !allowed.contains(&named.as_str()) {
+                    if named != *module
+                        && names.contains(&named.as_str())
+                        && !allowed.contains(&named.as_str())
+                    {
                         wrong.push(format!("{} names {named}", path.display()));
                     }
                 }
@@ -109,15 +113,24 @@ fn pure_code_has_no_clock_environment_chance_or_files() {
 
 #[test]
 fn the_oldest_toolchain_is_stated_once_and_is_not_newer_than_the_one_that_is_used() {
-    let table = |name: &str| -> toml::Table { fs::read_to_string(root().join(name)).unwrap().parse().unwrap() };
+    let table =
+        |name: &str| -> toml::Table { fs::read_to_string(root().join(name)).unwrap().parse().unwrap() };
     let manifest = table("Cargo.toml");
     let oldest = manifest["workspace"]["package"]["rust-version"].as_str().unwrap();
     let contributing = fs::read_to_string(root().join("CONTRIBUTING.md")).unwrap();
-    assert!(contributing.contains(&format!("({oldest} or later)")) && contributing.contains(&format!("cargo +{oldest} check")));
-    assert_eq!(env!("CARGO_PKG_RUST_VERSION"), oldest, "every package takes that of the workspace");
+    assert!(
+        contributing.contains(&format!("({oldest} or later)"))
+            && contributing.contains(&format!("cargo +{oldest} check"))
+    );
+    assert_eq!(
+        env!("CARGO_PKG_RUST_VERSION"),
+        oldest,
+        "every package takes that of the workspace"
+    );
     let toolchain = table("rust-toolchain.toml");
     let channel = toolchain["toolchain"]["channel"].as_str().unwrap();
-    let number = |version: &str| -> Option<Vec<u32>> { version.split('.').map(|part| part.parse().ok()).collect() };
+    let number =
+        |version: &str| -> Option<Vec<u32>> { version.split('.').map(|part| part.parse().ok()).collect() };
     assert!(
         channel == "stable" || number(channel) >= number(oldest),
         "{channel} is older than {oldest}"
@@ -126,7 +139,8 @@ fn the_oldest_toolchain_is_stated_once_and_is_not_newer_than_the_one_that_is_use
 
 #[test]
 fn paths_from_the_top_are_found_in_every_spelling() {
-    let text = "use crate::{store::{Row, service}, asset};\nuse crate::http;\nlet x = super::super::cli::run();";
+    let text =
+        "use crate::{store::{Row, service}, asset};\nuse crate::http;\nlet x = super::super::cli::run();";
     assert_eq!(named_at_the_top(text, 2), ["store", "asset", "http", "cli"]);
     assert_eq!(named_at_the_top("use super::{batch, crew};", 2), [""; 0]);
     assert_eq!(named_at_the_top("use super::store::Row;", 1), ["store"]);
@@ -154,7 +168,10 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
         }
     }
     assert!(!files.is_empty(), "{} has no Rust files", folder.display());
-    let texts: String = files.iter().map(|path| fs::read_to_string(path).unwrap()).collect();
+    let texts: String = files
+        .iter()
+        .map(|path| fs::read_to_string(path).unwrap())
+        .collect();
     files.retain(|path| {
         let stem = path.file_stem().unwrap().to_string_lossy();
         !texts.contains(&format!("#[cfg(test)]\nmod {stem};"))
@@ -165,7 +182,10 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
 /// A file without its unit tests.
 fn code(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
-    text.split("#[cfg(test)]\nmod tests").next().unwrap_or_default().to_owned()
+    text.split("#[cfg(test)]\nmod tests")
+        .next()
+        .unwrap_or_default()
+        .to_owned()
 }
 
 /// How many modules down from the crate's root a file's module is.
@@ -174,13 +194,17 @@ fn depth_in(source: &Path, file: &Path) -> usize {
     module.iter().filter(|part| *part != "mod").count()
 }
 
-/// The names right below the crate's root that a text names, after `crate::` and after `super::` so often that it comes to the root.
+/// The names right below the crate's root that a text names, after `crate::` and after `super::` so often
+/// that it comes to the root.
 fn named_at_the_top(text: &str, depth: usize) -> Vec<String> {
     let to_the_root = "super::".repeat(depth);
     let roots = ["crate::", to_the_root.as_str()];
     let mut places: Vec<(usize, &str)> = roots
         .iter()
-        .flat_map(|root| text.match_indices(root).map(|(at, root)| (at, &text[at + root.len()..])))
+        .flat_map(|root| {
+            text.match_indices(root)
+                .map(|(at, root)| (at, &text[at + root.len()..]))
+        })
         .collect();
     places.sort_by_key(|(at, _)| *at);
     places.iter().flat_map(|(_, rest)| first_names(rest)).collect()

@@ -1,8 +1,9 @@
-//! The gear model's response against an independent integrator: Dormand and Prince's method of order 8 (crate `ode_solvers`) at a tight tolerance
-//! on Eqs. (23) and (24) as they stand, with ė in the damper's force, where the model integrates transformed velocities with fixed steps.
+//! The gear model's response against an independent integrator: Dormand and Prince's method of order 8 (crate
+//! `ode_solvers`) at a tight tolerance on Eqs. (23) and (24) as they stand, with ė in the damper's force,
+//! where the model integrates transformed velocities with fixed steps.
 //!
-//! Both are compared over one turn of the shaft after the start-up, which is a period of the response: coefficients of the
-//! Fourier series up to 0.4 of the model's sampling rate, where its low-pass is flat.
+//! Both are compared over one turn of the shaft after the start-up, which is a period of the response:
+//! coefficients of the Fourier series up to 0.4 of the model's sampling rate, where its low-pass is flat.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,7 +16,8 @@ use realfft::num_complex::Complex;
 const POINTS: usize = 200_000;
 /// Instants per turn at which the reference is kept.
 const INSTANTS: usize = 96_000;
-/// Places are integrated in tenths of a millimetre, so that one absolute tolerance serves places and velocities.
+/// Places are integrated in tenths of a millimetre, so that one absolute tolerance serves places and
+/// velocities.
 const PLACE_M: f64 = 1e-4;
 /// Relative tolerance, and absolute tolerance in units of the place and in m/s.
 const TOLERANCE: f64 = 1e-9;
@@ -38,7 +40,11 @@ struct Excitation {
 
 impl Excitation {
     fn new(pair: &GearPair, cycle: &MeshCycle) -> Self {
-        let error: Vec<f64> = cycle.uste_rad.iter().map(|lag| lag * pair.gears[1].base_radius_mm * 1e-3).collect();
+        let error: Vec<f64> = cycle
+            .uste_rad
+            .iter()
+            .map(|lag| lag * pair.gears[1].base_radius_mm * 1e-3)
+            .collect();
         let next = |i: usize| (i + 1) % POINTS;
         let mut steps: Vec<f64> = (0..POINTS).map(|i| (error[next(i)] - error[i]).abs()).collect();
         let jump: Vec<bool> = {
@@ -48,13 +54,19 @@ impl Excitation {
             steps
                 .drain(..)
                 .enumerate()
-                .map(|(i, step)| step > 50.0 * usual + 1e-13 || cycle.pairs_in_contact[i] != cycle.pairs_in_contact[next(i)])
+                .map(|(i, step)| {
+                    step > 50.0 * usual + 1e-13
+                        || cycle.pairs_in_contact[i] != cycle.pairs_in_contact[next(i)]
+                })
                 .collect()
         };
         let slope = (0..POINTS)
             .map(|i| {
                 let before = (i + POINTS - 1) % POINTS;
-                let (from, to) = (if jump[before] { i } else { before }, if jump[i] { i } else { next(i) });
+                let (from, to) = (
+                    if jump[before] { i } else { before },
+                    if jump[i] { i } else { next(i) },
+                );
                 let width = f64::from(u8::from(from != i) + u8::from(to != i)).max(1.0) / POINTS as f64;
                 (error[to] - error[from]) / width
             })
@@ -63,7 +75,10 @@ impl Excitation {
             stiffness: cycle.stiffness_n_per_m.clone(),
             error,
             slope,
-            cuts: (0..POINTS).filter(|i| jump[*i]).map(|i| (i as f64 + 0.5) / POINTS as f64).collect(),
+            cuts: (0..POINTS)
+                .filter(|i| jump[*i])
+                .map(|i| (i as f64 + 0.5) / POINTS as f64)
+                .collect(),
             long_m: pair.errors.long_period_um * 1e-6,
             short_m: pair.errors.short_period_um * 1e-6,
             shaft_hz: pair.spec.operation.shaft_speed_hz,
@@ -89,12 +104,26 @@ impl Excitation {
         }
         let this = i.rem_euclid(POINTS as f64) as usize % POINTS;
         let next = (this + 1) % POINTS;
-        let between = |values: &[f64]| values[this] + if cut_here { 0.0 } else { part * (values[next] - values[this]) };
-        let carried = if cut_here { part * self.slope[this] / POINTS as f64 } else { 0.0 };
+        let between = |values: &[f64]| {
+            values[this]
+                + if cut_here {
+                    0.0
+                } else {
+                    part * (values[next] - values[this])
+                }
+        };
+        let carried = if cut_here {
+            part * self.slope[this] / POINTS as f64
+        } else {
+            0.0
+        };
         let (shaft, mesh) = (TAU * self.shaft_hz, TAU * self.mesh_hz);
         [
             between(&self.stiffness),
-            between(&self.error) + carried + self.long_m * (shaft * seconds).sin() + self.short_m * (mesh * seconds).sin(),
+            between(&self.error)
+                + carried
+                + self.long_m * (shaft * seconds).sin()
+                + self.short_m * (mesh * seconds).sin(),
             between(&self.slope) * self.mesh_hz
                 + self.long_m * shaft * (shaft * seconds).cos()
                 + self.short_m * mesh * (mesh * seconds).cos(),
@@ -121,7 +150,11 @@ impl Masses {
         let inverse_mesh = radius[0].powi(2) / inertia[0] + radius[1].powi(2) / inertia[1];
         let mean = cycle.stiffness_n_per_m.iter().sum::<f64>() / POINTS as f64;
         Self {
-            inverse: [inverse_mesh, 1.0 / pair.gears[0].mass_kg, 1.0 / pair.gears[1].mass_kg],
+            inverse: [
+                inverse_mesh,
+                1.0 / pair.gears[0].mass_kg,
+                1.0 / pair.gears[1].mass_kg,
+            ],
             drive: spec.operation.torque_nm * radius[0] / inertia[0] + output * radius[1] / inertia[1],
             damping: 2.0 * spec.dynamics.mesh_damping_ratio * (mean / inverse_mesh).sqrt(),
             support: [pair.supports.stiffness_n_per_m, pair.supports.damping_n_s_per_m],
@@ -169,7 +202,14 @@ fn reference_velocity(pair: &GearPair, cycle: &MeshCycle) -> Vec<f64> {
     let force = masses.drive / masses.inverse[0];
     let [stiffness, error, _] = excitation.at(0.0, 1e-9);
     let support = force / masses.support[0];
-    let mut state = Vector6::new(force / stiffness + 2.0 * support + error, support, -support, 0.0, 0.0, 0.0) / PLACE_M;
+    let mut state = Vector6::new(
+        force / stiffness + 2.0 * support + error,
+        support,
+        -support,
+        0.0,
+        0.0,
+        0.0,
+    ) / PLACE_M;
     let mut kept = Vec::with_capacity(INSTANTS + 1);
     let mut cut_places = excitation.cuts.clone();
     cut_places.sort_by(f64::total_cmp);
@@ -177,11 +217,18 @@ fn reference_velocity(pair: &GearPair, cycle: &MeshCycle) -> Vec<f64> {
         if n >= SETTLING_TURNS * INSTANTS {
             kept.push(state[4]);
         }
-        let (start, end) = (n as f64 * turn_s / INSTANTS as f64, (n + 1) as f64 * turn_s / INSTANTS as f64);
+        let (start, end) = (
+            n as f64 * turn_s / INSTANTS as f64,
+            (n + 1) as f64 * turn_s / INSTANTS as f64,
+        );
         let first_period = (start * excitation.mesh_hz).floor();
         let mut cuts: Vec<f64> = [0.0, 1.0]
             .iter()
-            .flat_map(|period| cut_places.iter().map(move |cut| (first_period + period + cut) / excitation.mesh_hz))
+            .flat_map(|period| {
+                cut_places
+                    .iter()
+                    .map(move |cut| (first_period + period + cut) / excitation.mesh_hz)
+            })
             .filter(|cut| *cut > start && *cut <= end)
             .collect();
         cuts.push(end);
@@ -219,8 +266,8 @@ fn transform(mut values: Vec<f64>) -> Vec<Complex<f64>> {
     bins.iter().map(|bin| bin / count as f64).collect()
 }
 
-/// Fourier coefficients of ÿ₁ over the turn. A difference of velocities is the mean acceleration over its interval, jumps and impulses
-/// included; the mean's own transfer function is divided out.
+/// Fourier coefficients of ÿ₁ over the turn. A difference of velocities is the mean acceleration over its
+/// interval, jumps and impulses included; the mean's own transfer function is divided out.
 fn reference_coefficients(velocity: &[f64]) -> Vec<Complex<f64>> {
     let rate = INSTANTS as f64;
     let means = velocity.windows(2).map(|two| (two[1] - two[0]) * rate).collect();
@@ -229,7 +276,10 @@ fn reference_coefficients(velocity: &[f64]) -> Vec<Complex<f64>> {
         let half = PI * k as f64 / rate;
         Complex::from_polar(if k == 0 { 1.0 } else { half.sin() / half }, half)
     };
-    bins.iter().enumerate().map(|(k, bin)| bin / mean_over_interval(k)).collect()
+    bins.iter()
+        .enumerate()
+        .map(|(k, bin)| bin / mean_over_interval(k))
+        .collect()
 }
 
 /// One turn's waveform from Fourier coefficients 1 to `last`.
@@ -256,21 +306,35 @@ fn compare(contact: ContactRule, wear_mm: f64, mesh_damping_ratio: f64) {
     let fine = MeshCycle::compute(&pair, &wear, POINTS).unwrap();
     let shaft_hz = spec.operation.shaft_speed_hz;
     // Velocities per second, so that a turn's coefficients are in m/s².
-    let velocity: Vec<f64> = reference_velocity(&pair, &fine).iter().map(|v| v * shaft_hz).collect();
+    let velocity: Vec<f64> = reference_velocity(&pair, &fine)
+        .iter()
+        .map(|v| v * shaft_hz)
+        .collect();
     let reference = reference_coefficients(&velocity);
 
     let cycle = MeshCycle::compute(&pair, &wear, 1000).unwrap();
-    // Whole samples a turn: 19 968 Hz, near the 20 kHz of records, and five times that. Loaded contact has kinks where the threshold rule has
-    // jumps at known places; what a cell of the cycle rounds off them shows above 8 kHz (0.5 % of the worn pair's RMS at the higher rate).
-    let rates: &[usize] = if contact == ContactRule::Loaded { &[1200] } else { &[1200, 6000] };
+    // Whole samples a turn: 19 968 Hz, near the 20 kHz of records, and five times that. Loaded contact has
+    // kinks where the threshold rule has jumps at known places; what a cell of the cycle rounds off them
+    // shows above 8 kHz (0.5 % of the worn pair's RMS at the higher rate).
+    let rates: &[usize] = if contact == ContactRule::Loaded {
+        &[1200]
+    } else {
+        &[1200, 6000]
+    };
     for &per_turn in rates {
         let run = RunSettings::nominal(&pair, shaft_hz * per_turn as f64, 1.0 / shaft_hz);
         let signal = simulate(&pair, &cycle, &run).unwrap();
         assert_eq!(signal.len(), per_turn);
         let last = per_turn * 2 / 5;
-        let (got, wanted) = (waveform(&transform(signal), last, per_turn), waveform(&reference, last, per_turn));
+        let (got, wanted) = (
+            waveform(&transform(signal), last, per_turn),
+            waveform(&reference, last, per_turn),
+        );
         let peak = wanted.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-        let worst = got.iter().zip(&wanted).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
+        let worst = got
+            .iter()
+            .zip(&wanted)
+            .fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
         let (rms_error, waveform_error) = (rms(&got) / rms(&wanted) - 1.0, worst / peak);
         println!(
             "{contact}, wear {wear_mm} mm, damping ratio {mesh_damping_ratio}, {:.0} Hz: RMS {:.4} m/s2, off by {:+.5} %; waveform off by {:.4} % of its peak",
@@ -280,7 +344,10 @@ fn compare(contact: ContactRule, wear_mm: f64, mesh_damping_ratio: f64) {
             100.0 * waveform_error
         );
         assert!(rms_error.abs() < 1e-3, "RMS off by {rms_error:.2e}");
-        assert!(waveform_error < 1e-2, "waveform off by {waveform_error:.2e} of its peak");
+        assert!(
+            waveform_error < 1e-2,
+            "waveform off by {waveform_error:.2e} of its peak"
+        );
     }
 }
 

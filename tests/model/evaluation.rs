@@ -21,8 +21,19 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         "--data-dir",
         &data,
     ];
-    for (case, name) in [("gain jump", "gain changed"), ("clipping", "clipped"), ("dead sensor", "dead")] {
-        let said = flankwatch(&[&["evaluate", "--cases", "faults", "--case", case, "--out", &page], &few[..]].concat()).expect_success();
+    for (case, name) in [
+        ("gain jump", "gain changed"),
+        ("clipping", "clipped"),
+        ("dead sensor", "dead"),
+    ] {
+        let said = flankwatch(
+            &[
+                &["evaluate", "--cases", "faults", "--case", case, "--out", &page],
+                &few[..],
+            ]
+            .concat(),
+        )
+        .expect_success();
         let table = said.out();
         let row = table
             .lines()
@@ -48,9 +59,13 @@ fn wear_is_followed_and_faults_are_found_and_named() {
         "--states",
         "300",
     ];
-    let said = flankwatch(&[&depth[..], &["--members", "160", "--data-dir", &data]].concat()).expect_success();
+    let said =
+        flankwatch(&[&depth[..], &["--members", "160", "--data-dir", &data]].concat()).expect_success();
     let table = said.out();
-    let row = table.lines().find(|line| line.starts_with("own physics, shape known")).unwrap();
+    let row = table
+        .lines()
+        .find(|line| line.starts_with("own physics, shape known"))
+        .unwrap();
     let number = |column: usize| -> f64 {
         let mut cells = row["own physics, shape known".len()..].split_whitespace();
         cells.nth(column).unwrap().parse().unwrap()

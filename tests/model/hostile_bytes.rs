@@ -1,4 +1,5 @@
-//! What is fuzzed, on a stable toolchain: inputs that once went wrong, and damaged ones of every kind, the same in every run.
+//! What is fuzzed, on a stable toolchain: inputs that once went wrong, and damaged ones of every kind, the
+//! same in every run.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -21,7 +22,16 @@ mod entries;
 const INPUTS: u64 = 400;
 
 /// What damage puts in place of a number.
-const NUMBERS: [&str; 8] = ["1e308", "-1", "0", "1e-320", "18446744073709551616", "nan", "[]", "\"\""];
+const NUMBERS: [&str; 8] = [
+    "1e308",
+    "-1",
+    "0",
+    "1e-320",
+    "18446744073709551616",
+    "nan",
+    "[]",
+    "\"\"",
+];
 
 #[test]
 fn inputs_that_once_went_wrong_do_so_no_more() {
@@ -46,7 +56,10 @@ fn damaged_inputs_never_panic() {
             if catch_unwind(|| entry(&bytes)).is_err() {
                 let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{seed}"));
                 fs::write(&path, &bytes).unwrap();
-                panic!("{name} panics at {}: keep it in fuzz/regressions/{name}", path.display());
+                panic!(
+                    "{name} panics at {}: keep it in fuzz/regressions/{name}",
+                    path.display()
+                );
             }
         }
     }
@@ -54,9 +67,15 @@ fn damaged_inputs_never_panic() {
 
 #[test]
 fn every_entry_has_a_program() {
-    let manifest: toml::Table = fs::read_to_string(fuzz().join("Cargo.toml")).unwrap().parse().unwrap();
+    let manifest: toml::Table = fs::read_to_string(fuzz().join("Cargo.toml"))
+        .unwrap()
+        .parse()
+        .unwrap();
     let programs = manifest["bin"].as_array().unwrap();
-    let programs: BTreeSet<&str> = programs.iter().map(|program| program["name"].as_str().unwrap()).collect();
+    let programs: BTreeSet<&str> = programs
+        .iter()
+        .map(|program| program["name"].as_str().unwrap())
+        .collect();
     let entries: BTreeSet<&str> = entries::ALL.iter().map(|(name, _)| *name).collect();
     assert_eq!(programs, entries);
     for name in programs {
@@ -77,7 +96,13 @@ fn whole(name: &str) -> Vec<Vec<u8>> {
             shaft_speed_hz: Some(29.7),
             ..OperatingPoint::default()
         };
-        let record = Record::new("in", Timestamp::from_second(1_767_225_600).unwrap(), 1000.0, "m/s2", samples);
+        let record = Record::new(
+            "in",
+            Timestamp::from_second(1_767_225_600).unwrap(),
+            1000.0,
+            "m/s2",
+            samples,
+        );
         record.unwrap().with_operating_point(point).unwrap()
     };
     let pair = || fs::read(fuzz().join("../fixtures/pairs/shen2022.toml")).unwrap();
@@ -130,7 +155,9 @@ fn damaged(whole: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
             }
             3 => {
                 // A length or a count that is beyond all measure, or none.
-                let value = *[0, 1, u32::MAX, i32::MAX as u32, 0x8000_0000].choose(random).unwrap();
+                let value = *[0, 1, u32::MAX, i32::MAX as u32, 0x8000_0000]
+                    .choose(random)
+                    .unwrap();
                 let end = (at + 4).min(bytes.len());
                 bytes.splice(at..end, value.to_le_bytes());
             }

@@ -1,4 +1,5 @@
-//! Libraries over wear, torque and speed: what they hold, and that stopping, resuming and threads leave no trace in them.
+//! Libraries over wear, torque and speed: what they hold, and that stopping, resuming and threads leave no
+//! trace in them.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +8,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use flankwatch::gear::{ContactRule, PairSpec, WearShape};
 use flankwatch::library::{
-    BuildControl, GridSettings, Library, LibraryError, LibraryShelf, build, build_into, checkpoint_beside, decode, encode,
+    BuildControl, GridSettings, Library, LibraryError, LibraryShelf, build, build_into, checkpoint_beside,
+    decode, encode,
 };
 use flankwatch::signal::OperatingPoint;
 
@@ -29,7 +31,10 @@ fn grid() -> GridSettings {
 }
 
 fn on_threads(count: usize, pair: &PairSpec, grid: &GridSettings) -> Library {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(count)
+        .build()
+        .unwrap();
     pool.install(|| build(pair, grid, &BuildControl::silent()).unwrap())
 }
 
@@ -95,17 +100,27 @@ fn parts_of_another_library_are_not_taken_up() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("grid.fwlib");
     let (pair, grid) = (pair(ContactRule::Threshold), GridSettings { states: 3, ..grid() });
-    let other = GridSettings { seed: 2, ..grid.clone() };
+    let other = GridSettings {
+        seed: 2,
+        ..grid.clone()
+    };
     let wanted = encode(&build(&pair, &grid, &BuildControl::silent()).unwrap());
     let cancel = AtomicBool::new(false);
     let stop = |done: usize, _| cancel.store(done > 7, Ordering::Relaxed);
-    build_into(&path, &pair, &other, &BuildControl::with_progress(&stop).cancelled_by(&cancel)).unwrap_err();
+    build_into(
+        &path,
+        &pair,
+        &other,
+        &BuildControl::with_progress(&stop).cancelled_by(&cancel),
+    )
+    .unwrap_err();
     assert!(fs::metadata(checkpoint_beside(&path)).unwrap().len() > 1000);
     build_into(&path, &pair, &grid, &BuildControl::silent()).unwrap();
     assert!(fs::read(&path).unwrap() == wanted);
 }
 
-/// At a point of the grid the curves are those of a library made for that point alone; between two they are the mean, outside they are held.
+/// At a point of the grid the curves are those of a library made for that point alone; between two they are
+/// the mean, outside they are held.
 #[test]
 fn curves_are_those_of_the_operating_point() {
     for contact in [ContactRule::Threshold, ContactRule::Loaded] {
@@ -122,7 +137,10 @@ fn curves_are_those_of_the_operating_point() {
         };
         let alone = build(&heavy, &nominal, &BuildControl::silent()).unwrap();
         let (torque, speed) = (1950.0, 0.8 * 16.64);
-        assert_eq!(library.feature_curves_at(&at(Some(torque), Some(speed))), alone.feature_curves());
+        assert_eq!(
+            library.feature_curves_at(&at(Some(torque), Some(speed))),
+            alone.feature_curves()
+        );
 
         // The nominal states are what a library without other points has.
         let plain = build(&pair, &nominal, &BuildControl::silent()).unwrap();
@@ -130,9 +148,13 @@ fn curves_are_those_of_the_operating_point() {
         assert_eq!(library.feature_curves(), plain.feature_curves());
         assert_eq!(library.feature_curves_at(&at(None, None)), plain.feature_curves());
         let state = &plain.states()[2];
-        assert_eq!(plain.feature_curves()["ln_mesh_1"][2], state.features.values["ln_mesh_1"]);
+        assert_eq!(
+            plain.feature_curves()["ln_mesh_1"][2],
+            state.features.values["ln_mesh_1"]
+        );
 
-        let ends = [at(Some(1300.0), Some(speed)), at(Some(torque), Some(speed))].map(|point| library.feature_curves_at(&point));
+        let ends = [at(Some(1300.0), Some(speed)), at(Some(torque), Some(speed))]
+            .map(|point| library.feature_curves_at(&point));
         let middle = library.feature_curves_at(&at(Some(1625.0), Some(speed)));
         for (name, curve) in &middle {
             for (i, value) in curve.iter().enumerate() {
@@ -159,16 +181,21 @@ fn an_older_files_library_is_built_again() {
     let built = shelf.get_or_build(&pair, &grid, &BuildControl::silent()).unwrap();
     let path = folder.path().join(built.id()).with_extension("fwlib");
     let bytes = fs::read(&path).unwrap();
-    let older = String::from_utf8(bytes.clone())
-        .unwrap()
-        .replacen("flankwatch-library 2", "flankwatch-library 1", 1);
+    let older =
+        String::from_utf8(bytes.clone())
+            .unwrap()
+            .replacen("flankwatch-library 2", "flankwatch-library 1", 1);
     fs::write(&path, older).unwrap();
-    assert!(matches!(shelf.get(built.id()), Err(LibraryError::Version { found: 1 })));
+    assert!(matches!(
+        shelf.get(built.id()),
+        Err(LibraryError::Version { found: 1 })
+    ));
     shelf.get_or_build(&pair, &grid, &BuildControl::silent()).unwrap();
     assert!(fs::read(&path).unwrap() == bytes);
 }
 
-/// Ctrl-C ends the command with an error, and the same command ends with the library as if nothing had happened.
+/// Ctrl-C ends the command with an error, and the same command ends with the library as if nothing had
+/// happened.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_keeps_what_is_done() {
@@ -179,7 +206,16 @@ fn ctrl_c_keeps_what_is_done() {
     let folder = tempfile::tempdir().unwrap();
     let build = |out: &Path, torques: &str| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
-        command.args(["library", "build", "--states", "24", "--seconds", "0.5", "--contact", "threshold"]);
+        command.args([
+            "library",
+            "build",
+            "--states",
+            "24",
+            "--seconds",
+            "0.5",
+            "--contact",
+            "threshold",
+        ]);
         command.args(["--torques", torques, "--out"]).arg(out);
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         command
@@ -211,7 +247,10 @@ fn ctrl_c_keeps_what_is_done() {
 
     let refused = build(&straight, "0.5,1.5").output().unwrap();
     let words = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(words.contains("torques is [0.5, 1.5]") && words.contains("with 1"), "{words}");
+    assert!(
+        words.contains("torques is [0.5, 1.5]") && words.contains("with 1"),
+        "{words}"
+    );
 }
 
 /// States worn by Archard's law say after how many turns they are reached; others have none to say.

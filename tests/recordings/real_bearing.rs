@@ -26,19 +26,33 @@ fn a_bearing_that_fails_gets_louder_and_every_record_has_a_band() {
         unit: Some("g".to_owned()),
         ..RecordDefaults::default()
     };
-    let records = WavBlocks::new(File::open(&path).unwrap(), bytes, &defaults, Some(Cut::Samples(2560))).unwrap();
+    let records = WavBlocks::new(
+        File::open(&path).unwrap(),
+        bytes,
+        &defaults,
+        Some(Cut::Samples(2560)),
+    )
+    .unwrap();
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let (mut rms, mut kurtosis) = (Vec::new(), Vec::new());
     for record in records {
         let record = record.unwrap();
-        rms.push(analyzer.analyze(&record, &MeshContext::unknown()).indicators.get("rms").unwrap());
+        rms.push(
+            analyzer
+                .analyze(&record, &MeshContext::unknown())
+                .indicators
+                .get("rms")
+                .unwrap(),
+        );
         let band = analyzer.envelope_band(&record, None, EnvelopeSearch::Kurtogram);
         assert_eq!(band.source, BandSource::Kurtogram);
         let [low, high] = band.band_hz;
         assert!((0.0..high).contains(&low) && high <= 12_800.0, "{band:?}");
         kurtosis.push(band.spectral_kurtosis.unwrap());
         let envelope = analyzer.envelope_spectrum(&record, band.band_hz).unwrap();
-        assert!(envelope.amplitude.iter().all(|a| a.is_finite()) && envelope.amplitude.iter().any(|a| *a > 0.0));
+        assert!(
+            envelope.amplitude.iter().all(|a| a.is_finite()) && envelope.amplitude.iter().any(|a| *a > 0.0)
+        );
     }
     assert_eq!(rms.len(), 2803);
     let tenth = rms.len() / 10;

@@ -4,7 +4,9 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 
-use flankwatch::signal::{AnalysisSettings, Analyzer, AngleSource, ConditionSettings, MeshContext, OtherMeshes, Record};
+use flankwatch::signal::{
+    AnalysisSettings, Analyzer, AngleSource, ConditionSettings, MeshContext, OtherMeshes, Record,
+};
 use flate2::read::GzDecoder;
 use jiff::Timestamp;
 use serde_json::{Value, json};
@@ -62,7 +64,10 @@ fn six_recordings_converted_uploaded_and_replayed_agree() {
             assert_eq!(wav["wear"]["status"], "collecting_baseline");
         }
         let found = wav[0]["indicators"]["omx"].as_f64().unwrap();
-        assert!((found / omx - 1.0).abs() <= 0.10, "{name}: OMX {found} against {omx}");
+        assert!(
+            (found / omx - 1.0).abs() <= 0.10,
+            "{name}: OMX {found} against {omx}"
+        );
     }
     let expected = history(&service, "mcap");
     replay_on_the_server(&service);
@@ -80,7 +85,10 @@ fn six_recordings_converted_uploaded_and_replayed_agree() {
     let wear = service.get("/v1/assets/sent/wear").expect(200).json();
     assert_eq!(
         (&wear["status"], &wear["reason"]),
-        (&json!("collecting_baseline"), &json!("collecting baseline, 6 of 20"))
+        (
+            &json!("collecting_baseline"),
+            &json!("collecting baseline, 6 of 20")
+        )
     );
 }
 
@@ -96,7 +104,8 @@ fn columns(data: &Path, name: &str) -> [Vec<f32>; 4] {
     columns
 }
 
-/// Teeth or a speed that the recordings do not have, and a tolerance of 25 %: the speed found is right, or it is in doubt. Pieces of two seconds.
+/// Teeth or a speed that the recordings do not have, and a tolerance of 25 %: the speed found is right, or it
+/// is in doubt. Pieces of two seconds.
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn a_speed_is_right_or_in_doubt() {
@@ -116,11 +125,16 @@ fn a_speed_is_right_or_in_doubt() {
         for (name, _) in RECORDINGS {
             for samples in columns(&data, name) {
                 for piece in samples.chunks_exact(25_600) {
-                    let record = Record::new("1", Timestamp::UNIX_EPOCH, 12_800.0, "1", piece.to_vec()).unwrap();
+                    let record =
+                        Record::new("1", Timestamp::UNIX_EPOCH, 12_800.0, "1", piece.to_vec()).unwrap();
                     let speed = analyzer.analyze(&record, &mesh).shaft_speed;
                     match speed.filter(|speed| speed.doubt.is_none()) {
                         None => doubted += 1,
-                        Some(speed) if teeth == 32 && (speed.shaft_speed_hz / TRUE_SHAFT_HZ - 1.0).abs() < 0.006 => right += 1,
+                        Some(speed)
+                            if teeth == 32 && (speed.shaft_speed_hz / TRUE_SHAFT_HZ - 1.0).abs() < 0.006 =>
+                        {
+                            right += 1
+                        }
                         Some(_) => wrong += 1,
                     }
                 }
@@ -135,7 +149,15 @@ fn a_speed_is_right_or_in_doubt() {
             "{nominal_hz} Hz ± {tolerance}: {right} {doubted} {wrong}"
         );
     }
-    for (teeth, nominal_hz) in [(24, 29.7), (36, 29.7), (64, 29.7), (32, 25.0), (32, 35.0), (32, 16.6), (32, 59.4)] {
+    for (teeth, nominal_hz) in [
+        (24, 29.7),
+        (36, 29.7),
+        (64, 29.7),
+        (32, 25.0),
+        (32, 35.0),
+        (32, 16.6),
+        (32, 59.4),
+    ] {
         let (right, doubted, wrong) = speeds(teeth, nominal_hz, 0.05);
         assert!(
             right == 0 && wrong * 100 <= doubted,
@@ -144,8 +166,8 @@ fn a_speed_is_right_or_in_doubt() {
     }
 }
 
-/// The mesh line and OMX of all four channels, over time and over the shaft's angle; tooth numbers and rate are those that the data's README
-/// infers.
+/// The mesh line and OMX of all four channels, over time and over the shaft's angle; tooth numbers and rate
+/// are those that the data's README infers.
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
@@ -171,19 +193,30 @@ fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
             let [low, high] = MESH_HZ;
             let speed = got.analysis.shaft_speed.unwrap();
             let inside = low - MESH_TOLERANCE_HZ..=high + MESH_TOLERANCE_HZ;
-            assert!(inside.contains(&speed.mesh_frequency_hz), "{name} {channel}: {speed:?}");
+            assert!(
+                inside.contains(&speed.mesh_frequency_hz),
+                "{name} {channel}: {speed:?}"
+            );
             let indicators = &got.analysis.indicators;
-            let (plain, tracked) = (indicators.get("omx").unwrap(), indicators.get("omx_tracked").unwrap());
+            let (plain, tracked) = (
+                indicators.get("omx").unwrap(),
+                indicators.get("omx_tracked").unwrap(),
+            );
             let angle = got.basis.shaft_angle.as_ref().unwrap();
             eprintln!("{name} {channel}: OMX {plain:.3}, tracked {tracked:.3}, {angle:?}");
-            // Some lines stand too little above what passes their filter for a phase to be followed; the answer says so.
+            // Some lines stand too little above what passes their filter for a phase to be followed; the
+            // answer says so.
             let followed = matches!(angle.source, AngleSource::MeshPhase { .. });
-            assert!(followed || matches!(angle.source, AngleSource::ConstantSpeed), "{angle:?}");
+            assert!(
+                followed || matches!(angle.source, AngleSource::ConstantSpeed),
+                "{angle:?}"
+            );
             assert!(angle.turns > 190, "{angle:?}");
             let spectrum = analyzer.amplitude_spectrum(&record);
             let bin = (speed.mesh_frequency_hz / spectrum.resolution_hz).round() as usize;
-            // A wandering line is smeared over time and whole again over the angle: no lower than before, and no higher than a line with
-            // all the power between its sidebands (Σ of squares over the window's bandwidth of 1.5 bins).
+            // A wandering line is smeared over time and whole again over the angle: no lower than before, and
+            // no higher than a line with all the power between its sidebands (Σ of squares over the window's
+            // bandwidth of 1.5 bins).
             let reach = (0.9 * speed.shaft_speed_hz / spectrum.resolution_hz) as usize;
             let between = &spectrum.amplitude[bin - reach..=bin + reach];
             let most = (between.iter().map(|a| a * a).sum::<f64>() / 1.5).sqrt();
@@ -196,7 +229,10 @@ fn the_mesh_line_stands_on_every_channel_also_over_the_angle() {
             let above = plain / around[400];
             assert!(above > 20.0, "{name} {channel}: {above} times the noise");
             if *channel == "a1" {
-                assert!((plain / omx - 1.0).abs() <= 0.10, "{name}: OMX {plain} against {omx}");
+                assert!(
+                    (plain / omx - 1.0).abs() <= 0.10,
+                    "{name}: OMX {plain} against {omx}"
+                );
             }
         }
     }
@@ -209,7 +245,18 @@ fn convert(data: &Path, folder: &Path, name: &str, start: &str) {
     for extension in ["wav", "mcap"] {
         let out = folder.join(format!("{name}.{extension}"));
         let (csv, out) = (csv.display().to_string(), out.display().to_string());
-        flankwatch(&["convert", &csv, &out, "--rate", "12800", "--unit", "m/s2", "--start-time", start]).expect_success();
+        flankwatch(&[
+            "convert",
+            &csv,
+            &out,
+            "--rate",
+            "12800",
+            "--unit",
+            "m/s2",
+            "--start-time",
+            start,
+        ])
+        .expect_success();
     }
 }
 
@@ -221,7 +268,11 @@ fn upload_wav(service: &Service, folder: &Path, name: &str, start: &str) -> Vec<
         .read_to_end(&mut bytes)
         .unwrap();
     let answer = service
-        .post(&format!("/v1/assets/wav/segments?start_time={start}"), "audio/wav", &bytes)
+        .post(
+            &format!("/v1/assets/wav/segments?start_time={start}"),
+            "audio/wav",
+            &bytes,
+        )
         .expect(201)
         .json();
     answer["segments"].as_array().unwrap().clone()
@@ -237,7 +288,10 @@ fn upload_mcap(service: &Service, folder: &Path, name: &str) -> Vec<Value> {
         (&answer["records"], &answer["stored"], &answer["refused"]),
         (&json!(4), &json!(4), &json!([]))
     );
-    let list = service.get("/v1/assets/mcap/segments?order=desc&limit=4").expect(200).json();
+    let list = service
+        .get("/v1/assets/mcap/segments?order=desc&limit=4")
+        .expect(200)
+        .json();
     let mut segments = list["items"].as_array().unwrap().clone();
     segments.sort_by_key(|segment| segment["channel"].as_str().unwrap().to_owned());
     segments
@@ -245,7 +299,10 @@ fn upload_mcap(service: &Service, folder: &Path, name: &str) -> Vec<Value> {
 
 /// Every indicator of both agrees to 1e-6.
 fn assert_same(wav: &Value, mcap: &Value) {
-    let (wav, mcap) = (wav["indicators"].as_object().unwrap(), mcap["indicators"].as_object().unwrap());
+    let (wav, mcap) = (
+        wav["indicators"].as_object().unwrap(),
+        mcap["indicators"].as_object().unwrap(),
+    );
     assert!(wav.len() > 10);
     assert_eq!(wav.keys().collect::<Vec<_>>(), mcap.keys().collect::<Vec<_>>());
     for (name, value) in wav {
@@ -257,7 +314,9 @@ fn assert_same(wav: &Value, mcap: &Value) {
 /// Times and indicators of channel a1.
 fn history(service: &Service, asset: &str) -> Value {
     let mut trend = service
-        .get(&format!("/v1/assets/{asset}/indicators?names=rms,kurtosis,omx&channel=a1"))
+        .get(&format!(
+            "/v1/assets/{asset}/indicators?names=rms,kurtosis,omx&channel=a1"
+        ))
         .expect(200)
         .json();
     for item in trend["items"].as_array_mut().unwrap() {
@@ -273,6 +332,10 @@ fn replay_on_the_server(service: &Service) {
         let replay = service.post_json("/v1/replays", &request).expect(202).json();
         let path = format!("/v1/replays/{}", replay["id"].as_str().unwrap());
         let ended = service.wait_for(&path, |replay| replay["state"] != "running");
-        assert_eq!((&ended["state"], &ended["stored"]), (&json!("finished"), &json!(4)), "{ended}");
+        assert_eq!(
+            (&ended["state"], &ended["stored"]),
+            (&json!("finished"), &json!(4)),
+            "{ended}"
+        );
     }
 }

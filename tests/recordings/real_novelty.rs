@@ -1,10 +1,13 @@
-//! What is not wear, on real recordings: a bearing's run to failure (Nectoux et al. 2012) and a gearbox with a broken tooth.
+//! What is not wear, on real recordings: a bearing's run to failure (Nectoux et al. 2012) and a gearbox with
+//! a broken tooth.
 
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
-use flankwatch::estimate::{Alarm, AlarmQuantity, AlarmReading, AlarmRule, EstimatorSettings, Tracker, WearEstimate, WearStatus};
+use flankwatch::estimate::{
+    Alarm, AlarmQuantity, AlarmReading, AlarmRule, EstimatorSettings, Tracker, WearEstimate, WearStatus,
+};
 use flankwatch::gear::PairSpec;
 use flankwatch::library::{BuildControl, Ensemble, GridSettings, build};
 use flankwatch::recording::{Cut, RecordDefaults, WavBlocks};
@@ -18,11 +21,13 @@ use flankwatch_test_support::recordings;
 const BEARING_BASELINE: usize = 100;
 const LATE: usize = 280;
 
-/// So many records after the baseline may not be flagged. Energy in octaves (computed with NumPy, means of 25 records) has drifted by 2.3 and 2.8 of the
-/// baseline's standard deviations at their end and goes on: what is told afterwards is no false alarm.
+/// So many records after the baseline may not be flagged. Energy in octaves (computed with NumPy, means of 25
+/// records) has drifted by 2.3 and 2.8 of the baseline's standard deviations at their end and goes on: what
+/// is told afterwards is no false alarm.
 const EARLY: usize = 250;
 
-/// A piece of a gearbox recording has this many samples, 0.4 s; so many of the healthy recording's are the baseline.
+/// A piece of a gearbox recording has this many samples, 0.4 s; so many of the healthy recording's are the
+/// baseline.
 const PIECE: usize = 5120;
 const GEARBOX_RATE_HZ: f64 = 12_800.0;
 const GEARBOX_BASELINE: usize = 12;
@@ -57,7 +62,11 @@ fn at(index: usize) -> Timestamp {
     Timestamp::UNIX_EPOCH + SignedDuration::from_secs(10 * index as i64)
 }
 
-fn told(baseline: usize, ensemble: Option<Arc<Ensemble>>, records: impl Iterator<Item = Features>) -> Vec<WearEstimate> {
+fn told(
+    baseline: usize,
+    ensemble: Option<Arc<Ensemble>>,
+    records: impl Iterator<Item = Features>,
+) -> Vec<WearEstimate> {
     let settings = EstimatorSettings {
         baseline_records: baseline as u32,
         limit_um: None,
@@ -76,7 +85,13 @@ fn bearing_records(path: &Path) -> Vec<Record> {
         unit: Some("g".to_owned()),
         ..RecordDefaults::default()
     };
-    let records = WavBlocks::new(File::open(path).unwrap(), bytes, &defaults, Some(Cut::Samples(2560))).unwrap();
+    let records = WavBlocks::new(
+        File::open(path).unwrap(),
+        bytes,
+        &defaults,
+        Some(Cut::Samples(2560)),
+    )
+    .unwrap();
     records.map(Result::unwrap).collect()
 }
 
@@ -104,10 +119,21 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
     ];
     for (name, mesh, ensemble) in cases {
         let mut analyzer = Analyzer::new(AnalysisSettings::default());
-        let features = records.iter().map(|record| analyzer.analyze(record, &mesh).features);
+        let features = records
+            .iter()
+            .map(|record| analyzer.analyze(record, &mesh).features);
         let answers = told(BEARING_BASELINE, ensemble, features);
-        assert!(answers.iter().all(|answer| answer.median_um.is_none()), "{name}: wear was claimed");
-        let accused = |answer: &&WearEstimate| answer.novelty.as_ref().and_then(|novelty| novelty.sensor_fault).is_some();
+        assert!(
+            answers.iter().all(|answer| answer.median_um.is_none()),
+            "{name}: wear was claimed"
+        );
+        let accused = |answer: &&WearEstimate| {
+            answer
+                .novelty
+                .as_ref()
+                .and_then(|novelty| novelty.sensor_fault)
+                .is_some()
+        };
         let accused: Vec<&WearEstimate> = answers.iter().filter(accused).collect();
         let clipped = |answer: &&WearEstimate| answer.reason.contains("clipped");
         assert!(accused.iter().all(clipped), "{name}: {}", accused[0].reason);
@@ -142,8 +168,14 @@ fn a_failing_bearing_is_novelty_and_never_wear() {
             median(late)
         );
         let first = changes.first().map(|(index, _)| *index);
-        assert!(first.is_some_and(|index| index < records.len() - LATE), "{name}: {changes:?}");
-        assert!(changes.last().is_some_and(|(_, raised)| *raised), "{name}: {changes:?}");
+        assert!(
+            first.is_some_and(|index| index < records.len() - LATE),
+            "{name}: {changes:?}"
+        );
+        assert!(
+            changes.last().is_some_and(|(_, raised)| *raised),
+            "{name}: {changes:?}"
+        );
         assert!(median(late) > 10.0, "{name}: {}", median(late));
         assert!(changes.len() <= 7, "{name}: the alarm flaps: {changes:?}");
         assert!(flagged_early <= 0.02, "{name}: {flagged_early}");
@@ -173,7 +205,8 @@ fn pieces(samples: &[f32], piece: usize, mesh: &MeshContext) -> Vec<Features> {
     samples.chunks_exact(piece).map(features).collect()
 }
 
-/// The gearbox with teeth and speed as its spectra have them; module, width and torque are guessed, as the data do not say them.
+/// The gearbox with teeth and speed as its spectra have them; module, width and torque are guessed, as the
+/// data do not say them.
 fn gearbox() -> PairSpec {
     PairSpec::from_toml(
         "[geometry]\nteeth = [32, 96]\nmodule_mm = 1.5\nface_width_mm = 12.0\npressure_angle_deg = 20.0\nbore_radius_mm = [8.0, 8.0]\n\
@@ -182,8 +215,8 @@ fn gearbox() -> PairSpec {
     .unwrap()
 }
 
-/// The healthy gearbox with a baseline of 0.4 s pieces, and the rest of the same recording cut at other lengths: no piece is flagged; 0.1 s
-/// are three turns, too few to tell the mesh lines from their sidebands.
+/// The healthy gearbox with a baseline of 0.4 s pieces, and the rest of the same recording cut at other
+/// lengths: no piece is flagged; 0.1 s are three turns, too few to tell the mesh lines from their sidebands.
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn a_healthy_gearbox_is_not_flagged_however_its_recording_is_cut() {
@@ -195,7 +228,9 @@ fn a_healthy_gearbox_is_not_flagged_however_its_recording_is_cut() {
             let (first, rest) = samples.split_at(GEARBOX_BASELINE * PIECE);
             for seconds in [0.1, 0.2, 0.4, 1.0, 2.0] {
                 let piece = (seconds * GEARBOX_RATE_HZ) as usize;
-                let records = pieces(first, PIECE, &mesh).into_iter().chain(pieces(rest, piece, &mesh));
+                let records = pieces(first, PIECE, &mesh)
+                    .into_iter()
+                    .chain(pieces(rest, piece, &mesh));
                 let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), records);
                 let wanted = if seconds < 0.15 {
                     WearStatus::NotComparable
@@ -236,7 +271,8 @@ struct Answered {
 
 impl Answered {
     fn of(answers: &[WearEstimate]) -> Self {
-        let count = |holds: &dyn Fn(&WearEstimate) -> bool| answers.iter().filter(|answer| holds(answer)).count();
+        let count =
+            |holds: &dyn Fn(&WearEstimate) -> bool| answers.iter().filter(|answer| holds(answer)).count();
         let sensor = count(&|answer| answer.status == WearStatus::SensorFault);
         Self {
             pieces: answers.len(),
@@ -244,10 +280,16 @@ impl Answered {
             sensor,
             told: count(&|answer| answer.median_um.is_some()),
             claimed: count(&|answer| answer.p05_um.is_some_and(|um| um > CLAIM_UM)),
-            least_um: answers.iter().filter_map(|answer| answer.p05_um).fold(0.0, f64::max),
-            first: answers
+            least_um: answers
                 .iter()
-                .position(|answer| matches!(answer.status, WearStatus::OutsideLibrary | WearStatus::SensorFault)),
+                .filter_map(|answer| answer.p05_um)
+                .fold(0.0, f64::max),
+            first: answers.iter().position(|answer| {
+                matches!(
+                    answer.status,
+                    WearStatus::OutsideLibrary | WearStatus::SensorFault
+                )
+            }),
         }
     }
 
@@ -261,9 +303,10 @@ impl Answered {
     }
 }
 
-/// At each load and on each sensor. Sensor a1 sees much of the broken tooth
-/// (its first mesh line doubles while its root mean square falls by a third), a2 a change of its mesh lines that wear explains poorly without load and well enough with it; a3 and
-/// a4 hardly anything, and are answered as the healthy gearbox is.
+/// At each load and on each sensor. Sensor a1 sees much of the broken tooth (its first mesh line doubles
+/// while its root mean square falls by a third), a2 a change of its mesh lines that wear explains poorly
+/// without load and well enough with it; a3 and a4 hardly anything, and are answered as the healthy gearbox
+/// is.
 #[test]
 #[ignore = "needs the folder of real recordings"]
 fn a_broken_tooth_is_novelty_and_not_wear() {
@@ -278,7 +321,11 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
         for (channel, (healthy, faulty)) in healthy.iter().zip(&faulty).enumerate() {
             let [healthy, faulty] = [healthy, faulty].map(|samples| pieces(samples, PIECE, &mesh));
             let whole = healthy.len();
-            let answers = told(GEARBOX_BASELINE, Some(Arc::clone(&ensemble)), healthy.into_iter().chain(faulty));
+            let answers = told(
+                GEARBOX_BASELINE,
+                Some(Arc::clone(&ensemble)),
+                healthy.into_iter().chain(faulty),
+            );
             let calm = Answered::of(&answers[GEARBOX_BASELINE..whole]);
             let broken = Answered::of(&answers[whole..]);
             eprintln!(
@@ -296,12 +343,20 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
             held_out.add(&calm);
             sensors[channel].add(&broken);
             if channel == 0 {
-                assert!(broken.first.is_some_and(|first| first < 10), "load {load}: {:?}", broken.first);
+                assert!(
+                    broken.first.is_some_and(|first| first < 10),
+                    "load {load}: {:?}",
+                    broken.first
+                );
             }
         }
     }
     let names = ["a1", "a2", "a3", "a4"];
-    for (name, got) in names.into_iter().zip(&sensors).chain([("held-out healthy pieces", &held_out)]) {
+    for (name, got) in names
+        .into_iter()
+        .zip(&sensors)
+        .chain([("held-out healthy pieces", &held_out)])
+    {
         eprintln!(
             "{name}: {} of {} flagged, a depth told for {}, wear claimed for {}",
             got.flagged, got.pieces, got.told, got.claimed
@@ -310,7 +365,10 @@ fn a_broken_tooth_is_novelty_and_not_wear() {
     let [near, second, others @ ..] = &sensors;
     assert!(near.flagged as f64 >= 0.95 * near.pieces as f64 && near.told * 20 <= near.pieces);
     assert!(second.flagged > 0 && second.claimed * 10 <= second.pieces);
-    assert!(sensors.iter().all(|sensor| sensor.sensor == 0), "the sensors are sound");
+    assert!(
+        sensors.iter().all(|sensor| sensor.sensor == 0),
+        "the sensors are sound"
+    );
     assert!(others.iter().all(|other| other.claimed * 20 <= other.pieces));
     assert_eq!(held_out.claimed, 0);
     assert!(

@@ -1,12 +1,13 @@
-//! Runs of a second simulator, which shares no code with this project: the wear estimate beside the truth, with a pair file that says
-//! nothing of damping, bodies or the shape of the wear.
+//! Runs of a second simulator, which shares no code with this project: the wear estimate beside the truth,
+//! with a pair file that says nothing of damping, bodies or the shape of the wear.
 
 use flankwatch_test_support::recordings;
 use serde_json::Value;
 
 use crate::command::flankwatch;
 
-/// Run, least part of the estimates that hold the truth, most estimates in a row that do not, least rank correlation.
+/// Run, least part of the estimates that hold the truth, most estimates in a row that do not, least rank
+/// correlation.
 const WEAR: [(&str, f64, u64, f64); 4] = [
     ("wear-threshold-1", 0.85, 10, 0.97),
     ("wear-threshold-2", 0.85, 10, 0.97),
@@ -65,7 +66,9 @@ fn the_interval_holds_the_truth_of_another_simulators_runs() {
     for run in FAULTS {
         let flagged = |answer: &Value| answer["flagged"].as_bool().unwrap();
         let answers = all["answers"][run].as_array().unwrap().clone();
-        let (before, after): (Vec<Value>, Vec<Value>) = answers.into_iter().partition(|answer| answer["record"].as_u64().unwrap() < 75);
+        let (before, after): (Vec<Value>, Vec<Value>) = answers
+            .into_iter()
+            .partition(|answer| answer["record"].as_u64().unwrap() < 75);
         assert_eq!(before.iter().filter(|answer| flagged(answer)).count(), 0, "{run}");
         let late = after.iter().skip(10);
         let found = late.clone().filter(|answer| flagged(answer)).count() as f64;

@@ -7,7 +7,9 @@ use crate::running::{Service, plain_asset, record, samples, wav};
 #[test]
 fn an_asset_is_made_shown_changed_and_removed() {
     let service = Service::start();
-    let made = service.post_json("/v1/assets", &plain_asset("pump-1")).expect(201);
+    let made = service
+        .post_json("/v1/assets", &plain_asset("pump-1"))
+        .expect(201);
     assert_eq!(made.header("location"), "/v1/assets/pump-1");
     let made = made.json();
     assert_eq!(made["gear"]["teeth"], json!([31, 62]));
@@ -37,18 +39,26 @@ fn an_asset_is_made_shown_changed_and_removed() {
 
     assert!(service.delete("/v1/assets/pump-1").expect(204).bytes.is_empty());
     service.get("/v1/assets/pump-1").expect_problem(404, &["pump-1"]);
-    service.delete("/v1/assets/pump-1").expect_problem(404, &["pump-1"]);
+    service
+        .delete("/v1/assets/pump-1")
+        .expect_problem(404, &["pump-1"]);
 }
 
 #[test]
 fn a_description_in_toml_is_taken() {
     let service = Service::start();
     let toml = "id = \"fan\"\n[gear]\nteeth = [31, 62]\nshaft_speed_hz = 10.0\n";
-    let fan = service.post("/v1/assets", "application/toml", toml.as_bytes()).expect(201).json();
+    let fan = service
+        .post("/v1/assets", "application/toml", toml.as_bytes())
+        .expect(201)
+        .json();
     assert_eq!(fan["baseline"]["records"], 20);
     let wrong = toml.replace("shaft_speed_hz", "shaft_sped_hz");
     let problem = service.post("/v1/assets", "application/toml", wrong.as_bytes());
-    assert_eq!(problem.expect_problem(422, &["shaft_sped_hz"])["field"], "shaft_sped_hz");
+    assert_eq!(
+        problem.expect_problem(422, &["shaft_sped_hz"])["field"],
+        "shaft_sped_hz"
+    );
 }
 
 #[test]
@@ -65,7 +75,9 @@ fn a_description_that_cannot_be_used_is_refused_with_its_field() {
     let mut asset = plain_asset("pump");
     asset["colour"] = json!("red");
     assert_eq!(
-        service.post_json("/v1/assets", &asset).expect_problem(422, &["colour"])["field"],
+        service
+            .post_json("/v1/assets", &asset)
+            .expect_problem(422, &["colour"])["field"],
         "colour"
     );
     service
@@ -74,7 +86,9 @@ fn a_description_that_cannot_be_used_is_refused_with_its_field() {
     let mut asset = plain_asset("pump");
     asset.as_object_mut().unwrap().remove("gear");
     assert_eq!(
-        service.post_json("/v1/assets", &asset).expect_problem(422, &["gear"])["field"],
+        service
+            .post_json("/v1/assets", &asset)
+            .expect_problem(422, &["gear"])["field"],
         "gear"
     );
 }
@@ -88,10 +102,17 @@ fn a_list_comes_in_pages_without_loss() {
     let mut ids = Vec::new();
     let mut cursor = String::new();
     loop {
-        let page = service.get(&format!("/v1/assets?limit=2{cursor}")).expect(200).json();
+        let page = service
+            .get(&format!("/v1/assets?limit=2{cursor}"))
+            .expect(200)
+            .json();
         let items = page["items"].as_array().unwrap().clone();
         assert!((1..=2).contains(&items.len()));
-        ids.extend(items.iter().map(|asset| asset["id"].as_str().unwrap().to_string()));
+        ids.extend(
+            items
+                .iter()
+                .map(|asset| asset["id"].as_str().unwrap().to_string()),
+        );
         match page["next_cursor"].as_str() {
             Some(next) => cursor = format!("&cursor={next}"),
             None => break,
@@ -136,7 +157,10 @@ fn a_removed_asset_takes_its_records_and_only_its_own_raw_bytes_along() {
     );
     service.upload("one", &record("1", 7));
     assert_eq!(
-        service.get("/v1/assets/one/indicators?names=rms").expect(200).json()["items"]
+        service
+            .get("/v1/assets/one/indicators?names=rms")
+            .expect(200)
+            .json()["items"]
             .as_array()
             .unwrap()
             .len(),
@@ -169,11 +193,18 @@ fn a_change_can_be_conditional_on_the_description_that_was_seen() {
     let tag = seen.header("etag").to_owned();
     let put = |description: &serde_json::Value, headers: &[(&str, &str)]| {
         let headers = [&[("content-type", "application/json")], headers].concat();
-        service.send("PUT", "/v1/assets/pump", &headers, description.to_string().as_bytes())
+        service.send(
+            "PUT",
+            "/v1/assets/pump",
+            &headers,
+            description.to_string().as_bytes(),
+        )
     };
     // Further records change the answer, and not the description.
     service.upload("pump", &record("1", 1));
-    let unchanged = service.send("GET", "/v1/assets/pump", &[("if-none-match", &tag)], b"").expect(200);
+    let unchanged = service
+        .send("GET", "/v1/assets/pump", &[("if-none-match", &tag)], b"")
+        .expect(200);
     let tag_now = unchanged.header("etag").to_owned();
     service
         .send("GET", "/v1/assets/pump", &[("if-none-match", &tag_now)], b"")
@@ -186,13 +217,20 @@ fn a_change_can_be_conditional_on_the_description_that_was_seen() {
     description["name"] = serde_json::json!("Pump 2");
     put(&description, &[("if-match", &tag)]).expect_problem(412, &["pump", "changed meanwhile"]);
     put(&description, &[("if-none-match", "*")]).expect_problem(412, &["pump"]);
-    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["name"], "Pump 1");
+    assert_eq!(
+        service.get("/v1/assets/pump").expect(200).json()["name"],
+        "Pump 1"
+    );
     let list = format!("\"other\", {}", changed.header("etag"));
     put(&description, &[("if-match", &list)]).expect(200);
     service
         .send("DELETE", "/v1/assets/pump", &[("if-match", &tag)], b"")
         .expect_problem(412, &["pump"]);
-    service.send("DELETE", "/v1/assets/pump", &[("if-match", "*")], b"").expect(204);
+    service
+        .send("DELETE", "/v1/assets/pump", &[("if-match", "*")], b"")
+        .expect(204);
     // Elsewhere a field that nobody knows stays a mistake.
-    service.post_json("/v1/assets", &description).expect_problem(422, &["created_at"]);
+    service
+        .post_json("/v1/assets", &description)
+        .expect_problem(422, &["created_at"]);
 }

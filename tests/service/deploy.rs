@@ -1,4 +1,5 @@
-//! What `deploy/` says is true of the program: its files can be read, its options, ports and metrics exist, its settings are taken.
+//! What `deploy/` says is true of the program: its files can be read, its options, ports and metrics exist,
+//! its settings are taken.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -51,7 +52,10 @@ fn ending(ends: &[&str]) -> Vec<String> {
 
 /// The manifests that `kubectl apply -k` applies, in their order.
 pub(crate) fn manifests() -> Vec<String> {
-    let resources = yaml("kubernetes/kustomization.yaml")[0]["resources"].as_array().unwrap().clone();
+    let resources = yaml("kubernetes/kustomization.yaml")[0]["resources"]
+        .as_array()
+        .unwrap()
+        .clone();
     resources
         .iter()
         .map(|name| format!("kubernetes/{}", name.as_str().unwrap()))
@@ -84,7 +88,10 @@ pub(crate) fn expressions() -> Vec<(String, String)> {
                 .and_then(|rest| rest.rsplit_once(", "))
                 .unwrap()
                 .0;
-            found.push((format!("{path}, variable {}", variable["name"]), metric.to_owned()));
+            found.push((
+                format!("{path}, variable {}", variable["name"]),
+                metric.to_owned(),
+            ));
         }
     }
     found
@@ -118,7 +125,12 @@ fn metrics(expression: &str) -> Vec<(String, BTreeSet<String>)> {
 #[test]
 fn selectors_are_read() {
     let found = metrics("rate(flankwatch_a_total{x=\"{b}\",y!~\"c|d\"}[5m]) / flankwatch_b");
-    let labels = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
+    let labels = |names: &[&str]| {
+        names
+            .iter()
+            .map(|name| (*name).to_owned())
+            .collect::<BTreeSet<_>>()
+    };
     assert_eq!(
         found,
         [
@@ -172,7 +184,9 @@ fn alerts_and_dashboards_name_what_is_measured() {
             "{of}: {expression}"
         );
         for (name, labels) in all {
-            let known = measured.get(&name).unwrap_or_else(|| panic!("{of}: there is no metric {name}"));
+            let known = measured
+                .get(&name)
+                .unwrap_or_else(|| panic!("{of}: there is no metric {name}"));
             for label in labels {
                 // A metric without a line says nothing of its labels: wear needs an asset with a pair.
                 let is_known = known.contains(&label) || added.contains(&label.as_str()) || known.is_empty();
@@ -185,7 +199,10 @@ fn alerts_and_dashboards_name_what_is_measured() {
         assert!(named.contains(name), "{name} is on no dashboard and in no alert");
     }
     for (name, _) in metrics(&text("prometheus/rules.test.yaml")) {
-        assert!(measured.contains_key(&name), "the alerts' tests: there is no metric {name}");
+        assert!(
+            measured.contains_key(&name),
+            "the alerts' tests: there is no metric {name}"
+        );
     }
     let job = &yaml("compose/prometheus.yml")[0]["scrape_configs"][0]["job_name"];
     assert_eq!(job, "flankwatch", "alerts and dashboards ask for this job");
@@ -210,16 +227,27 @@ fn dashboards_find_their_data_source() {
     let compose = &yaml("compose/compose.yaml")[0];
     let place = provider["options"]["path"].as_str().unwrap();
     let mounted = compose["services"]["grafana"]["volumes"].as_array().unwrap();
-    assert!(mounted.contains(&format!("../grafana/dashboards:{place}:ro").into()), "{mounted:?}");
+    assert!(
+        mounted.contains(&format!("../grafana/dashboards:{place}:ro").into()),
+        "{mounted:?}"
+    );
     let mut names = BTreeSet::new();
     for path in ending(&["dashboards/machines.json", "dashboards/service.json"]) {
         let dashboard: Value = serde_json::from_str(&text(&path)).unwrap();
         assert!(names.insert(dashboard["uid"].to_string()), "{path}");
         let mut panels = BTreeSet::new();
         for panel in dashboard["panels"].as_array().unwrap() {
-            assert!(panels.insert(panel["id"].to_string()), "{path}: {}", panel["title"]);
+            assert!(
+                panels.insert(panel["id"].to_string()),
+                "{path}: {}",
+                panel["title"]
+            );
             if panel["type"] != "row" {
-                assert_eq!(panel["datasource"]["uid"], source["uid"], "{path}: {}", panel["title"]);
+                assert_eq!(
+                    panel["datasource"]["uid"], source["uid"],
+                    "{path}: {}",
+                    panel["title"]
+                );
             }
         }
     }
@@ -242,8 +270,14 @@ fn command_lines() -> Vec<(String, Vec<String>)> {
         .unwrap();
     found.push(("unit".to_owned(), start.split(' ').map(str::to_owned).collect()));
     let dockerfile = text("Dockerfile");
-    let command = dockerfile.lines().find_map(|line| line.strip_prefix("CMD ")).unwrap();
-    found.push(("Dockerfile".to_owned(), words(&serde_json::from_str(command).unwrap())));
+    let command = dockerfile
+        .lines()
+        .find_map(|line| line.strip_prefix("CMD "))
+        .unwrap();
+    found.push((
+        "Dockerfile".to_owned(),
+        words(&serde_json::from_str(command).unwrap()),
+    ));
     let compose = &yaml("compose/compose.yaml")[0];
     for (name, service) in compose["services"].as_object().unwrap() {
         if service["image"].as_str().unwrap().starts_with("flankwatch") {
@@ -252,7 +286,11 @@ fn command_lines() -> Vec<(String, Vec<String>)> {
     }
     for path in manifests() {
         for manifest in yaml(&path) {
-            for container in manifest["spec"]["template"]["spec"]["containers"].as_array().into_iter().flatten() {
+            for container in manifest["spec"]["template"]["spec"]["containers"]
+                .as_array()
+                .into_iter()
+                .flatten()
+            {
                 found.push((path.clone(), words(&container["args"])));
             }
         }
@@ -314,7 +352,10 @@ fn ports_are_those_that_are_listened_on() {
                     let asked = &template[probe]["httpGet"];
                     assert_eq!(asked["port"], port["name"], "{path}: {probe}");
                     let paths = ["/healthz", "/readyz?for=reading", "/readyz?for=records"];
-                    assert!(paths.contains(&asked["path"].as_str().unwrap()), "{path}: {probe}");
+                    assert!(
+                        paths.contains(&asked["path"].as_str().unwrap()),
+                        "{path}: {probe}"
+                    );
                 }
             }
         }
@@ -329,7 +370,10 @@ fn the_machines_settings_are_taken() {
     assert_eq!(program.get("/readyz")["status"], "ok");
     program.kill();
     let unit = text("systemd/flankwatch.service");
-    assert!(unit.contains("--config /etc/flankwatch/flankwatch.toml"), "where README.md puts it");
+    assert!(
+        unit.contains("--config /etc/flankwatch/flankwatch.toml"),
+        "where README.md puts it"
+    );
 }
 
 /// What the program says of settings that it does not start with.
@@ -337,11 +381,20 @@ fn the_machines_settings_are_taken() {
 fn refusal(settings: &Path, command: &str) -> String {
     let data = tempfile::tempdir().unwrap();
     let mut program = Command::new(env!("CARGO_BIN_EXE_flankwatch"));
-    program.args([command, "--config"]).arg(settings).arg("--data-dir").arg(data.path());
+    program
+        .args([command, "--config"])
+        .arg(settings)
+        .arg("--data-dir")
+        .arg(data.path());
     if command == "serve" {
         program.args(["--listen", "127.0.0.1:0"]);
     }
-    for name in ["DATABASE_URL", "NATS_PASSWORD", "S3_ACCESS_KEY_ID", "S3_SECRET_ACCESS_KEY"] {
+    for name in [
+        "DATABASE_URL",
+        "NATS_PASSWORD",
+        "S3_ACCESS_KEY_ID",
+        "S3_SECRET_ACCESS_KEY",
+    ] {
         program.env_remove(format!("FLANKWATCH_{name}"));
     }
     let output = program.output().unwrap();
@@ -358,7 +411,11 @@ fn settings_of_brokers_and_clusters_are_understood() {
     for path in ["compose/cluster.toml", "kubernetes/cluster.toml"].map(|path| folder().join(path)) {
         for command in ["serve", "work"] {
             let said = refusal(&path, command);
-            assert!(said.contains("cluster.database.url is missing"), "{}: {said}", path.display());
+            assert!(
+                said.contains("cluster.database.url is missing"),
+                "{}: {said}",
+                path.display()
+            );
         }
     }
 }
@@ -369,7 +426,10 @@ fn a_pods_disk_holds_the_bodies_that_may_wait_on_it() {
     let limit = |name: &str| settings["limits"][name].as_integer().unwrap();
     let bodies = limit("recording_bytes") * limit("recordings_at_once");
     for path in ["kubernetes/api.yaml", "kubernetes/edge.yaml"] {
-        let volumes = yaml(path)[0]["spec"]["template"]["spec"]["volumes"].as_array().unwrap().clone();
+        let volumes = yaml(path)[0]["spec"]["template"]["spec"]["volumes"]
+            .as_array()
+            .unwrap()
+            .clone();
         let scratch = volumes.iter().find(|volume| volume["name"] == "scratch").unwrap();
         let size = scratch["emptyDir"]["sizeLimit"].as_str().unwrap();
         let bytes = size.strip_suffix("Gi").unwrap().parse::<i64>().unwrap() << 30;
@@ -392,7 +452,10 @@ fn every_file_can_be_read() {
     let readme = text("README.md");
     for entry in fs::read_dir(folder()).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
-        assert!(name == "README.md" || readme.contains(&name), "{name} is not in deploy/README.md");
+        assert!(
+            name == "README.md" || readme.contains(&name),
+            "{name} is not in deploy/README.md"
+        );
     }
     let compose = &yaml("compose/compose.yaml")[0];
     for (name, config) in compose["configs"].as_object().unwrap() {

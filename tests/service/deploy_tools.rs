@@ -18,7 +18,11 @@ fn tool(name: &str, from: &str) -> PathBuf {
 /// Runs a tool in `deploy`, and returns what it says.
 #[track_caller]
 fn run(tool: &PathBuf, arguments: &[&str]) -> String {
-    let output = Command::new(tool).args(arguments).current_dir(folder()).output().unwrap();
+    let output = Command::new(tool)
+        .args(arguments)
+        .current_dir(folder())
+        .output()
+        .unwrap();
     let said = [output.stdout, output.stderr].concat();
     let said = String::from_utf8_lossy(&said).into_owned();
     assert!(output.status.success(), "{arguments:?}: {said}");
@@ -41,7 +45,11 @@ fn alerts_do_what_their_tests_say() {
     }
     run(
         &promtool,
-        &["check", "config", together.path().join("prometheus.yml").to_str().unwrap()],
+        &[
+            "check",
+            "config",
+            together.path().join("prometheus.yml").to_str().unwrap(),
+        ],
     );
 }
 
@@ -50,7 +58,10 @@ fn alerts_do_what_their_tests_say() {
 fn dashboards_ask_what_prometheus_understands() {
     let promtool = tool("promtool", "apt install prometheus");
     let rules = expressions().into_iter().enumerate().map(|(n, (_, expression))| {
-        let expression = expression.replace("$asset", "a").replace("$channel", "c").replace("$instance", "i");
+        let expression = expression
+            .replace("$asset", "a")
+            .replace("$channel", "c")
+            .replace("$instance", "i");
         serde_json::json!({ "record": format!("dashboards:{n}"), "expr": expression })
     });
     let rules: Vec<_> = rules.collect();
@@ -74,7 +85,10 @@ fn systemd_takes_the_unit_and_finds_little_exposed() {
     let said = run(&analyze, &["verify", path]);
     assert!(!said.contains("flankwatch.service"), "{said}");
     // In tenths: 1.3 of 10, where 10 is a unit without any protection.
-    run(&analyze, &["security", "--offline=true", "--no-pager", "--threshold=13", path]);
+    run(
+        &analyze,
+        &["security", "--offline=true", "--no-pager", "--threshold=13", path],
+    );
 }
 
 #[test]
@@ -88,7 +102,10 @@ fn the_image_follows_the_linters_rules() {
 #[ignore = "needs check-jsonschema (pip install check-jsonschema)"]
 fn the_compose_file_follows_its_schema() {
     let check = tool("check-jsonschema", "pip install check-jsonschema");
-    run(&check, &["--builtin-schema", "vendor.compose-spec", "compose/compose.yaml"]);
+    run(
+        &check,
+        &["--builtin-schema", "vendor.compose-spec", "compose/compose.yaml"],
+    );
 }
 
 #[test]
@@ -96,6 +113,9 @@ fn the_compose_file_follows_its_schema() {
 fn manifests_follow_their_schemas() {
     let validate = tool("kubernetes-validate", "pip install kubernetes-validate");
     let manifests = manifests();
-    let arguments: Vec<&str> = ["--strict"].into_iter().chain(manifests.iter().map(String::as_str)).collect();
+    let arguments: Vec<&str> = ["--strict"]
+        .into_iter()
+        .chain(manifests.iter().map(String::as_str))
+        .collect();
     run(&validate, &arguments);
 }

@@ -63,7 +63,12 @@ fn what_sources_include_is_in_the_image() {
         }
         for file in included(&source) {
             count += 1;
-            assert!(root().join(&file).is_file(), "{}: there is no {}", source.display(), file.display());
+            assert!(
+                root().join(&file).is_file(),
+                "{}: there is no {}",
+                source.display(),
+                file.display()
+            );
             let is_taken = taken.iter().any(|name| file.starts_with(name));
             assert!(
                 is_taken,
@@ -89,7 +94,14 @@ fn cargo_finds_all_that_manifests_name_in_the_image() {
     }
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let said = Command::new(cargo)
-        .args(["metadata", "--locked", "--offline", "--no-deps", "--format-version", "1"])
+        .args([
+            "metadata",
+            "--locked",
+            "--offline",
+            "--no-deps",
+            "--format-version",
+            "1",
+        ])
         .current_dir(image.path())
         .output()
         .unwrap();

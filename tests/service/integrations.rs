@@ -36,13 +36,20 @@ fn prometheus_scrapes_service_and_assets() {
     let segment = service.upload("pump", &record("1", 1));
     let folder = tempfile::tempdir().unwrap();
     let target = service.url("").trim_start_matches("http://").to_string();
-    let config =
-        format!("global: {{scrape_interval: 1s}}\nscrape_configs:\n- job_name: flankwatch\n  static_configs:\n  - targets: ['{target}']\n");
+    let config = format!(
+        "global: {{scrape_interval: 1s}}\nscrape_configs:\n- job_name: flankwatch\n  static_configs:\n  - targets: ['{target}']\n"
+    );
     std::fs::write(folder.path().join("prometheus.yml"), config).unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let child = Command::new(program)
-        .arg(format!("--config.file={}", folder.path().join("prometheus.yml").display()))
-        .arg(format!("--storage.tsdb.path={}", folder.path().join("data").display()))
+        .arg(format!(
+            "--config.file={}",
+            folder.path().join("prometheus.yml").display()
+        ))
+        .arg(format!(
+            "--storage.tsdb.path={}",
+            folder.path().join("data").display()
+        ))
         .arg(format!("--web.listen-address={free}"))
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -50,7 +57,10 @@ fn prometheus_scrapes_service_and_assets() {
         .unwrap();
     let _prometheus = Running(child);
     let value = |query: &str| -> Option<f64> {
-        let mut answer = ureq::get(format!("http://{free}/api/v1/query")).query("query", query).call().ok()?;
+        let mut answer = ureq::get(format!("http://{free}/api/v1/query"))
+            .query("query", query)
+            .call()
+            .ok()?;
         let answer: Value = serde_json::from_str(&answer.body_mut().read_to_string().ok()?).ok()?;
         answer["data"]["result"][0]["value"][1].as_str()?.parse().ok()
     };
@@ -68,7 +78,9 @@ fn prometheus_scrapes_service_and_assets() {
     assert_eq!(Some(rms), segment["indicators"]["rms"].as_f64());
     assert_eq!(wait("flankwatch_segments"), 1.0);
     assert_eq!(
-        wait("flankwatch_request_duration_seconds_bucket{method=\"POST\",route=\"/v1/assets/{asset}/segments\",le=\"+Inf\"}"),
+        wait(
+            "flankwatch_request_duration_seconds_bucket{method=\"POST\",route=\"/v1/assets/{asset}/segments\",le=\"+Inf\"}"
+        ),
         1.0
     );
     assert_eq!(wait("up{job=\"flankwatch\"}"), 1.0);
@@ -106,22 +118,43 @@ fn pythons_reader_opens_an_exported_history() {
             .output();
         has_reader.is_ok_and(|output| output.status.success())
     });
-    let python = needed(python, "Python's MCAP reader (pip install mcap mcap-protobuf-support)");
+    let python = needed(
+        python,
+        "Python's MCAP reader (pip install mcap mcap-protobuf-support)",
+    );
     let service = Service::start();
     service.plain_asset("pump");
     let segments: Vec<Value> = (0..6).map(|n| service.upload("pump", &record("in", n))).collect();
     service.upload("pump", &record("out", 9));
-    let export = service.get("/v1/assets/pump/export?channel=in&spectra=3").expect(200);
+    let export = service
+        .get("/v1/assets/pump/export?channel=in&spectra=3")
+        .expect(200);
     assert_eq!(export.header("content-type"), "application/mcap");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("pump.mcap");
     std::fs::write(&path, &export.bytes).unwrap();
-    let output = Command::new(python).args(["-c", READ]).arg(&path).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = Command::new(python)
+        .args(["-c", READ])
+        .arg(&path)
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let lines = String::from_utf8(output.stdout).unwrap();
-    let messages: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    let (metadata, messages): (Vec<Value>, Vec<Value>) = messages.into_iter().partition(|message| message["topic"] == "metadata");
-    let names: Vec<&str> = metadata.iter().map(|record| record["name"].as_str().unwrap()).collect();
+    let messages: Vec<Value> = lines
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let (metadata, messages): (Vec<Value>, Vec<Value>) = messages
+        .into_iter()
+        .partition(|message| message["topic"] == "metadata");
+    let names: Vec<&str> = metadata
+        .iter()
+        .map(|record| record["name"].as_str().unwrap())
+        .collect();
     assert_eq!(names, ["asset", "sensor", "gear_pair", "acquisition"]);
     assert_eq!(metadata[2]["entries"]["teeth"], "[31,62]");
     assert_eq!(metadata[3]["entries"]["channel"], "in");
@@ -133,9 +166,16 @@ fn pythons_reader_opens_an_exported_history() {
     };
     assert_eq!(messages.len(), 6 + 6 + 3);
     let rms: Vec<&Value> = of("indicators").iter().map(|message| &message["rms"]).collect();
-    let expected: Vec<&Value> = segments.iter().map(|segment| &segment["indicators"]["rms"]).collect();
+    let expected: Vec<&Value> = segments
+        .iter()
+        .map(|segment| &segment["indicators"]["rms"])
+        .collect();
     assert_eq!(rms, expected);
-    assert!(of("wear").iter().all(|message| message["status"] == "collecting_baseline"));
+    assert!(
+        of("wear")
+            .iter()
+            .all(|message| message["status"] == "collecting_baseline")
+    );
     assert_eq!(of("spectrum").len(), 3);
     let spectrum = service.get(&format!(
         "/v1/segments/{}/spectrum?max_points=200000",
@@ -149,9 +189,13 @@ fn pythons_reader_opens_an_exported_history() {
         .map(|x| x.as_f64().unwrap())
         .fold(0.0, f64::max);
     assert_eq!(of("spectrum")[0]["peak"].as_f64(), Some(peak));
-    let left: Vec<_> = std::fs::read_dir(service.folder().join("uploads")).unwrap().collect();
+    let left: Vec<_> = std::fs::read_dir(service.folder().join("uploads"))
+        .unwrap()
+        .collect();
     assert!(left.is_empty(), "{left:?}");
-    service.get("/v1/assets/none/export").expect_problem(404, &["none"]);
+    service
+        .get("/v1/assets/none/export")
+        .expect_problem(404, &["none"]);
     service
         .get("/v1/assets/pump/export?spectra=99999")
         .expect_problem(400, &["spectra"]);

@@ -1,4 +1,5 @@
-//! The service over HTTP, started on a free port with a folder and a clock of its own, and the programs that work with it.
+//! The service over HTTP, started on a free port with a folder and a clock of its own, and the programs that
+//! work with it.
 #![cfg(test)]
 
 mod access;

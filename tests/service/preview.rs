@@ -64,7 +64,9 @@ fn a_preview_is_what_the_model_says_and_quick() {
     let harmonics = answer["model"]["harmonics"].as_array().unwrap();
     assert_eq!(harmonics.len(), 10);
     assert!(
-        harmonics.iter().any(|line| line["change_db"].as_f64().unwrap().abs() > 1.0),
+        harmonics
+            .iter()
+            .any(|line| line["change_db"].as_f64().unwrap().abs() > 1.0),
         "{harmonics:?}"
     );
 }
@@ -77,7 +79,10 @@ fn a_pair_that_cannot_be_is_told_all_its_faults_with_its_geometry() {
     pair.geometry.bore_radius_mm = [4.5, 5.0];
     let mut gear = mesh(&pair);
     gear["shaft_speed_hz"] = json!(0.0);
-    let answer = service.post_json("/v1/preview", &json!({ "gear": gear })).expect(200).json();
+    let answer = service
+        .post_json("/v1/preview", &json!({ "gear": gear }))
+        .expect(200)
+        .json();
     let fields: Vec<&str> = answer["refusals"]
         .as_array()
         .unwrap()
@@ -112,7 +117,10 @@ fn wear_and_torque_beyond_what_can_be_are_refused_at_their_field() {
     for (field, request) in [
         ("wear_um", json!({ "gear": mesh(&pair()), "wear_um": 1e6 })),
         ("torque_nm", json!({ "gear": mesh(&pair()), "torque_nm": 1e6 })),
-        ("shaft_speed_hz", json!({ "gear": mesh(&pair()), "shaft_speed_hz": -1.0 })),
+        (
+            "shaft_speed_hz",
+            json!({ "gear": mesh(&pair()), "shaft_speed_hz": -1.0 }),
+        ),
         ("gear.pair.geometry.teeth", {
             let mut gear = mesh(&pair());
             gear["teeth"] = json!([20, 41]);
@@ -145,12 +153,19 @@ fn presets_can_be_previewed_and_wear_after_archard_too() {
                 .json()
         };
         assert!(preview(&pair)["model"].is_object(), "{}", item["name"]);
-        println!("{}: first answer after {} ms", item["name"], began.elapsed().as_millis());
+        println!(
+            "{}: first answer after {} ms",
+            item["name"],
+            began.elapsed().as_millis()
+        );
         if item["name"] == "steel-module-1" {
             pair.wear.shape = flankwatch::gear::WearShape::Archard;
             let began = Instant::now();
             let answer = preview(&pair);
-            println!("after Archard: first answer after {} ms", began.elapsed().as_millis());
+            println!(
+                "after Archard: first answer after {} ms",
+                began.elapsed().as_millis()
+            );
             assert!(answer["model"].is_object(), "{answer}");
         }
     }

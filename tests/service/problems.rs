@@ -21,21 +21,41 @@ fn a_wrong_path_method_type_or_parameter_is_a_problem() {
     service
         .post(segments, "image/png", b"x")
         .expect_problem(415, &["image/png", "audio/wav"]);
-    service.send("POST", segments, &[], b"x").expect_problem(415, &["content-type is"]);
-    service.post("/v1/assets", "text/plain", b"x").expect_problem(415, &["text/plain"]);
+    service
+        .send("POST", segments, &[], b"x")
+        .expect_problem(415, &["content-type is"]);
+    service
+        .post("/v1/assets", "text/plain", b"x")
+        .expect_problem(415, &["text/plain"]);
     let gzip = [("content-type", "audio/wav"), ("content-encoding", "br")];
     service
         .send("POST", segments, &gzip, b"x")
         .expect_problem(415, &["content-encoding"]);
-    assert_eq!(service.get("/v1/assets?limt=3").expect_problem(400, &["limt"])["field"], "limt");
-    for query in ["limit=0", "limit=1001", "limit=x", "cursor=x", "from=yesterday", "order=random"] {
-        service.get(&format!("{segments}?{query}")).expect_problem(400, &[]);
+    assert_eq!(
+        service.get("/v1/assets?limt=3").expect_problem(400, &["limt"])["field"],
+        "limt"
+    );
+    for query in [
+        "limit=0",
+        "limit=1001",
+        "limit=x",
+        "cursor=x",
+        "from=yesterday",
+        "order=random",
+    ] {
+        service
+            .get(&format!("{segments}?{query}"))
+            .expect_problem(400, &[]);
     }
     service
         .get("/v1/assets/pump/wear/history?max_points=1")
         .expect_problem(400, &["max_points"]);
-    service.get("/v1/assets/pump/wear?channel=9").expect_problem(404, &["9"]);
-    service.get("/v1/assets/none/segments").expect_problem(404, &["none"]);
+    service
+        .get("/v1/assets/pump/wear?channel=9")
+        .expect_problem(404, &["9"]);
+    service
+        .get("/v1/assets/none/segments")
+        .expect_problem(404, &["none"]);
     service.get("/v1/assets/NONE").expect_problem(404, &["NONE"]);
     service.get("/v1/segments/0123").expect_problem(404, &["0123"]);
     service.get("/v1/libraries/none").expect_problem(404, &["none"]);
@@ -53,15 +73,30 @@ fn bytes_that_are_no_record_are_refused_and_nothing_is_stored() {
     let segments = "/v1/assets/pump/segments";
     let whole = wav(&[samples(1)]);
     for bytes in [&b""[..], b"RIFF", b"hello, world", &whole[..30]] {
-        service.post(segments, "audio/wav", bytes).expect_problem(422, &[]);
+        service
+            .post(segments, "audio/wav", bytes)
+            .expect_problem(422, &[]);
     }
-    service.post(segments, "application/json", b"{").expect_problem(422, &[]);
-    service.post(segments, "application/json", b"[]").expect_problem(422, &[]);
-    service.post(segments, "application/mcap", b"hello, world").expect_problem(422, &[]);
+    service
+        .post(segments, "application/json", b"{")
+        .expect_problem(422, &[]);
+    service
+        .post(segments, "application/json", b"[]")
+        .expect_problem(422, &[]);
+    service
+        .post(segments, "application/mcap", b"hello, world")
+        .expect_problem(422, &[]);
     let mut broken = samples(1);
     broken[7] = f32::NAN;
-    service.post(segments, "audio/wav", &wav(&[broken])).expect_problem(422, &["NaN"]);
-    for query in ["shaft_speed_hz=-1", "channel=", "reference_wear_um=-3", "torque_nm=NaN"] {
+    service
+        .post(segments, "audio/wav", &wav(&[broken]))
+        .expect_problem(422, &["NaN"]);
+    for query in [
+        "shaft_speed_hz=-1",
+        "channel=",
+        "reference_wear_um=-3",
+        "torque_nm=NaN",
+    ] {
         service
             .post(&format!("{segments}?{query}"), "audio/wav", &whole)
             .expect_problem(422, &[]);
@@ -79,7 +114,9 @@ fn json_that_is_none_is_told_from_json_that_does_not_fit() {
     service
         .post("/v1/assets", "application/json", b"{\"id\": ")
         .expect_problem(400, &["line 1"]);
-    service.post("/v1/assets", "application/json", b"[1, 2]").expect_problem(422, &[]);
+    service
+        .post("/v1/assets", "application/json", b"[1, 2]")
+        .expect_problem(422, &[]);
     service
         .post(
             "/v1/replays",
@@ -119,7 +156,9 @@ fn a_body_too_large_is_refused_whether_it_says_so_or_not() {
         );
     }
     let small = wav(&[samples(1)[..1000].to_vec()]);
-    service.post("/v1/assets/pump/segments", "audio/wav", &small).expect(201);
+    service
+        .post("/v1/assets/pump/segments", "audio/wav", &small)
+        .expect(201);
 }
 
 /// Sends a body in chunks and reads the answer.
@@ -162,7 +201,10 @@ fn a_full_queue_says_when_to_come_again() {
     slow.write_all(&block[..10]).unwrap();
     let began = std::time::Instant::now();
     while service.get("/readyz").status != 503 {
-        assert!(began.elapsed() < Duration::from_secs(20), "the slow upload never took its place");
+        assert!(
+            began.elapsed() < Duration::from_secs(20),
+            "the slow upload never took its place"
+        );
     }
     let refused = service.post("/v1/assets/pump/segments", "application/json", &block);
     assert!(refused.header("retry-after").parse::<u32>().unwrap() >= 1);
@@ -170,7 +212,11 @@ fn a_full_queue_says_when_to_come_again() {
     service.get("/v1/assets/pump").expect(200);
     drop(slow);
     let began = std::time::Instant::now();
-    while service.post("/v1/assets/pump/segments", "application/json", &block).status != 201 {
+    while service
+        .post("/v1/assets/pump/segments", "application/json", &block)
+        .status
+        != 201
+    {
         assert!(began.elapsed() < Duration::from_secs(20));
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -181,9 +227,15 @@ fn exchange(stream: &mut BufReader<TcpStream>, request: &[u8]) -> (String, Vec<u
     stream.get_mut().write_all(request).unwrap();
     let mut head = String::new();
     while !head.ends_with("\r\n\r\n") {
-        assert!(stream.read_line(&mut head).unwrap() > 0, "the connection ended after {head:?}");
+        assert!(
+            stream.read_line(&mut head).unwrap() > 0,
+            "the connection ended after {head:?}"
+        );
     }
-    let length = head.lines().find_map(|line| line.strip_prefix("content-length: ")).unwrap();
+    let length = head
+        .lines()
+        .find_map(|line| line.strip_prefix("content-length: "))
+        .unwrap();
     let mut body = vec![0; length.parse().unwrap()];
     stream.read_exact(&mut body).unwrap();
     (head, body)
@@ -195,7 +247,10 @@ fn a_refusal_before_the_body_was_read_keeps_the_connection() {
     service.plain_asset("pump");
     let address = service.url("").trim_start_matches("http://").to_string();
     let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
-    stream.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    stream
+        .get_ref()
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
     let body = vec![b'x'; 3_000_000];
     for (path, media_type, status) in [
         ("/v1/assets/pump/segments", "image/png", "415"),
@@ -209,9 +264,15 @@ fn a_refusal_before_the_body_was_read_keeps_the_connection() {
             body.len()
         );
         let (head, _) = exchange(&mut stream, &[head.as_bytes(), &body].concat());
-        assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{path} {media_type}: {head}");
+        assert!(
+            head.starts_with(&format!("HTTP/1.1 {status} ")),
+            "{path} {media_type}: {head}"
+        );
         let (head, _) = exchange(&mut stream, b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n");
-        assert!(head.starts_with("HTTP/1.1 200 "), "after {path} {media_type}: {head}");
+        assert!(
+            head.starts_with("HTTP/1.1 200 "),
+            "after {path} {media_type}: {head}"
+        );
     }
 }
 
@@ -220,7 +281,10 @@ fn a_refusal_of_a_body_that_was_not_asked_for_says_that_the_connection_ends() {
     let service = Service::start();
     let address = service.url("").trim_start_matches("http://").to_string();
     let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
-    stream.get_ref().set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    stream
+        .get_ref()
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
     let request =
         b"POST /v1/nothing HTTP/1.1\r\nhost: localhost\r\ncontent-type: audio/wav\r\ncontent-length: 9\r\nexpect: 100-continue\r\n\r\n";
     let (head, _) = exchange(&mut stream, request);
@@ -241,8 +305,7 @@ fn a_body_that_does_not_come_gives_its_place_back() {
     service.plain_asset("pump");
     let stored = service.upload("pump", &record("1", 1));
     let address = service.url("").trim_start_matches("http://").to_string();
-    let head =
-        "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: 100000\r\n\r\n";
+    let head = "POST /v1/assets/pump/segments HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: 100000\r\n\r\n";
     // Nothing at all; then a byte at a time.
     for trickles in [false, true] {
         let mut slow = TcpStream::connect(&address).unwrap();
@@ -250,7 +313,10 @@ fn a_body_that_does_not_come_gives_its_place_back() {
         while service.get("/readyz").status != 503 {}
         // Whoever asks for what is stored does not wait for senders.
         service
-            .get(&format!("/v1/segments/{}/spectrum", stored["id"].as_str().unwrap()))
+            .get(&format!(
+                "/v1/segments/{}/spectrum",
+                stored["id"].as_str().unwrap()
+            ))
             .expect(200);
         let mut reader = BufReader::new(slow.try_clone().unwrap());
         let done = std::sync::atomic::AtomicBool::new(!trickles);
@@ -289,7 +355,10 @@ fn every_answer_is_counted_also_those_that_no_operation_gives() {
         r#"method="other",route="/v1/assets",status="4xx""#,
     ] {
         let line = format!("flankwatch_requests_total{{{labels}}} 1");
-        assert!(metrics.lines().any(|found| found == line), "{line} is not in\n{metrics}");
+        assert!(
+            metrics.lines().any(|found| found == line),
+            "{line} is not in\n{metrics}"
+        );
     }
 }
 
@@ -307,7 +376,12 @@ fn what_is_no_mcap_is_refused_by_its_first_bytes() {
     service.plain_asset("pump");
     let fields = [("content-type", "application/mcap"), ("content-encoding", "gzip")];
     service
-        .send("POST", "/v1/assets/pump/segments", &fields, &gzip_of_zeros(64 << 20))
+        .send(
+            "POST",
+            "/v1/assets/pump/segments",
+            &fields,
+            &gzip_of_zeros(64 << 20),
+        )
         .expect_problem(422, &["00 00"]);
     let whole = wav(&[samples(1)]);
     service
@@ -332,7 +406,11 @@ fn a_field_that_does_not_fit_is_named_with_its_value_and_what_was_expected() {
         )
     );
     service.plain_asset("pump");
-    for (name, value) in [("torque_nm", "1e308"), ("shaft_speed_hz", "1e308"), ("reference_wear_um", "1e308")] {
+    for (name, value) in [
+        ("torque_nm", "1e308"),
+        ("shaft_speed_hz", "1e308"),
+        ("reference_wear_um", "1e308"),
+    ] {
         let path = format!("/v1/assets/pump/segments?{name}={value}");
         service
             .post(&path, "audio/wav", &wav(&[samples(1)]))
@@ -345,6 +423,16 @@ fn a_field_that_does_not_fit_is_named_with_its_value_and_what_was_expected() {
         !problem.to_string().contains("Some(") && !problem.to_string().contains("None"),
         "{problem}"
     );
-    let empty = service.send("POST", "/v1/uploads", &[("tus-resumable", "1.0.0"), ("upload-length", "")], b"");
-    assert!(!empty.expect_problem(400, &["upload-length"]).to_string().contains("Some("));
+    let empty = service.send(
+        "POST",
+        "/v1/uploads",
+        &[("tus-resumable", "1.0.0"), ("upload-length", "")],
+        b"",
+    );
+    assert!(
+        !empty
+            .expect_problem(400, &["upload-length"])
+            .to_string()
+            .contains("Some(")
+    );
 }

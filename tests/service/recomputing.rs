@@ -10,7 +10,10 @@ use crate::running::{Service, mcap, plain_asset, record};
 fn recomputed(service: &Service, asset: &str) -> Value {
     let list = service.wait_for(&format!("/v1/recomputations?asset={asset}"), |list| {
         let items = list["items"].as_array().unwrap();
-        !items.is_empty() && items.iter().all(|item| !item["finished_at"].is_null() || item["state"] == "failed")
+        !items.is_empty()
+            && items
+                .iter()
+                .all(|item| !item["finished_at"].is_null() || item["state"] == "failed")
     });
     list["items"][0].clone()
 }
@@ -18,7 +21,10 @@ fn recomputed(service: &Service, asset: &str) -> Value {
 /// Every number of every record in the order of time.
 fn history(service: &Service, asset: &str) -> [Value; 2] {
     ["wear/history", "indicators"].map(|path| {
-        let mut answer = service.get(&format!("/v1/assets/{asset}/{path}")).expect(200).json();
+        let mut answer = service
+            .get(&format!("/v1/assets/{asset}/{path}"))
+            .expect(200)
+            .json();
         for item in answer["items"].as_array_mut().unwrap() {
             item.as_object_mut().unwrap().remove("segment_id");
         }
@@ -42,7 +48,12 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
     service.put_json("/v1/assets/pump", &description).expect(200);
     let done = recomputed(&service, "pump");
     assert_eq!(
-        (&done["state"], &done["analysed"], &done["without_raw"], &done["folded"]),
+        (
+            &done["state"],
+            &done["analysed"],
+            &done["without_raw"],
+            &done["folded"]
+        ),
         (&json!("finished"), &json!(11), &json!(1), &json!(12)),
         "{done}"
     );
@@ -54,9 +65,18 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
     }
     let ([wear, found], [fresh_wear, fresh]) = (history(&service, "pump"), history(&service, "fresh"));
     assert_eq!(wear, fresh_wear);
-    for (n, (found, fresh)) in found.as_array().unwrap().iter().zip(fresh.as_array().unwrap()).enumerate() {
+    for (n, (found, fresh)) in found
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(fresh.as_array().unwrap())
+        .enumerate()
+    {
         if n == 5 {
-            assert_eq!((&found["band_mesh"], &found["rms"]), (&Value::Null, &fresh["rms"]));
+            assert_eq!(
+                (&found["band_mesh"], &found["rms"]),
+                (&Value::Null, &fresh["rms"])
+            );
         } else {
             assert!(found["band_mesh"].is_number());
             assert_eq!(found, fresh);
@@ -67,7 +87,10 @@ fn a_new_band_is_computed_for_old_records_from_their_raw_bytes() {
     for asset in ["pump", "fresh"] {
         service.upload(asset, &record("1", 12));
     }
-    assert_eq!(service.get("/v1/recomputations").expect(200).json()["items"], json!([]));
+    assert_eq!(
+        service.get("/v1/recomputations").expect(200).json()["items"],
+        json!([])
+    );
     assert_eq!(history(&service, "pump")[0], history(&service, "fresh")[0]);
 }
 
@@ -99,7 +122,8 @@ fn old_answers_are_served_until_the_new_ones_are_complete() {
         }
         assert!(began.elapsed() < Duration::from_secs(100), "{list}");
     }
-    // Analysing again with nearly the same description gives nearly the same numbers; what matters is that they are all there.
+    // Analysing again with nearly the same description gives nearly the same numbers; what matters is that
+    // they are all there.
     assert!(seen.contains(&old[0]));
     service.upload("pump", &record("1", 150));
     assert_eq!(history(&service, "pump")[0].as_array().unwrap().len(), 151);
@@ -119,7 +143,9 @@ fn a_record_that_comes_after_hundreds_of_later_ones_is_folded_in_the_background(
         .collect();
     for (asset, records) in [("late", &without), ("in-order", &records)] {
         let path = format!("/v1/assets/{asset}/segments");
-        service.post(&path, "application/mcap", &mcap(records)).expect(201);
+        service
+            .post(&path, "application/mcap", &mcap(records))
+            .expect(201);
     }
     assert_ne!(history(&service, "late"), history(&service, "in-order"));
     let answer = service.upload("late", &records[3]);

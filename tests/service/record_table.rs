@@ -1,4 +1,5 @@
-//! Records chosen by status or by name, counted, downloaded as they came, and listed by the recording that brought them.
+//! Records chosen by status or by name, counted, downloaded as they came, and listed by the recording that
+//! brought them.
 
 use serde_json::{Value, json};
 
@@ -9,7 +10,9 @@ const SEGMENTS: &str = "/v1/assets/pump/segments";
 
 fn ids(list: &Value) -> Vec<String> {
     let items = list["items"].as_array().unwrap().iter();
-    items.map(|item| item["id"].as_str().unwrap().to_owned()).collect()
+    items
+        .map(|item| item["id"].as_str().unwrap().to_owned())
+        .collect()
 }
 
 #[test]
@@ -24,10 +27,21 @@ fn records_are_listed_and_counted_by_status_page_by_page() {
     assert_eq!(get("/count")["records"], 22);
     let baseline = get("/count?status=collecting_baseline&channel=1");
     assert_eq!(
-        (&baseline["records"], &baseline["first_start_time"], &baseline["last_start_time"]),
-        (&json!(8), &json!("2026-01-01T00:00:00Z"), &json!("2026-01-01T00:07:00Z"))
+        (
+            &baseline["records"],
+            &baseline["first_start_time"],
+            &baseline["last_start_time"]
+        ),
+        (
+            &json!(8),
+            &json!("2026-01-01T00:00:00Z"),
+            &json!("2026-01-01T00:07:00Z")
+        )
     );
-    assert_eq!(get("/count?status=no_library,estimated&from=2026-01-01T00:09:00Z")["records"], 4);
+    assert_eq!(
+        get("/count?status=no_library,estimated&from=2026-01-01T00:09:00Z")["records"],
+        4
+    );
     assert_eq!(get("/count?channel=3")["records"], 0);
 
     let all = ids(&get("?status=collecting_baseline&order=desc"));
@@ -36,7 +50,9 @@ fn records_are_listed_and_counted_by_status_page_by_page() {
     loop {
         let page = get(&format!("?status=collecting_baseline&order=desc&limit=5{cursor}"));
         paged.extend(ids(&page));
-        let Some(next) = page["next_cursor"].as_str() else { break };
+        let Some(next) = page["next_cursor"].as_str() else {
+            break;
+        };
         cursor = format!("&cursor={next}");
     }
     assert_eq!(paged, all);
@@ -106,7 +122,10 @@ fn a_recording_says_which_records_it_brought() {
     service.plain_asset("pump");
     service.upload("pump", &record("1", 1));
     let recording = mcap(&[record("1", 0), record("1", 1), record("1", 2)]);
-    let answer = service.post(SEGMENTS, "application/mcap", &recording).expect(201).json();
+    let answer = service
+        .post(SEGMENTS, "application/mcap", &recording)
+        .expect(201)
+        .json();
     let brought: Vec<&str> = answer["segments"]
         .as_array()
         .unwrap()
@@ -115,15 +134,23 @@ fn a_recording_says_which_records_it_brought() {
         .collect();
     let all = ids(&service.get(SEGMENTS).expect(200).json());
     assert_eq!(answer["stored"], brought.len());
-    assert!(brought.iter().all(|id| all.iter().any(|known| known == id)), "{answer}");
-    let again = service.post(SEGMENTS, "application/mcap", &recording).expect(201).json();
+    assert!(
+        brought.iter().all(|id| all.iter().any(|known| known == id)),
+        "{answer}"
+    );
+    let again = service
+        .post(SEGMENTS, "application/mcap", &recording)
+        .expect(201)
+        .json();
     assert_eq!(again["segments"], json!([]), "what was there is none of it");
 }
 
 #[test]
 fn a_rule_is_tried_on_the_history_as_it_would_have_been_in_force() {
     let service = Service::start();
-    service.post_json("/v1/assets", &watched("pump", &at_once())).expect(201);
+    service
+        .post_json("/v1/assets", &watched("pump", &at_once()))
+        .expect(201);
     let loudness = [1.0, 1.0, 2.5, 4.0, 1.0, 2.5, 1.0, 4.0, 1.0, 2.5];
     let segments: Vec<Value> = (0..)
         .zip(loudness)
@@ -170,13 +197,22 @@ fn a_rule_is_tried_on_the_history_as_it_would_have_been_in_force() {
     );
     let excluded = segments[3]["id"].as_str().unwrap();
     service
-        .post(&format!("/v1/segments/{excluded}/exclude"), "application/json", b"")
+        .post(
+            &format!("/v1/segments/{excluded}/exclude"),
+            "application/json",
+            b"",
+        )
         .expect(200);
     let without = attempt(&rule).expect(200).json();
-    assert_eq!((&without["records"], &without["dangers"]), (&json!(9), &json!(1)), "{without}");
+    assert_eq!(
+        (&without["records"], &without["dangers"]),
+        (&json!(9), &json!(1)),
+        "{without}"
+    );
 
     attempt(&json!({ "quantity": { "indicator": "rms" } })).expect_problem(422, &["warning"]);
-    attempt(&json!({ "quantity": { "indicator": "rns" }, "warning": 1 })).expect_problem(422, &["rns", "rms"]);
+    attempt(&json!({ "quantity": { "indicator": "rns" }, "warning": 1 }))
+        .expect_problem(422, &["rns", "rms"]);
     attempt(&json!({ "quantity": "stale_s", "warning": 60 })).expect_problem(422, &["stale_s", "clock"]);
 }
 
@@ -187,14 +223,20 @@ fn indicators_scatter_in_the_latest_baseline() {
     let path = "/v1/assets/pump/indicators/baseline?names=rms,kurtosis";
     assert_eq!(service.get(path).expect(200).json()["items"], json!([]));
     for n in 0..12 {
-        service.upload("pump", &loud(n, if n < 8 { 1.0 + 0.1 * (n % 2) as f32 } else { 9.0 }));
+        service.upload(
+            "pump",
+            &loud(n, if n < 8 { 1.0 + 0.1 * (n % 2) as f32 } else { 9.0 }),
+        );
     }
     let known = service.get(path).expect(200).json();
     assert_eq!(
         (&known["records"], &known["last_start_time"]),
         (&json!(8), &json!("2026-01-01T00:07:00Z"))
     );
-    let trend = service.get("/v1/assets/pump/indicators?names=rms").expect(200).json();
+    let trend = service
+        .get("/v1/assets/pump/indicators?names=rms")
+        .expect(200)
+        .json();
     let values: Vec<f64> = trend["items"].as_array().unwrap()[..8]
         .iter()
         .map(|row| row["rms"].as_f64().unwrap())
@@ -203,7 +245,10 @@ fn indicators_scatter_in_the_latest_baseline() {
     let deviation = (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / 7.0).sqrt();
     let rms = &known["items"][0];
     assert!((rms["mean"].as_f64().unwrap() - mean).abs() < 1e-9, "{known}");
-    assert!((rms["standard_deviation"].as_f64().unwrap() - deviation).abs() < 1e-9, "{known}");
+    assert!(
+        (rms["standard_deviation"].as_f64().unwrap() - deviation).abs() < 1e-9,
+        "{known}"
+    );
     assert_eq!(rms["unit"], "m/s2");
     service
         .get("/v1/assets/pump/indicators/baseline?names=rns")

@@ -26,7 +26,10 @@ fn a_wav_becomes_a_segment_with_its_indicators() {
     assert_eq!(segment["sample_rate_hz"], 4000.0);
     assert_eq!(segment["samples"], 2000);
     assert_eq!(segment["unit"], "m/s2");
-    assert_eq!(segment["operating_point"], json!({ "shaft_speed_hz": 10.0, "torque_nm": 60.0 }));
+    assert_eq!(
+        segment["operating_point"],
+        json!({ "shaft_speed_hz": 10.0, "torque_nm": 60.0 })
+    );
     assert_eq!(segment["shaft_speed"]["mesh_frequency_hz"], 310.0);
     assert_eq!(segment["shaft_speed"]["source"], "record");
     assert_eq!(segment["reference_wear_um"], 12.5);
@@ -49,13 +52,20 @@ fn the_same_samples_as_wav_protobuf_and_json_give_the_same_indicators() {
     let record = record("1", 4);
     let path = "/v1/assets/pump/segments";
     let from_json = service
-        .post(path, "application/json", &encode_block(&record, BlockEncoding::Json))
+        .post(
+            path,
+            "application/json",
+            &encode_block(&record, BlockEncoding::Json),
+        )
         .expect(201)
         .json();
     service.plain_asset("pump2");
     let path = "/v1/assets/pump2/segments";
     let protobuf = encode_block(&record, BlockEncoding::Protobuf);
-    let from_protobuf = service.post(path, "application/x-protobuf", &protobuf).expect(201).json();
+    let from_protobuf = service
+        .post(path, "application/x-protobuf", &protobuf)
+        .expect(201)
+        .json();
     service.plain_asset("pump3");
     let path = "/v1/assets/pump3/segments?start_time=2026-01-01T00:04:00Z";
     let from_wav = service
@@ -63,7 +73,14 @@ fn the_same_samples_as_wav_protobuf_and_json_give_the_same_indicators() {
         .expect(201)
         .json();
     for segment in [&from_protobuf, &from_wav] {
-        for key in ["indicators", "features", "start_time", "channel", "unit", "sample_rate_hz"] {
+        for key in [
+            "indicators",
+            "features",
+            "start_time",
+            "channel",
+            "unit",
+            "sample_rate_hz",
+        ] {
             assert_eq!(segment[key], from_json[key], "{key}");
         }
     }
@@ -82,7 +99,10 @@ fn a_wav_of_several_channels_becomes_as_many_segments() {
     assert_eq!(service.post(path, "audio/wav", &bytes).expect(201).json(), answer);
     for (segment, n) in segments.iter().zip(1..) {
         let id = segment["id"].as_str().unwrap();
-        let waveform = service.get(&format!("/v1/segments/{id}/waveform")).expect(200).json();
+        let waveform = service
+            .get(&format!("/v1/segments/{id}/waveform"))
+            .expect(200)
+            .json();
         let value: Vec<f32> = waveform["value"]
             .as_array()
             .unwrap()
@@ -102,7 +122,10 @@ fn a_repeat_is_answered_as_the_first_was() {
     let second = service.upload("pump", &record("1", 2));
     assert_eq!(service.upload("pump", &record("1", 1)), first);
     assert_eq!(service.upload("pump", &record("1", 2)), second);
-    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 2);
+    assert_eq!(
+        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
+        2
+    );
     let metrics = String::from_utf8(service.get("/metrics").expect(200).bytes).unwrap();
     for line in [
         "flankwatch_records_total{outcome=\"stored\"} 2",
@@ -119,11 +142,16 @@ fn eight_clients_with_the_same_record_store_it_once() {
     let service = Service::start();
     service.plain_asset("pump");
     let answers: Vec<Value> = std::thread::scope(|scope| {
-        let clients: Vec<_> = (0..8).map(|_| scope.spawn(|| service.upload("pump", &record("1", 1)))).collect();
+        let clients: Vec<_> = (0..8)
+            .map(|_| scope.spawn(|| service.upload("pump", &record("1", 1))))
+            .collect();
         clients.into_iter().map(|client| client.join().unwrap()).collect()
     });
     assert!(answers.iter().all(|answer| *answer == answers[0]));
-    assert_eq!(service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"], 1);
+    assert_eq!(
+        service.get("/v1/assets/pump").expect(200).json()["summary"]["segments"],
+        1
+    );
 }
 
 #[test]
@@ -175,7 +203,10 @@ fn a_list_of_segments_comes_in_pages_in_either_order_over_all_channels() {
     assert_eq!(backwards, all);
     assert_eq!(walk("channel=a"), ["a1", "a3", "a5"]);
     assert_eq!(walk("channel=c"), [""; 0]);
-    assert_eq!(walk("channel=b&from=2026-01-01T00:02:00Z&to=2026-01-01T00:04:00Z"), ["b2", "b3"]);
+    assert_eq!(
+        walk("channel=b&from=2026-01-01T00:02:00Z&to=2026-01-01T00:04:00Z"),
+        ["b2", "b3"]
+    );
 }
 
 #[test]
@@ -186,10 +217,21 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
     spiked[1234] = 77.0;
     spiked[321] = -55.0;
     let path = "/v1/assets/pump/segments?start_time=2026-01-01T00:00:00Z&shaft_speed_hz=10";
-    let segment = service.post(path, "audio/wav", &wav(&[spiked])).expect(201).json();
+    let segment = service
+        .post(path, "audio/wav", &wav(&[spiked]))
+        .expect(201)
+        .json();
     let id = segment["id"].as_str().unwrap();
-    let waveform = service.get(&format!("/v1/segments/{id}/waveform?max_points=50")).expect(200).json();
-    let values: Vec<f64> = waveform["value"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    let waveform = service
+        .get(&format!("/v1/segments/{id}/waveform?max_points=50"))
+        .expect(200)
+        .json();
+    let values: Vec<f64> = waveform["value"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap())
+        .collect();
     let times = waveform["time_s"].as_array().unwrap();
     assert_eq!(waveform["reduced"], true);
     assert!(values.len() <= 50 && times.len() == values.len());
@@ -203,21 +245,38 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
     };
     let most = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
     for kind in ["spectrum", "envelope"] {
-        let whole = service.get(&format!("/v1/segments/{id}/{kind}")).expect(200).json();
-        let reduced = service.get(&format!("/v1/segments/{id}/{kind}?max_points=20")).expect(200).json();
-        assert_eq!((&whole["reduced"], &reduced["reduced"]), (&json!(false), &json!(true)));
+        let whole = service
+            .get(&format!("/v1/segments/{id}/{kind}"))
+            .expect(200)
+            .json();
+        let reduced = service
+            .get(&format!("/v1/segments/{id}/{kind}?max_points=20"))
+            .expect(200)
+            .json();
+        assert_eq!(
+            (&whole["reduced"], &reduced["reduced"]),
+            (&json!(false), &json!(true))
+        );
         assert_eq!(whole["quantity"], "amplitude_peak");
         assert_eq!(whole["unit"], "m/s2");
         assert!(numbers(&reduced, "amplitude").len() <= 20);
-        assert_eq!(most(&numbers(&reduced, "amplitude")), most(&numbers(&whole, "amplitude")));
-        assert_eq!(numbers(&whole, "amplitude").len(), numbers(&whole, "frequency_hz").len());
+        assert_eq!(
+            most(&numbers(&reduced, "amplitude")),
+            most(&numbers(&whole, "amplitude"))
+        );
+        assert_eq!(
+            numbers(&whole, "amplitude").len(),
+            numbers(&whole, "frequency_hz").len()
+        );
         assert!(most(&numbers(&whole, "frequency_hz")) <= 2000.0);
         assert_eq!(whole["mesh_frequency_hz"], 310.0);
         assert!(close(&whole["mesh_harmonics"][0]["frequency_hz"], 310.0, 4.0));
         let part = format!("/v1/segments/{id}/{kind}?from_hz=200&to_hz=500");
         let range = service.get(&part).expect(200).json();
         let within = |hz: &f64| (200.0..=500.0).contains(hz);
-        let lines = numbers(&whole, "frequency_hz").into_iter().zip(numbers(&whole, "amplitude"));
+        let lines = numbers(&whole, "frequency_hz")
+            .into_iter()
+            .zip(numbers(&whole, "amplitude"));
         let (frequency_hz, amplitude): (Vec<f64>, Vec<f64>) = lines.filter(|(hz, _)| within(hz)).unzip();
         assert_eq!(
             numbers(&range, "frequency_hz"),
@@ -234,7 +293,9 @@ fn a_reduced_waveform_and_spectrum_hide_no_peak() {
         }
     }
     let envelope = service
-        .get(&format!("/v1/segments/{id}/envelope?band_low_hz=200&band_high_hz=900"))
+        .get(&format!(
+            "/v1/segments/{id}/envelope?band_low_hz=200&band_high_hz=900"
+        ))
         .expect(200)
         .json();
     assert_eq!(

@@ -25,7 +25,11 @@ fn asset_with_pair(id: &str, face_width_mm: f64) -> Value {
 fn library_path(service: &Service, asset: &Value) -> PathBuf {
     let pair: PairSpec = serde_json::from_value(asset["gear"]["pair"].clone()).unwrap();
     let id = library_id(&pair, &GridSettings::default().for_pair(&pair));
-    service.folder().join("libraries").join(id).with_extension("fwlib")
+    service
+        .folder()
+        .join("libraries")
+        .join(id)
+        .with_extension("fwlib")
 }
 
 /// Holds up a simulation where it looks for parts that an earlier one has left: in their place is a pipe.
@@ -98,7 +102,11 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
     assert_eq!(late["wear"]["baseline"], json!({ "have": 1, "need": 8 }));
     let summary = &service.get("/v1/assets/new").expect(200).json()["summary"];
     assert_eq!(
-        (&summary["library_state"], &summary["simulation"]["stage"], &summary["category"]),
+        (
+            &summary["library_state"],
+            &summary["simulation"]["stage"],
+            &summary["category"]
+        ),
         (&json!("building"), &json!("library"), &json!("check_function")),
         "{summary}"
     );
@@ -115,7 +123,10 @@ fn records_of_a_new_asset_are_stored_while_its_library_is_simulated() {
     }
     let history = history(&service, "new");
     assert_eq!(history, self::history(&service, "after"));
-    assert!(history.iter().any(|item| item["median_um"].is_number()), "{history:?}");
+    assert!(
+        history.iter().any(|item| item["median_um"].is_number()),
+        "{history:?}"
+    );
 }
 
 #[test]
@@ -133,7 +144,10 @@ fn an_asset_whose_library_fails_stores_records_and_says_why() {
     for n in 1..12 {
         let segment = service.upload("pump", &record("1", n));
         assert_eq!(segment["wear"]["status"], "library_failed", "{segment}");
-        assert!(segment["wear"]["reason"].as_str().unwrap().contains(reason), "{segment}");
+        assert!(
+            segment["wear"]["reason"].as_str().unwrap().contains(reason),
+            "{segment}"
+        );
     }
     wait_for_status(&service, "pump", "library_failed", true);
     assert_eq!(
@@ -165,11 +179,15 @@ fn a_simulation_ends_with_the_last_asset_that_wants_it() {
         service
             .post_json("/v1/assets", &asset_with_pair("next", face_width_mm + 10.0))
             .expect(201);
-        service.wait_for("/v1/assets/next", |asset| asset["summary"]["simulation"]["stage"] == "waiting");
+        service.wait_for("/v1/assets/next", |asset| {
+            asset["summary"]["simulation"]["stage"] == "waiting"
+        });
         if is_deleted {
             service.delete("/v1/assets/gone").expect(204);
         } else {
-            service.put_json("/v1/assets/gone", &plain_asset("gone")).expect(200);
+            service
+                .put_json("/v1/assets/gone", &plain_asset("gone"))
+                .expect(200);
         }
         held.let_go();
         wait_for_library(&service, "next", "ready");
@@ -181,7 +199,9 @@ fn a_simulation_ends_with_the_last_asset_that_wants_it() {
 #[test]
 fn a_history_goes_on_with_the_library_that_is_kept() {
     let mut service = Service::start();
-    service.post_json("/v1/assets", &asset_with_pair("pump", 25.0)).expect(201);
+    service
+        .post_json("/v1/assets", &asset_with_pair("pump", 25.0))
+        .expect(201);
     wait_for_library(&service, "pump", "ready");
     for n in 0..10 {
         service.upload("pump", &record("1", n));
@@ -189,5 +209,8 @@ fn a_history_goes_on_with_the_library_that_is_kept() {
     service.restart();
     let segment = service.upload("pump", &record("1", 10));
     assert!(segment["wear"]["library_id"].is_string(), "{segment}");
-    assert_eq!(service.get("/v1/recomputations").expect(200).json()["items"], json!([]));
+    assert_eq!(
+        service.get("/v1/recomputations").expect(200).json()["items"],
+        json!([])
+    );
 }

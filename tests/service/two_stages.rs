@@ -1,4 +1,5 @@
-//! Gearboxes of several meshes that one sensor hears together: each mesh is an asset, and the records of one come to all.
+//! Gearboxes of several meshes that one sensor hears together: each mesh is an asset, and the records of one
+//! come to all.
 
 use flankwatch::gear::PairSpec;
 use flankwatch::library::GridSettings;
@@ -19,14 +20,18 @@ fn second(of: &str) -> Value {
 }
 
 fn segments(service: &Service, asset: &str) -> Vec<Value> {
-    let list = service.get(&format!("/v1/assets/{asset}/segments?limit=1000")).expect(200).json();
+    let list = service
+        .get(&format!("/v1/assets/{asset}/segments?limit=1000"))
+        .expect(200)
+        .json();
     list["items"].as_array().unwrap().clone()
 }
 
 /// What was found of each record in the order of time, without what differs from asset to asset.
 fn found(service: &Service, asset: &str) -> Vec<Value> {
     let without = |mut segment: Value| {
-        // A record of an MCAP file has other bytes than the same one sent by itself, and is marked where the file's numbers have a gap.
+        // A record of an MCAP file has other bytes than the same one sent by itself, and is marked where the
+        // file's numbers have a gap.
         for name in ["id", "asset_id", "received_at", "raw", "quality"] {
             segment.as_object_mut().unwrap().remove(name);
         }
@@ -58,18 +63,28 @@ fn records_of_a_sensor_come_to_every_mesh_that_it_hears() {
         service.upload("first", record);
     }
     let batch = mcap(&[records[3].clone(), at_speed(record("in", 7), 10.0)]);
-    service.post("/v1/assets/first/segments", "application/mcap", &batch).expect(201);
+    service
+        .post("/v1/assets/first/segments", "application/mcap", &batch)
+        .expect(201);
     let path = "/v1/assets/second";
     service.wait_for(path, |asset| asset["summary"]["segments"] == 10);
     let heard = segments(&service, "second");
     let times: Vec<&Value> = heard.iter().map(|segment| &segment["start_time"]).collect();
     let sent = segments(&service, "first");
-    assert_eq!(times, sent.iter().map(|segment| &segment["start_time"]).collect::<Vec<_>>());
+    assert_eq!(
+        times,
+        sent.iter()
+            .map(|segment| &segment["start_time"])
+            .collect::<Vec<_>>()
+    );
     for (heard, sent) in heard.iter().zip(&sent) {
         // The raw bytes are the same object; the speed is that of its own shaft.
         assert_eq!(heard["raw"], sent["raw"]);
         assert_eq!(
-            (&heard["shaft_speed"]["shaft_speed_hz"], &sent["shaft_speed"]["shaft_speed_hz"]),
+            (
+                &heard["shaft_speed"]["shaft_speed_hz"],
+                &sent["shaft_speed"]["shaft_speed_hz"]
+            ),
             (&json!(5.0), &json!(10.0))
         );
     }
@@ -111,7 +126,9 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
     let mut first = plain_asset("first");
     third["sensor"] = json!({});
     third["gear"]["shaft_ratio"] = json!([0, 3]);
-    service.post_json("/v1/assets", &third).expect_problem(422, &["gear.shaft_ratio"]);
+    service
+        .post_json("/v1/assets", &third)
+        .expect_problem(422, &["gear.shaft_ratio"]);
     third["gear"]["shaft_ratio"] = json!([2, 3]);
     service.post_json("/v1/assets", &third).expect(201);
     first["sensor"]["of"] = json!("third");
@@ -119,12 +136,17 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
         .put_json("/v1/assets/first", &first)
         .expect_problem(422, &["sensor.of", "share the sensor of this one"]);
 
-    let body = flankwatch::recording::encode_block(&record("in", 0), flankwatch::recording::BlockEncoding::Json);
+    let body =
+        flankwatch::recording::encode_block(&record("in", 0), flankwatch::recording::BlockEncoding::Json);
     service
         .post("/v1/assets/second/segments", "application/json", &body)
         .expect_problem(409, &["second", "first"]);
     service
-        .post("/v1/assets/second/segments", "application/mcap", &mcap(&[record("in", 0)]))
+        .post(
+            "/v1/assets/second/segments",
+            "application/mcap",
+            &mcap(&[record("in", 0)]),
+        )
         .expect_problem(409, &["first"]);
     let sent = service.upload("first", &record("in", 0));
     let mut moved = second("third");
@@ -132,9 +154,13 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
         .put_json("/v1/assets/second", &moved)
         .expect_problem(422, &["sensor.of", "what it was before"]);
     moved["sensor"] = json!({});
-    service.put_json("/v1/assets/second", &moved).expect_problem(422, &["not given"]);
+    service
+        .put_json("/v1/assets/second", &moved)
+        .expect_problem(422, &["not given"]);
 
-    service.delete("/v1/assets/first").expect_problem(409, &["second"]);
+    service
+        .delete("/v1/assets/first")
+        .expect_problem(409, &["second"]);
     let name = sent["raw"]["sha256"].as_str().unwrap();
     let raw = service.folder().join("raw").join(&name[..2]).join(name);
     service.delete("/v1/assets/second").expect(204);
@@ -143,7 +169,8 @@ fn what_cannot_be_is_refused_and_what_is_kept_for_others_stays() {
     assert!(!raw.exists());
 }
 
-/// Two pairs whose teeth are simulated each by itself, at speeds tied by their teeth, each through a path of its own to one sensor.
+/// Two pairs whose teeth are simulated each by itself, at speeds tied by their teeth, each through a path of
+/// its own to one sensor.
 #[test]
 fn the_wear_of_both_stages_is_followed_through_one_sensor() {
     const RECORDS: u32 = 60;
@@ -189,13 +216,20 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
         service.post_json("/v1/assets", &asset).expect(201);
     }
     for id in ["input", "output"] {
-        service.wait_for(&format!("/v1/assets/{id}"), |asset| asset["summary"]["library_state"] == "ready");
+        service.wait_for(&format!("/v1/assets/{id}"), |asset| {
+            asset["summary"]["library_state"] == "ready"
+        });
     }
     let records: Vec<Record> = (0..RECORDS)
         .map(|n| {
             let [one, two] = [0, 1].map(|stage: usize| runs[stage].record(n).unwrap().record);
             let other = further.apply(&two.samples().iter().map(|x| f64::from(*x)).collect::<Vec<_>>());
-            let sum = one.samples().iter().zip(other).map(|(x, y)| x + y as f32).collect();
+            let sum = one
+                .samples()
+                .iter()
+                .zip(other)
+                .map(|(x, y)| x + y as f32)
+                .collect();
             Record::new("in", one.start_time(), 20_000.0, "m/s2", sum)
                 .and_then(|record| record.with_operating_point(one.operating_point()))
                 .unwrap()
@@ -207,14 +241,18 @@ fn the_wear_of_both_stages_is_followed_through_one_sensor() {
             .expect(201);
     }
     for (stage, id) in ["input", "output"].into_iter().enumerate() {
-        let history = service.get(&format!("/v1/assets/{id}/wear/history")).expect(200).json();
+        let history = service
+            .get(&format!("/v1/assets/{id}/wear/history"))
+            .expect(200)
+            .json();
         let rows = history["items"].as_array().unwrap();
         assert_eq!(rows.len(), RECORDS as usize);
         let (mut within, mut told, mut last) = (0, 0, (0.0, 0.0));
         for (n, row) in (0..).zip(rows) {
             let truth = runs[stage].wear_um(n);
             let number = |name: &str| row[name].as_f64();
-            let Some((median, (low, high))) = number("median_um").zip(number("p05_um").zip(number("p95_um"))) else {
+            let Some((median, (low, high))) = number("median_um").zip(number("p05_um").zip(number("p95_um")))
+            else {
                 continue;
             };
             told += 1;

@@ -15,7 +15,8 @@ pub(crate) fn certificate(folder: &Path) -> TlsFiles {
     // Rustls takes no certificate of an authority for that of a server.
     let request = folder.join("request.cnf");
     let extensions = "basicConstraints = critical,CA:FALSE\nsubjectAltName = IP:127.0.0.1\n";
-    let names = "[req]\ndistinguished_name = dn\nx509_extensions = ext\nprompt = no\n[dn]\nCN = localhost\n[ext]\n";
+    let names =
+        "[req]\ndistinguished_name = dn\nx509_extensions = ext\nprompt = no\n[dn]\nCN = localhost\n[ext]\n";
     std::fs::write(&request, format!("{names}{extensions}")).unwrap();
     let made = Command::new("openssl")
         .args([

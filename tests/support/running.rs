@@ -57,7 +57,8 @@ pub(crate) struct Answer {
 
 impl Answer {
     pub(crate) fn json(&self) -> Value {
-        serde_json::from_slice(&self.bytes).unwrap_or_else(|error| panic!("{error} in {:?}", String::from_utf8_lossy(&self.bytes)))
+        serde_json::from_slice(&self.bytes)
+            .unwrap_or_else(|error| panic!("{error} in {:?}", String::from_utf8_lossy(&self.bytes)))
     }
 
     pub(crate) fn header(&self, name: &str) -> &str {
@@ -78,7 +79,10 @@ impl Answer {
         let problem = answer.json();
         assert_eq!(problem["status"], status);
         for key in ["type", "title", "detail"] {
-            assert!(problem[key].as_str().is_some_and(|text| !text.is_empty()), "{key} in {problem}");
+            assert!(
+                problem[key].as_str().is_some_and(|text| !text.is_empty()),
+                "{key} in {problem}"
+            );
         }
         let detail = problem["detail"].as_str().unwrap();
         for word in words {
@@ -135,7 +139,9 @@ impl Service {
         config.work.neighbours = EnsembleSettings::described_alone();
         #[cfg(feature = "cluster")]
         if let Some(database) = &self.database {
-            config.store = Some(flankwatch::store::StoreSettings::Shared(database.settings(self.folder())));
+            config.store = Some(flankwatch::store::StoreSettings::Shared(
+                database.settings(self.folder()),
+            ));
         }
         (self.change)(&mut config);
         let clock = Arc::clone(&self.clock);
@@ -189,7 +195,12 @@ impl Service {
     }
 
     pub(crate) fn put_json(&self, path: &str, body: &Value) -> Answer {
-        self.send("PUT", path, &[("content-type", "application/json")], body.to_string().as_bytes())
+        self.send(
+            "PUT",
+            path,
+            &[("content-type", "application/json")],
+            body.to_string().as_bytes(),
+        )
     }
 
     pub(crate) fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
@@ -201,12 +212,17 @@ impl Service {
         Answer {
             status: response.status().as_u16(),
             headers: response.headers().clone(),
-            bytes: response.body_mut().with_config().limit(64 << 20).read_to_vec().unwrap(),
+            bytes: response
+                .body_mut()
+                .with_config()
+                .limit(64 << 20)
+                .read_to_vec()
+                .unwrap(),
         }
     }
 
-    /// Lets a day and an hour pass for resumable uploads: by the clock of the service or, where they are rows of a shared database, by the
-    /// database's, which nobody moves.
+    /// Lets a day and an hour pass for resumable uploads: by the clock of the service or, where they are rows
+    /// of a shared database, by the database's, which nobody moves.
     pub(crate) fn let_uploads_expire(&self) {
         self.clock.advance(25 * 3600);
         #[cfg(feature = "cluster")]
@@ -269,7 +285,8 @@ pub(crate) fn samples(n: u32) -> Vec<f32> {
             let noise = f64::from(state >> 8) / f64::from(1 << 24) - 0.5;
             let phase = std::f64::consts::TAU * 310.0 * f64::from(k) / 4000.0;
             let growth = 1.0 + f64::from(n) / 100.0;
-            (growth * phase.sin() + 0.5 * (2.0 * phase).sin() + 0.2 * (3.0 * phase).sin() + 0.1 * noise) as f32
+            (growth * phase.sin() + 0.5 * (2.0 * phase).sin() + 0.2 * (3.0 * phase).sin() + 0.1 * noise)
+                as f32
         })
         .collect()
 }
@@ -303,7 +320,9 @@ pub(crate) fn mcap(records: &[Record]) -> Vec<u8> {
     use flankwatch::recording::{McapOptions, McapWriter};
     let mut writer = McapWriter::new(Cursor::new(Vec::new()), McapOptions::default()).unwrap();
     for record in records {
-        writer.write(&format!("/asset/{}/waveform", record.channel()), record).unwrap();
+        writer
+            .write(&format!("/asset/{}/waveform", record.channel()), record)
+            .unwrap();
     }
     writer.finish().unwrap().into_inner()
 }

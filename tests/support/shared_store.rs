@@ -23,14 +23,21 @@ impl TestDatabase {
 
     /// A schema of its own in a database.
     pub(crate) fn on(server: String) -> Self {
-        let schema = format!("test_{}_{}", std::process::id(), SCHEMAS.fetch_add(1, Ordering::Relaxed));
+        let schema = format!(
+            "test_{}_{}",
+            std::process::id(),
+            SCHEMAS.fetch_add(1, Ordering::Relaxed)
+        );
         let database = Self { server, schema };
-        database.run(&format!("DROP SCHEMA IF EXISTS {0} CASCADE; CREATE SCHEMA {0}", database.schema));
+        database.run(&format!(
+            "DROP SCHEMA IF EXISTS {0} CASCADE; CREATE SCHEMA {0}",
+            database.schema
+        ));
         database
     }
 
-    /// Where a store keeps its rows in this schema, and its objects in the folder or in the bucket that `FLANKWATCH_TEST_BUCKET` names:
-    /// `http://host:port/bucket`.
+    /// Where a store keeps its rows in this schema, and its objects in the folder or in the bucket that
+    /// `FLANKWATCH_TEST_BUCKET` names: `http://host:port/bucket`.
     pub(crate) fn settings(&self, folder: &Path) -> SharedSettings {
         let url = format!("{}?options[search_path]={}", self.server, self.schema);
         let objects = match std::env::var("FLANKWATCH_TEST_BUCKET") {
@@ -78,7 +85,8 @@ impl TestDatabase {
         self.run(if is_full { &begin } else { &end });
     }
 
-    /// Has PostgreSQL refuse every change of a number that processes share, as a database that only reads does.
+    /// Has PostgreSQL refuse every change of a number that processes share, as a database that only reads
+    /// does.
     pub(crate) fn set_read_only(&self, is_read_only: bool) {
         let schema = &self.schema;
         let begin = format!(
@@ -92,7 +100,10 @@ impl TestDatabase {
 
     /// Runs statements beside the service's.
     pub(crate) fn run(&self, statements: &str) {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .unwrap();
         let outcome = runtime.block_on(async {
             sqlx::any::install_default_drivers();
             let mut connection = sqlx::AnyConnection::connect(&self.server).await?;

@@ -25,7 +25,9 @@ const POINTS: usize = 16;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let text = arguments.next().map_or_else(|| Ok(PAIR.to_owned()), std::fs::read_to_string)?;
+    let text = arguments
+        .next()
+        .map_or_else(|| Ok(PAIR.to_owned()), std::fs::read_to_string)?;
     let depth_mm = arguments.next().map_or(Ok(0.15), |depth| depth.parse())?;
     let pair = PairSpec::from_toml(&text)?.resolve()?;
     let unworn = MeshCycle::compute(&pair, &FlankWear::none(), POINTS)?;

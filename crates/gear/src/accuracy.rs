@@ -1,6 +1,8 @@
 //! How far a response's indicators and features are from those of a far shorter step of the integrator.
 
-use flankwatch_signal::{Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record};
+use flankwatch_signal::{
+    Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record,
+};
 use jiff::Timestamp;
 
 use crate::response::{is_stiff, simulate_refined};
@@ -10,8 +12,8 @@ use crate::{ContactRule, FlankWear, MeshCycle, PairSpec, RunSettings, simulate_t
 /// Steps of the reference for one sample: eight times the usual.
 const REFINED: usize = 64;
 
-/// Every amplitude, moment and ratio, worn or not, teeth parting (half the torque, loaded) or not, within 0.1 %. The lines of the shaft's
-/// sidebands, a thousandth of the mesh lines, are the hardest.
+/// Every amplitude, moment and ratio, worn or not, teeth parting (half the torque, loaded) or not, within 0.1
+/// %. The lines of the shaft's sidebands, a thousandth of the mesh lines, are the hardest.
 #[test]
 fn features_are_those_of_a_refined_step() {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
@@ -25,7 +27,9 @@ fn features_are_those_of_a_refined_step() {
         spec.operation.torque_nm *= torque;
         spec.operation.output_torque_nm = spec.operation.output_torque_nm.map(|output| output * torque);
         let pair = spec.resolve().unwrap();
-        let worn = |depth_mm: f64| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap();
+        let worn = |depth_mm: f64| {
+            MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap()
+        };
         let cycles = [0.0, 0.05, 0.1, 0.245].map(worn);
         let cycles = cycles.each_ref();
         let run = RunSettings::nominal(&pair, 20_000.0, 1.0);
@@ -33,7 +37,8 @@ fn features_are_those_of_a_refined_step() {
         let refined = simulate_refined(&pair, &cycles, &run, REFINED);
         let mut worst = (0.0, String::new());
         for (state, (usual, refined)) in usual.iter().zip(&refined).enumerate() {
-            let [usual, refined] = [usual, refined].map(|response| analyze(&mut analyzer, pair.gears[0].teeth, &run, response));
+            let [usual, refined] =
+                [usual, refined].map(|response| analyze(&mut analyzer, pair.gears[0].teeth, &run, response));
             assert_eq!(usual.features.values.len(), 26);
             for (name, value) in &usual.features.values {
                 let error = (value - refined.features.values[name]).exp() - 1.0;
@@ -44,14 +49,22 @@ fn features_are_those_of_a_refined_step() {
                 worst = greater(worst, error, || format!("{name} of state {state}"));
             }
         }
-        println!("{contact}, {torque} of the torque: {:.4} % at {}", 100.0 * worst.0, worst.1);
+        println!(
+            "{contact}, {torque} of the torque: {:.4} % at {}",
+            100.0 * worst.0,
+            worst.1
+        );
         assert!(worst.0 < 1e-3, "{contact}, {torque} of the torque: {worst:?}");
     }
 }
 
 fn greater(worst: (f64, String), error: f64, name: impl Fn() -> String) -> (f64, String) {
     // Not a number must not pass.
-    if error.abs() <= worst.0 { worst } else { (error.abs(), name()) }
+    if error.abs() <= worst.0 {
+        worst
+    } else {
+        (error.abs(), name())
+    }
 }
 
 fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f64]) -> Analysis {
@@ -61,7 +74,14 @@ fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f
         torque_nm: Some(run.torque_nm),
         ..OperatingPoint::default()
     };
-    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples).unwrap();
+    let record = Record::new(
+        "simulated",
+        Timestamp::UNIX_EPOCH,
+        run.sample_rate_hz,
+        "m/s2",
+        samples,
+    )
+    .unwrap();
     let record = record.with_operating_point(point).unwrap();
     let mesh = MeshContext {
         teeth,
@@ -74,7 +94,8 @@ fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f
     analyzer.analyze(&record, &mesh)
 }
 
-/// A module 1 pair of steel: its teeth vibrate far above the record's band, which an explicit step has to resolve and the implicit one has not.
+/// A module 1 pair of steel: its teeth vibrate far above the record's band, which an explicit step has to
+/// resolve and the implicit one has not.
 fn module_1_spec() -> PairSpec {
     let mut spec = shen2022_spec();
     (spec.geometry.module_mm, spec.geometry.face_width_mm) = (1.0, 8.0);
@@ -86,9 +107,9 @@ fn module_1_spec() -> PairSpec {
     spec
 }
 
-/// The lines of the mesh and the moments of small pairs, by steps that do not resolve the teeth's own vibration, within 0.3 % of those by explicit steps that
-/// do, supports as stiff as a gearbox's among them; within 5 % by the threshold rule, whose jumps are sharper than
-/// the step and leave some lines weak.
+/// The lines of the mesh and the moments of small pairs, by steps that do not resolve the teeth's own
+/// vibration, within 0.3 % of those by explicit steps that do, supports as stiff as a gearbox's among them;
+/// within 5 % by the threshold rule, whose jumps are sharper than the step and leave some lines weak.
 #[test]
 fn features_of_small_pairs_are_those_of_a_refined_step() {
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
@@ -99,11 +120,13 @@ fn features_of_small_pairs_are_those_of_a_refined_step() {
     ];
     for (contact, stiffness_n_per_m, damping_n_s_per_m, damping_ratio, limit) in cases {
         let mut spec = module_1_spec();
-        (spec.supports.stiffness_n_per_m, spec.supports.damping_n_s_per_m) = (stiffness_n_per_m, damping_n_s_per_m);
+        (spec.supports.stiffness_n_per_m, spec.supports.damping_n_s_per_m) =
+            (stiffness_n_per_m, damping_n_s_per_m);
         (spec.dynamics.contact, spec.dynamics.mesh_damping_ratio) = (contact, damping_ratio);
         let pair = spec.resolve().unwrap();
-        let cycles =
-            [0.0, 0.015, 0.04].map(|depth_mm| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap());
+        let cycles = [0.0, 0.015, 0.04].map(|depth_mm| {
+            MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap()
+        });
         let cycles = cycles.each_ref();
         let run = RunSettings::nominal(&pair, 20_000.0, 0.5);
         assert!(is_stiff(&pair, &cycles, &run));
@@ -111,16 +134,25 @@ fn features_of_small_pairs_are_those_of_a_refined_step() {
         let refined = simulate_refined(&pair, &cycles, &run, 512);
         let mut worst = (0.0, String::new());
         for (state, (usual, refined)) in usual.iter().zip(&refined).enumerate() {
-            let [usual, refined] =
-                [usual, refined].map(|response| analyze(&mut analyzer, pair.gears[0].teeth, &run, response).features.values);
-            let lines = usual
-                .iter()
-                .filter(|(name, _)| name.starts_with("ln_mesh") || name.ends_with("rms") || name.ends_with("kurtosis"));
+            let [usual, refined] = [usual, refined].map(|response| {
+                analyze(&mut analyzer, pair.gears[0].teeth, &run, response)
+                    .features
+                    .values
+            });
+            let lines = usual.iter().filter(|(name, _)| {
+                name.starts_with("ln_mesh") || name.ends_with("rms") || name.ends_with("kurtosis")
+            });
             for (name, value) in lines {
-                worst = greater(worst, (value - refined[name]).exp() - 1.0, || format!("{name} of state {state}"));
+                worst = greater(worst, (value - refined[name]).exp() - 1.0, || {
+                    format!("{name} of state {state}")
+                });
             }
         }
-        println!("{contact}, supports {stiffness_n_per_m:?}: {:.4} % at {}", 100.0 * worst.0, worst.1);
+        println!(
+            "{contact}, supports {stiffness_n_per_m:?}: {:.4} % at {}",
+            100.0 * worst.0,
+            worst.1
+        );
         assert!(worst.0 < limit, "{worst:?}");
     }
 }

@@ -62,7 +62,10 @@ prop_compose! {
 fn cycle(spec: &PairSpec, depth_mm: f64) -> Result<(f64, MeshCycle), GearError> {
     let pair = spec.resolve()?;
     let wear = FlankWear::from_shape(&pair, depth_mm)?;
-    Ok((pair.gears[1].base_radius_mm, MeshCycle::compute(&pair, &wear, 16)?))
+    Ok((
+        pair.gears[1].base_radius_mm,
+        MeshCycle::compute(&pair, &wear, 16)?,
+    ))
 }
 
 proptest! {
@@ -74,7 +77,8 @@ proptest! {
         prop_assert_eq!(&PairSpec::from_toml(&toml::to_string(&spec).unwrap()).unwrap(), &spec);
         match cycle(&spec, depth_mm) {
             Ok((base_mm, cycle)) => {
-                // A pair of steel teeth has about 14 N/(mm µm), a twelfth of E or less; soft are thin rings and light loads.
+                // A pair of steel teeth has about 14 N/(mm µm), a twelfth of E or less; soft are thin rings
+                // and light loads.
                 let scale = spec.geometry.face_width_mm * 1e-3 * spec.material.youngs_modulus_pa;
                 prop_assert!(cycle.stiffness_n_per_m.iter().all(|k| *k > 2e-3 * scale && *k < 0.5 * scale), "{:?}", cycle.stiffness_n_per_m);
                 let most_mm = 3.0 * depth_mm + 1e-4;

@@ -1,10 +1,12 @@
 //! Wear of both flanks after Archard, Eq. (22), stepped as the flanks change.
 //!
-//! A place of the flanks under the pressure p that slides by v dφ₁ loses K/H · p v dφ₁, on both flanks ([`super::contact_band`]). On involutes the band
-//! sweeps the flank, so that a point loses k · p̄ · 2a |1 − u_j/u_i| each mesh: the single-point observation of Flodin and Andersson
-//! (Wear 207, 1997). Summing over the rotations also holds where wear makes the contact linger or a tip's edge carry.
+//! A place of the flanks under the pressure p that slides by v dφ₁ loses K/H · p v dφ₁, on both flanks
+//! ([`super::contact_band`]). On involutes the band sweeps the flank, so that a point loses k · p̄ · 2a |1 −
+//! u_j/u_i| each mesh: the single-point observation of Flodin and Andersson (Wear 207, 1997). Summing over
+//! the rotations also holds where wear makes the contact linger or a tip's edge carry.
 //!
-//! Forces and gaps are worked out anew at every step of wear (Ding and Kahraman, J. Sound Vib. 307, 2007), with the contact rule of the pair.
+//! Forces and gaps are worked out anew at every step of wear (Ding and Kahraman, J. Sound Vib. 307, 2007),
+//! with the contact rule of the pair.
 
 use super::contact_band::{ContactBand, Rubbing, alpha_rad, arc_mm};
 use super::contact_load::contact_loads;
@@ -16,8 +18,8 @@ use super::{ContactRule, ElasticBodies, Flank, FlankWear, GearError, GearPair};
 
 /// Cells of each flank's active profile, even in arc length.
 const CELLS: usize = 64;
-/// Greatest change of any depth in modules before forces and gaps are worked out anew: 2.5 µm at module 6 mm. A step of a fifth of it changes no
-/// depth between root and tip by more than 3 % of the greatest.
+/// Greatest change of any depth in modules before forces and gaps are worked out anew: 2.5 µm at module 6 mm.
+/// A step of a fifth of it changes no depth between root and tip by more than 3 % of the greatest.
 pub(super) const STEP_MODULES: f64 = 2.5e-3 / 6.0;
 /// The same where many courses of wear are compared. The depths differ by a few per cent.
 pub(super) const COARSE_STEP_MODULES: f64 = 5e-3 / 6.0;
@@ -31,22 +33,28 @@ const MOST_STEPS: usize = 20_000;
 pub struct ArchardWear {
     /// Both flanks.
     pub wear: FlankWear,
-    /// Turns of the driving gear: load cycles of each of its teeth. Those of the driven gear are z₁/z₂ times as many.
+    /// Turns of the driving gear: load cycles of each of its teeth. Those of the driven gear are z₁/z₂ times
+    /// as many.
     pub driving_turns: f64,
 }
 
 impl ArchardWear {
-    /// The states of one course of wear at which the greatest depth of both flanks, along Y, is each of `depths_mm`, which rise.
+    /// The states of one course of wear at which the greatest depth of both flanks, along Y, is each of
+    /// `depths_mm`, which rise.
     ///
     /// # Errors
-    /// [`GearError::Field`] for depths that do not rise from 0, or leave less than half of the tooth; [`GearError::NoContact`] where the worn
-    /// flanks no longer carry the mesh over the whole period.
+    /// [`GearError::Field`] for depths that do not rise from 0, or leave less than half of the tooth;
+    /// [`GearError::NoContact`] where the worn flanks no longer carry the mesh over the whole period.
     pub fn at_depths(pair: &GearPair, depths_mm: &[f64]) -> Result<Vec<Self>, GearError> {
         Self::at_depths_in_steps(pair, depths_mm, STEP_MODULES)
     }
 
     /// The same with forces and gaps worked out anew after every `step_modules` of wear.
-    pub(super) fn at_depths_in_steps(pair: &GearPair, depths_mm: &[f64], step_modules: f64) -> Result<Vec<Self>, GearError> {
+    pub(super) fn at_depths_in_steps(
+        pair: &GearPair,
+        depths_mm: &[f64],
+        step_modules: f64,
+    ) -> Result<Vec<Self>, GearError> {
         let mut course = Course::new(pair, step_modules)?;
         let mut least = 0.0;
         let mut states = Vec::with_capacity(depths_mm.len());
@@ -62,7 +70,8 @@ impl ArchardWear {
     /// The flanks after a number of turns of the driving gear.
     ///
     /// # Errors
-    /// As [`ArchardWear::at_depths`]; [`GearError::Field`] for turns below 0 or so many that the teeth are worn through.
+    /// As [`ArchardWear::at_depths`]; [`GearError::Field`] for turns below 0 or so many that the teeth are
+    /// worn through.
     pub fn after_turns(pair: &GearPair, driving_turns: f64) -> Result<Self, GearError> {
         within("turns", driving_turns, 0.0, f64::MAX)?;
         let mut course = Course::new(pair, STEP_MODULES)?;
@@ -81,7 +90,8 @@ enum Goal {
 /// The active profile of one gear in cells.
 #[derive(Debug, Clone)]
 struct FlankCells {
-    /// Arc length and α₁ at the cells' middles: the ends of the first and last cell lie half a cell beyond start of active profile and tip.
+    /// Arc length and α₁ at the cells' middles: the ends of the first and last cell lie half a cell beyond
+    /// start of active profile and tip.
     arcs_mm: Vec<f64>,
     alphas_rad: Vec<f64>,
     radii_mm: Vec<f64>,
@@ -105,7 +115,10 @@ struct Course<'a> {
 impl FlankCells {
     fn new(pair: &GearPair, i: usize) -> Self {
         let gear = &pair.gears[i];
-        let (start, end) = (arc_mm(gear, gear.root_angle_rad), arc_mm(gear, gear.tip_angle_rad));
+        let (start, end) = (
+            arc_mm(gear, gear.root_angle_rad),
+            arc_mm(gear, gear.tip_angle_rad),
+        );
         let cell_mm = (end - start) / CELLS as f64;
         let arcs_mm: Vec<f64> = (0..=CELLS).map(|cell| start + cell as f64 * cell_mm).collect();
         let alphas_rad: Vec<f64> = arcs_mm.iter().map(|arc| alpha_rad(gear, *arc)).collect();
@@ -124,8 +137,8 @@ impl FlankCells {
         }
     }
 
-    /// Growth of the depth along the flank's normal in mm per turn of the driving gear. What comes off below the start of active profile is
-    /// not followed: the depth there is that of its start.
+    /// Growth of the depth along the flank's normal in mm per turn of the driving gear. What comes off below
+    /// the start of active profile is not followed: the depth there is that of its start.
     fn normal_rates(&self, rubbings: &[Rubbing], i: usize) -> Vec<f64> {
         let last = self.arcs_mm.len() - 1;
         let mut rates = vec![0.0; last + 1];
@@ -171,7 +184,12 @@ impl<'a> Course<'a> {
 
     fn wear(&self) -> FlankWear {
         let profile = |flank: &FlankCells| {
-            let points: Vec<(f64, f64)> = flank.radii_mm.iter().copied().zip(flank.depths_mm.iter().copied()).collect();
+            let points: Vec<(f64, f64)> = flank
+                .radii_mm
+                .iter()
+                .copied()
+                .zip(flank.depths_mm.iter().copied())
+                .collect();
             WearProfile::Table(DepthCurve::new(&points))
         };
         if self.deepest_mm() > 0.0 {
@@ -195,7 +213,13 @@ impl<'a> Course<'a> {
     /// What both flanks rub off each other in a turn of the driving gear, k times as much as this.
     fn rubbings(&self, wear: &FlankWear) -> Result<Vec<Rubbing>, GearError> {
         let loads = contact_loads(self.pair, wear, self.bodies.as_ref())?;
-        let band = ContactBand::new(self.pair, wear, &self.outlines, self.flanks[0].cell_mm / PLACES, self.step_mm);
+        let band = ContactBand::new(
+            self.pair,
+            wear,
+            &self.outlines,
+            self.flanks[0].cell_mm / PLACES,
+            self.step_mm,
+        );
         let mut rubbings = Vec::new();
         for load in &loads {
             band.rub(load, &mut rubbings);
@@ -232,8 +256,14 @@ impl<'a> Course<'a> {
             let fastest = rates.iter().flatten().copied().fold(0.0, f64::max);
             let left = match goal {
                 Goal::Depth(depth) => {
-                    let cells = self.flanks.iter().flat_map(|flank| &flank.depths_mm).zip(rates.iter().flatten());
-                    let turns = cells.filter(|(_, rate)| **rate > 0.0).map(|(worn, rate)| (depth - worn) / rate);
+                    let cells = self
+                        .flanks
+                        .iter()
+                        .flat_map(|flank| &flank.depths_mm)
+                        .zip(rates.iter().flatten());
+                    let turns = cells
+                        .filter(|(_, rate)| **rate > 0.0)
+                        .map(|(worn, rate)| (depth - worn) / rate);
                     turns.fold(f64::INFINITY, f64::min)
                 }
                 Goal::Turns(turns) => turns - self.driving_turns,

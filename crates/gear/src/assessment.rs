@@ -7,7 +7,8 @@ use super::limits::{self, HARMLESS_UNDERCUT_MODULES, LEAST_ROOT_TO_BORE};
 use super::refusals::Refusals;
 use super::{GearError, GearPair, PairSpec};
 
-/// Contact ratio from which a mesh has something in reserve: below it the least wear of the tips or a greater centre distance leaves gaps.
+/// Contact ratio from which a mesh has something in reserve: below it the least wear of the tips or a greater
+/// centre distance leaves gaps.
 const USUAL_CONTACT_RATIO: f64 = 1.2;
 /// Tip clearance in modules that leaves room for errors; the basic rack of ISO 53 has 0.25.
 const USUAL_CLEARANCE_MODULES: f64 = 0.1;
@@ -40,7 +41,8 @@ pub enum MeasuredQuantity {
     TipThickness,
     /// Profile shift beyond the one at which undercut begins, in modules.
     UndercutMargin,
-    /// Length on the line of action in mm from the end of a gear's involute to where the other's tip meets it: below zero they interfere.
+    /// Length on the line of action in mm from the end of a gear's involute to where the other's tip meets
+    /// it: below zero they interfere.
     InterferenceMargin,
     /// Root radius over bore radius.
     RootToBore,
@@ -80,7 +82,8 @@ pub struct GeometryMeasure {
 }
 
 impl PairSpec {
-    /// All that is wrong with the pair, where [`PairSpec::resolve`] says what comes first, with the measures of its geometry.
+    /// All that is wrong with the pair, where [`PairSpec::resolve`] says what comes first, with the measures
+    /// of its geometry.
     pub fn assess(&self) -> Assessment {
         let mut refusals = Refusals::default();
         let pair = GearPair::drafted(self, &mut refusals);
@@ -100,7 +103,10 @@ impl GearPair {
     }
 
     fn measures(&self) -> Vec<GeometryMeasure> {
-        use MeasuredQuantity::{Backlash, ContactRatio, InterferenceMargin, Load, RootToBore, TipClearance, TipThickness, UndercutMargin};
+        use MeasuredQuantity::{
+            Backlash, ContactRatio, InterferenceMargin, Load, RootToBore, TipClearance, TipThickness,
+            UndercutMargin,
+        };
 
         let basic = &self.spec.geometry;
         let module = basic.module_mm;
@@ -118,7 +124,13 @@ impl GearPair {
             let sap_length_mm = (gear.root_angle_rad + gear.base_half_angle_rad) * gear.base_radius_mm;
             let involute_mm = sap_length_mm - limits::form_length_mm(basic, i, alpha0);
             measures.extend([
-                at_least(TipClearance, number, clearance, -1e-9 / module, USUAL_CLEARANCE_MODULES),
+                at_least(
+                    TipClearance,
+                    number,
+                    clearance,
+                    -1e-9 / module,
+                    USUAL_CLEARANCE_MODULES,
+                ),
                 at_least(
                     TipThickness,
                     number,
@@ -142,7 +154,9 @@ impl GearPair {
         let load = torques
             .into_iter()
             .zip(&self.gears)
-            .filter_map(|(torque, gear)| Some(torque? / limits::most_torque_nm(&self.spec, gear.base_radius_mm)))
+            .filter_map(|(torque, gear)| {
+                Some(torque? / limits::most_torque_nm(&self.spec, gear.base_radius_mm))
+            })
             .fold(0.0, f64::max);
         measures.push(GeometryMeasure {
             quantity: Load,
@@ -150,14 +164,24 @@ impl GearPair {
             value: load,
             least: None,
             most: Some(1.0),
-            verdict: if load <= 1.0 { Verdict::Good } else { Verdict::Impossible },
+            verdict: if load <= 1.0 {
+                Verdict::Good
+            } else {
+                Verdict::Impossible
+            },
         });
         measures
     }
 }
 
 /// A measure that cannot be below `least`, and is usual from `usual` on.
-fn at_least(quantity: MeasuredQuantity, gear: Option<u32>, value: f64, least: f64, usual: f64) -> GeometryMeasure {
+fn at_least(
+    quantity: MeasuredQuantity,
+    gear: Option<u32>,
+    value: f64,
+    least: f64,
+    usual: f64,
+) -> GeometryMeasure {
     let verdict = if value >= usual {
         Verdict::Good
     } else if value >= least {
@@ -198,7 +222,11 @@ mod tests {
         spec.material.poisson_ratio = 0.7;
         assert_eq!(
             fields(&spec),
-            ["geometry.module_mm", "geometry.bore_radius_mm", "material.poisson_ratio"]
+            [
+                "geometry.module_mm",
+                "geometry.bore_radius_mm",
+                "material.poisson_ratio"
+            ]
         );
         assert!(spec.assess().pair.is_none());
     }
@@ -210,7 +238,10 @@ mod tests {
         spec.geometry.centre_distance_mm = Some(100.0);
         spec.geometry.bore_radius_mm = [29.0, 20.0];
         let assessment = spec.assess();
-        assert!(assessment.pair.is_none(), "base circles that overlap have no line of action");
+        assert!(
+            assessment.pair.is_none(),
+            "base circles that overlap have no line of action"
+        );
         spec.geometry.centre_distance_mm = None;
         let assessment = spec.assess();
         assert!(assessment.pair.is_some());
@@ -220,22 +251,33 @@ mod tests {
             .filter(|measure| measure.verdict == Verdict::Impossible)
             .map(|measure| (measure.quantity, measure.gear))
             .collect();
-        assert!(impossible.contains(&(MeasuredQuantity::UndercutMargin, Some(1))), "{impossible:?}");
+        assert!(
+            impossible.contains(&(MeasuredQuantity::UndercutMargin, Some(1))),
+            "{impossible:?}"
+        );
         assert!(
             impossible.contains(&(MeasuredQuantity::InterferenceMargin, Some(1))),
             "{impossible:?}"
         );
-        assert!(impossible.contains(&(MeasuredQuantity::RootToBore, Some(1))), "{impossible:?}");
+        assert!(
+            impossible.contains(&(MeasuredQuantity::RootToBore, Some(1))),
+            "{impossible:?}"
+        );
         assert_eq!(fields(&spec)[0], "geometry.bore_radius_mm");
     }
 
-    /// Table 1: module 6 mm at the reference centre distance has no backlash, the basic rack's clearance and, by the textbook, ε = 1.6114.
+    /// Table 1: module 6 mm at the reference centre distance has no backlash, the basic rack's clearance and,
+    /// by the textbook, ε = 1.6114.
     #[test]
     fn the_papers_pair_is_good() {
         let assessment = shen2022_spec().assess();
         assert!(assessment.refusals.is_empty());
         let value = |quantity| {
-            let measure = assessment.measures.iter().find(|measure| measure.quantity == quantity).unwrap();
+            let measure = assessment
+                .measures
+                .iter()
+                .find(|measure| measure.quantity == quantity)
+                .unwrap();
             assert_eq!(measure.verdict, Verdict::Good, "{measure:?}");
             measure.value
         };

@@ -1,6 +1,7 @@
 //! Symmetric positive definite band matrix and its Cholesky factor.
 
-/// Lower triangle of a symmetric matrix whose entries vanish further than `half_band` from the diagonal, row after row.
+/// Lower triangle of a symmetric matrix whose entries vanish further than `half_band` from the diagonal, row
+/// after row.
 #[derive(Debug, Clone)]
 pub(super) struct BandMatrix {
     size: usize,
@@ -60,7 +61,12 @@ impl BandMatrix {
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
     let (a_chunks, b_chunks) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(a, b)| a * b).sum();
+    let rest: f64 = a_chunks
+        .remainder()
+        .iter()
+        .zip(b_chunks.remainder())
+        .map(|(a, b)| a * b)
+        .sum();
     for (a, b) in a_chunks.zip(b_chunks) {
         for (lane, (a, b)) in lanes.iter_mut().zip(a.iter().zip(b)) {
             *lane += a * b;
@@ -82,7 +88,10 @@ impl BandFactor {
     pub(super) fn solve(&self, values: &mut [f64], count: usize) {
         let (size, half_band) = (self.lower.size, self.lower.half_band);
         // Rows before the first that is loaded stay zero.
-        let loaded = values.iter().position(|value| *value != 0.0).map_or(size, |place| place / count);
+        let loaded = values
+            .iter()
+            .position(|value| *value != 0.0)
+            .map_or(size, |place| place / count);
         for row in loaded..size {
             let first = self.first[row].max(loaded);
             let (before, rest) = values.split_at_mut(row * count);
@@ -113,13 +122,18 @@ fn subtract(target: &mut [f64], factors: &[f64], rows: &[f64]) {
         let four = &rows[4 * i * count..][..4 * count];
         let (low, high) = four.split_at(2 * count);
         let ((one, two), (three, four)) = (low.split_at(count), high.split_at(count));
-        for (t, (((one, two), three), four)) in target.iter_mut().zip(one.iter().zip(two).zip(three).zip(four)) {
+        for (t, (((one, two), three), four)) in
+            target.iter_mut().zip(one.iter().zip(two).zip(three).zip(four))
+        {
             *t -= (a * one + b * two) + (c * three + d * four);
         }
     }
     for (i, factor) in rest.iter().enumerate() {
         let row = &rows[(4 * fours.len() + i) * count..][..count];
-        target.iter_mut().zip(row).for_each(|(t, value)| *t -= factor * value);
+        target
+            .iter_mut()
+            .zip(row)
+            .for_each(|(t, value)| *t -= factor * value);
     }
 }
 

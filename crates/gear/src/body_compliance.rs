@@ -1,10 +1,11 @@
-//! How much the flanks of one gear give way under forces on its teeth, with the bore held: bending, shear and compression of the teeth,
-//! their foundation in the ring, the ring's torsion, and the coupling of neighbouring teeth through the ring.
+//! How much the flanks of one gear give way under forces on its teeth, with the bore held: bending, shear and
+//! compression of the teeth, their foundation in the ring, the ring's torsion, and the coupling of
+//! neighbouring teeth through the ring.
 //!
-//! The whole gear is a plane finite-element model. All its sectors are alike, so one is condensed to its two sides and the rest of the
-//! ring is made of copies by doubling. Under a point force the displacement grows without bound; the half-plane's (Flamant) is taken off it
-//! inside the tooth, which leaves a smooth compliance that belongs to the body, and the contact's own part goes to
-//! [`super::line_contact`].
+//! The whole gear is a plane finite-element model. All its sectors are alike, so one is condensed to its two
+//! sides and the rest of the ring is made of copies by doubling. Under a point force the displacement grows
+//! without bound; the half-plane's (Flamant) is taken off it inside the tooth, which leaves a smooth
+//! compliance that belongs to the body, and the contact's own part goes to [`super::line_contact`].
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -31,7 +32,8 @@ pub(super) struct BodyCompliance {
     radii_mm: Vec<f64>,
     /// The tooth's own, without the half-plane's part.
     own: Vec<Tensor>,
-    /// Displacement on a tooth `offset` teeth further towards positive Y, `across[offset + reach][load × stations + place]`.
+    /// Displacement on a tooth `offset` teeth further towards positive Y,
+    /// `across[offset + reach][load × stations + place]`.
     across: Vec<Vec<Tensor>>,
     reach: usize,
     tip: TipWedge,
@@ -66,9 +68,12 @@ impl BodyCompliance {
         elasticity: &PlaneElasticity,
     ) -> Result<Self, GearError> {
         let at_radius = |radius: f64| flank.at(flank.alpha_at_radius_rad(radius));
-        let mesh = SectorMesh::new(outline, module_mm, flank.gear.bore_radius_mm, |radius| at_radius(radius).depth_mm);
+        let mesh = SectorMesh::new(outline, module_mm, flank.gear.bore_radius_mm, |radius| {
+            at_radius(radius).depth_mm
+        });
         let teeth = (2.0 * PI / outline.pitch_angle_rad).round() as usize;
-        let sector = RingSector::new(&mesh, elasticity, outline.pitch_angle_rad).ok_or(GearError::ElasticModel { gear: gear + 1 })?;
+        let sector = RingSector::new(&mesh, elasticity, outline.pitch_angle_rad)
+            .ok_or(GearError::ElasticModel { gear: gear + 1 })?;
         let reach = REACH.min((teeth - 2) / 2);
         let sides = sector
             .side_displacements(teeth, reach)
@@ -77,8 +82,11 @@ impl BodyCompliance {
         let stations = &mesh.flank;
         let across = (0..=2 * reach)
             .map(|index| {
-                let at = |load: usize, place: usize| sector.displacement(&sides, index, load, stations[place].node);
-                let loads = (0..stations.len()).flat_map(|load| (0..stations.len()).map(move |place| (load, place)));
+                let at = |load: usize, place: usize| {
+                    sector.displacement(&sides, index, load, stations[place].node)
+                };
+                let loads =
+                    (0..stations.len()).flat_map(|load| (0..stations.len()).map(move |place| (load, place)));
                 loads.map(|(load, place)| at(load, place)).collect()
             })
             .collect();
@@ -100,8 +108,8 @@ impl BodyCompliance {
         })
     }
 
-    /// Displacement in mm along the direction `(sin, cos)` of a force of 1 N/mm in the same direction at a radius of the flank, without
-    /// the half-plane's displacement at 1 mm.
+    /// Displacement in mm along the direction `(sin, cos)` of a force of 1 N/mm in the same direction at a
+    /// radius of the flank, without the half-plane's displacement at 1 mm.
     pub(super) fn own(&self, radius_mm: f64, direction: [f64; 2]) -> f64 {
         let distance = (self.tip.tip_radius_mm - radius_mm) * self.tip.flank_per_radius;
         let tensor = if distance < self.tip.reach_mm {
@@ -117,7 +125,8 @@ impl BodyCompliance {
         self.tip.tip_radius_mm - from_edge_mm / self.tip.flank_per_radius
     }
 
-    /// Displacement in mm at a place of the tooth `offset` teeth towards positive Y from the one that a force of 1 N/mm loads.
+    /// Displacement in mm at a place of the tooth `offset` teeth towards positive Y from the one that a force
+    /// of 1 N/mm loads.
     pub(super) fn across(&self, offset: i32, load: (f64, [f64; 2]), place: (f64, [f64; 2])) -> f64 {
         let Some(table) = usize::try_from(offset + self.reach as i32)
             .ok()
@@ -131,7 +140,11 @@ impl BodyCompliance {
         let mut tensor = Tensor::default();
         for (i, a) in load_weights.iter().enumerate() {
             for (j, b) in place_weights.iter().enumerate() {
-                add(&mut tensor, &table[(first_load + i) * count + first_place + j], a * b);
+                add(
+                    &mut tensor,
+                    &table[(first_load + i) * count + first_place + j],
+                    a * b,
+                );
             }
         }
         project(&tensor, load.1, place.1)
@@ -139,23 +152,36 @@ impl BodyCompliance {
 }
 
 impl TipWedge {
-    /// A force near the edge of a wedge: far from the edge the displacement is that of the wedge's apex (Michell), close to the force that of
-    /// a half-plane, so the compliance grows with the logarithm of the distance times the difference of both factors.
-    fn new(outline: &ToothOutline, module_mm: f64, elasticity: &PlaneElasticity, radii_mm: &[f64], own: &[Tensor]) -> Self {
+    /// A force near the edge of a wedge: far from the edge the displacement is that of the wedge's apex
+    /// (Michell), close to the force that of a half-plane, so the compliance grows with the logarithm of the
+    /// distance times the difference of both factors.
+    fn new(
+        outline: &ToothOutline,
+        module_mm: f64,
+        elasticity: &PlaneElasticity,
+        radii_mm: &[f64],
+        own: &[Tensor],
+    ) -> Self {
         let tip = outline.tip_radius_mm;
         let profile_angle = outline.profile_angle(tip);
         let half = 0.5 * (FRAC_PI_2 + profile_angle);
         let (sin, cos) = outline.inclination(tip).sin_cos();
         // From the edge into the tooth between flank and tip circle, and across it.
-        let bisector = [-cos * half.cos() - sin * half.sin(), sin * half.cos() - cos * half.sin()];
+        let bisector = [
+            -cos * half.cos() - sin * half.sin(),
+            sin * half.cos() - cos * half.sin(),
+        ];
         let aside = [-bisector[1], bisector[0]];
-        let (along, across) = (1.0 / (half + 0.5 * (2.0 * half).sin()), 1.0 / (half - 0.5 * (2.0 * half).sin()));
+        let (along, across) = (
+            1.0 / (half + 0.5 * (2.0 * half).sin()),
+            1.0 / (half - 0.5 * (2.0 * half).sin()),
+        );
         let mut logarithm = Tensor::default();
         for i in 0..2 {
             for j in 0..2 {
                 let half_plane = if i == j { 2.0 / PI } else { 0.0 };
-                logarithm[i][j] =
-                    elasticity.compliance_per_mpa() * (along * bisector[i] * bisector[j] + across * aside[i] * aside[j] - half_plane);
+                logarithm[i][j] = elasticity.compliance_per_mpa()
+                    * (along * bisector[i] * bisector[j] + across * aside[i] * aside[j] - half_plane);
             }
         }
         let flank_per_radius = 1.0 / profile_angle.cos();
@@ -193,19 +219,31 @@ impl TipWedge {
 
 fn add(sum: &mut Tensor, tensor: &Tensor, factor: f64) {
     for (row, other) in sum.iter_mut().zip(tensor) {
-        row.iter_mut().zip(other).for_each(|(value, part)| *value += factor * part);
+        row.iter_mut()
+            .zip(other)
+            .for_each(|(value, part)| *value += factor * part);
     }
 }
 
 fn project(tensor: &Tensor, load: [f64; 2], place: [f64; 2]) -> f64 {
-    (0..2).map(|i| load[i] * (tensor[i][0] * place[0] + tensor[i][1] * place[1])).sum()
+    (0..2)
+        .map(|i| load[i] * (tensor[i][0] * place[0] + tensor[i][1] * place[1]))
+        .sum()
 }
 
 /// First node and weights of the cubic through the four nodes around `x`.
 fn cubic_weights(nodes: &[f64], x: f64) -> (usize, [f64; 4]) {
-    let first = nodes.partition_point(|node| *node <= x).saturating_sub(2).min(nodes.len() - 4);
+    let first = nodes
+        .partition_point(|node| *node <= x)
+        .saturating_sub(2)
+        .min(nodes.len() - 4);
     let four = &nodes[first..first + 4];
-    let weight = |i: usize| (0..4).filter(|j| *j != i).map(|j| (x - four[j]) / (four[i] - four[j])).product();
+    let weight = |i: usize| {
+        (0..4)
+            .filter(|j| *j != i)
+            .map(|j| (x - four[j]) / (four[i] - four[j]))
+            .product()
+    };
     (first, std::array::from_fn(weight))
 }
 

@@ -1,12 +1,14 @@
 //! Where on both flanks a contact's pressure stands, and what it rubs off there.
 //!
-//! The flanks' own gap at each rotation is closed by a bed of springs between them (Winkler's foundation, as Flodin uses it for the wear of spur gears):
-//! p = c (δ − g)₊ with ∫ p = F. Its stiffness c = 3πE*/(8a) makes the band of two involutes as wide as Hertz's, 2a. So a flank that wear has made
-//! conformal carries on more of its width, two places of one flank can carry at once, and a tip's edge has a finite pressure over a finite
-//! width, without a rounding radius that no pair file states.
+//! The flanks' own gap at each rotation is closed by a bed of springs between them (Winkler's foundation, as
+//! Flodin uses it for the wear of spur gears): p = c (δ − g)₊ with ∫ p = F. Its stiffness c = 3πE*/(8a) makes
+//! the band of two involutes as wide as Hertz's, 2a. So a flank that wear has made conformal carries on more
+//! of its width, two places of one flank can carry at once, and a tip's edge has a finite pressure over a
+//! finite width, without a rounding radius that no pair file states.
 //!
-//! The gears turn evenly: relative to each other they turn about the pitch point, so that flanks whose contact stands x from it along the line of action
-//! slide by (1 + z₁/z₂) |x| dφ₁. The transmission error of worn flanks changes the speeds' ratio by about 1 % at most.
+//! The gears turn evenly: relative to each other they turn about the pitch point, so that flanks whose
+//! contact stands x from it along the line of action slide by (1 + z₁/z₂) |x| dφ₁. The transmission error of
+//! worn flanks changes the speeds' ratio by about 1 % at most.
 
 use std::f64::consts::PI;
 
@@ -52,8 +54,15 @@ struct Place {
 }
 
 impl<'a> ContactBand<'a> {
-    /// Places `spacing_mm` apart; `step_mm` is the greatest depth that comes off before the gaps are looked at again.
-    pub(super) fn new(pair: &'a GearPair, wear: &'a FlankWear, outlines: &[ToothOutline; 2], spacing_mm: f64, step_mm: f64) -> Self {
+    /// Places `spacing_mm` apart; `step_mm` is the greatest depth that comes off before the gaps are looked
+    /// at again.
+    pub(super) fn new(
+        pair: &'a GearPair,
+        wear: &'a FlankWear,
+        outlines: &[ToothOutline; 2],
+        spacing_mm: f64,
+        step_mm: f64,
+    ) -> Self {
         let driving = &pair.gears[0];
         let flank = Flank::new(driving, wear, 0);
         let form = arc_mm(driving, flank.alpha_at_radius_rad(outlines[0].form_radius_mm));
@@ -67,7 +76,8 @@ impl<'a> ContactBand<'a> {
                 .collect(),
             spacing_mm,
             step_mm,
-            contact_modulus_mpa: material.youngs_modulus_pa * 1e-6 / (2.0 * (1.0 - material.poisson_ratio.powi(2))),
+            contact_modulus_mpa: material.youngs_modulus_pa * 1e-6
+                / (2.0 * (1.0 - material.poisson_ratio.powi(2))),
             farthest_mm: [0, 1]
                 .map(|i| {
                     let gear = &pair.gears[i];
@@ -94,10 +104,18 @@ impl<'a> ContactBand<'a> {
             offset += place.stiffness_mpa * place.gap_mm;
             closing = offset / stiffness;
         }
-        rubbings.extend(places.iter().take_while(|place| place.gap_mm < closing).map(|place| Rubbing {
-            arcs_mm: place.arcs_mm,
-            work_n: place.stiffness_mpa * (closing - place.gap_mm) * place.slide_mm_per_rad * load.turn_rad,
-        }));
+        rubbings.extend(
+            places
+                .iter()
+                .take_while(|place| place.gap_mm < closing)
+                .map(|place| Rubbing {
+                    arcs_mm: place.arcs_mm,
+                    work_n: place.stiffness_mpa
+                        * (closing - place.gap_mm)
+                        * place.slide_mm_per_rad
+                        * load.turn_rad,
+                }),
+        );
     }
 
     /// The places that face the driven flank at a load's rotation and can carry its force.
@@ -108,17 +126,22 @@ impl<'a> ContactBand<'a> {
             .iter()
             .filter_map(|point| self.teeth.meeting(point, turned).map(|meeting| (point, meeting)))
             .collect();
-        let Some((first, (lead, radius_mm, _))) = meetings.iter().max_by(|a, b| a.1.0.total_cmp(&b.1.0)) else {
+        let Some((first, (lead, radius_mm, _))) = meetings.iter().max_by(|a, b| a.1.0.total_cmp(&b.1.0))
+        else {
             return Vec::new();
         };
         let [driving, driven] = &self.pair.gears;
         let half_width = self.half_width_mm(
-            [driving_length_mm(driving, first), flank_length_mm(driven, *radius_mm)],
+            [
+                driving_length_mm(driving, first),
+                flank_length_mm(driven, *radius_mm),
+            ],
             load.force_n_per_mm,
         );
         let soft = 8.0 * half_width / (3.0 * PI * self.contact_modulus_mpa);
-        // What wears off before the next look at the gaps counts as give, by the part of it that this place's sliding has: without it narrow
-        // ridges would be worn into grooves at one step and be left standing at the next.
+        // What wears off before the next look at the gaps counts as give, by the part of it that this place's
+        // sliding has: without it narrow ridges would be worn into grooves at one step and be left standing
+        // at the next.
         let worn = 2.0 * self.step_mm * 2.0 * half_width / load.force_n_per_mm;
         let ratio = 1.0 + f64::from(driving.teeth) / f64::from(driven.teeth);
         let (line_sin, line_cos) = self.pair.pressure_angle_rad.sin_cos();
@@ -135,7 +158,11 @@ impl<'a> ContactBand<'a> {
             }
         };
         let most = load.force_n_per_mm * (soft + worn) / self.spacing_mm;
-        meetings.iter().map(place).filter(|place| place.gap_mm < most).collect()
+        meetings
+            .iter()
+            .map(place)
+            .filter(|place| place.gap_mm < most)
+            .collect()
     }
 
     /// Hertz's half-width in mm between involutes with these radii of curvature.
@@ -153,7 +180,9 @@ fn driving_length_mm(gear: &Gear, point: &FlankPoint) -> f64 {
 
 /// The same from the point's radius in mm.
 fn flank_length_mm(gear: &Gear, radius_mm: f64) -> f64 {
-    (radius_mm * radius_mm - gear.base_radius_mm.powi(2)).max(0.0).sqrt()
+    (radius_mm * radius_mm - gear.base_radius_mm.powi(2))
+        .max(0.0)
+        .sqrt()
 }
 
 /// Length of the unworn involute in mm from the base circle to α₁ = `alpha_rad`: ∫ R_b (α₁ + α₂) dα₁.
@@ -177,7 +206,8 @@ mod tests {
     /// F/b = T/(R_b1 b) of the typical pair in single contact.
     const FORCE_N_PER_MM: f64 = 384.3;
 
-    /// What one unit of turn under `FORCE_N_PER_MM` rubs off, with places 10 µm apart and vanishing steps of wear.
+    /// What one unit of turn under `FORCE_N_PER_MM` rubs off, with places 10 µm apart and vanishing steps of
+    /// wear.
     fn rubbed(pair: &GearPair, wear: &FlankWear, phi1_rad: f64) -> Vec<Rubbing> {
         let outlines = [0, 1].map(|i| ToothOutline::new(pair, i));
         let load = ContactLoad {
@@ -195,8 +225,8 @@ mod tests {
         arcs().fold(f64::MIN, f64::max) - arcs().fold(f64::MAX, f64::min)
     }
 
-    /// At φ₁ = 0.05 rad the contact stands x = R_b1 (φ₁ + π/48) = 7.811 mm behind the pitch point; κ = 1/32.44 + 1/18.87 per mm and E* =
-    /// 112 637 MPa give 2a = 0.4552 mm.
+    /// At φ₁ = 0.05 rad the contact stands x = R_b1 (φ₁ + π/48) = 7.811 mm behind the pitch point; κ =
+    /// 1/32.44 + 1/18.87 per mm and E* = 112 637 MPa give 2a = 0.4552 mm.
     #[test]
     fn involutes_touch_in_hertzs_band_and_slide_by_their_distance_from_the_pitch_point() {
         let pair = shen2022();
@@ -215,15 +245,23 @@ mod tests {
                 width_mm(&rubbings, i)
             );
             let work: f64 = rubbings.iter().map(|rubbing| rubbing.work_n).sum();
-            let middle = rubbings.iter().map(|rubbing| rubbing.work_n * rubbing.arcs_mm[i]).sum::<f64>() / work;
+            let middle = rubbings
+                .iter()
+                .map(|rubbing| rubbing.work_n * rubbing.arcs_mm[i])
+                .sum::<f64>()
+                / work;
             let gear = &pair.gears[i];
             let place = arc_mm(gear, length / gear.base_radius_mm - gear.base_half_angle_rad);
             assert!((middle - place).abs() < 0.01, "{middle} {place}");
-            assert!((work / (FORCE_N_PER_MM * (1.0 + 24.0 / 26.0) * x) - 1.0).abs() < 0.01, "{work}");
+            assert!(
+                (work / (FORCE_N_PER_MM * (1.0 + 24.0 / 26.0) * x) - 1.0).abs() < 0.01,
+                "{work}"
+            );
         }
     }
 
-    /// A dent as wide as the band in the driving flank, 20 µm deep: both of its shoulders carry, and its bottom does not.
+    /// A dent as wide as the band in the driving flank, 20 µm deep: both of its shoulders carry, and its
+    /// bottom does not.
     #[test]
     fn two_places_of_one_flank_can_carry() {
         let pair = shen2022();
@@ -237,18 +275,27 @@ mod tests {
             &pair.gears[0],
             32.44 / pair.gears[0].base_radius_mm - pair.gears[0].base_half_angle_rad,
         );
-        let (before, behind): (Vec<Rubbing>, Vec<Rubbing>) = rubbings.iter().partition(|rubbing| rubbing.arcs_mm[0] < place);
+        let (before, behind): (Vec<Rubbing>, Vec<Rubbing>) =
+            rubbings.iter().partition(|rubbing| rubbing.arcs_mm[0] < place);
         assert!(!before.is_empty() && !behind.is_empty());
-        assert!(rubbings.iter().all(|rubbing| (rubbing.arcs_mm[0] - place).abs() > 0.1));
+        assert!(
+            rubbings
+                .iter()
+                .all(|rubbing| (rubbing.arcs_mm[0] - place).abs() > 0.1)
+        );
     }
 
-    /// Before the nominal start of contact the driven tip's edge carries, with a finite pressure over a finite width.
+    /// Before the nominal start of contact the driven tip's edge carries, with a finite pressure over a
+    /// finite width.
     #[test]
     fn a_tips_edge_carries_on_less_than_hertzs_width() {
         let pair = shen2022_spec().resolve().unwrap();
         let rubbings = rubbed(&pair, &FlankWear::none(), pair.start_of_contact_rad() - 0.02);
         let tip = arc_mm(&pair.gears[1], pair.gears[1].tip_angle_rad);
-        let farthest = rubbings.iter().map(|rubbing| tip - rubbing.arcs_mm[1]).fold(0.0, f64::max);
+        let farthest = rubbings
+            .iter()
+            .map(|rubbing| tip - rubbing.arcs_mm[1])
+            .fold(0.0, f64::max);
         assert!(
             rubbings.len() > 3 && farthest > 0.02 && farthest < 0.24,
             "{} {farthest}",

@@ -4,7 +4,8 @@ use super::loaded_cycle::tooth_shares;
 use super::mesh_cycle::Mesh;
 use super::{ContactRule, ElasticBodies, FlankWear, GearError, GearPair};
 
-/// Rotations looked at in a mesh period: they lie closer than a third of a common contact's width on the flank.
+/// Rotations looked at in a mesh period: they lie closer than a third of a common contact's width on the
+/// flank.
 const PER_PERIOD: usize = 160;
 
 /// The force at one rotation, standing for the turn of [`ContactLoad::turn_rad`] around it.
@@ -18,12 +19,18 @@ pub(super) struct ContactLoad {
     pub(super) turn_rad: f64,
 }
 
-/// The forces on one pair of teeth wherever it carries, by the pair's contact rule at the pair's own torque. `bodies` are those of loaded
-/// contact.
-pub(super) fn contact_loads(pair: &GearPair, wear: &FlankWear, bodies: Option<&ElasticBodies>) -> Result<Vec<ContactLoad>, GearError> {
+/// The forces on one pair of teeth wherever it carries, by the pair's contact rule at the pair's own torque.
+/// `bodies` are those of loaded contact.
+pub(super) fn contact_loads(
+    pair: &GearPair,
+    wear: &FlankWear,
+    bodies: Option<&ElasticBodies>,
+) -> Result<Vec<ContactLoad>, GearError> {
     let shares = match (pair.spec.dynamics.contact, bodies) {
         (ContactRule::Loaded, Some(bodies)) => tooth_shares(pair, bodies, wear, PER_PERIOD)?,
-        (ContactRule::Loaded, None) => tooth_shares(pair, &ElasticBodies::new(pair, wear)?, wear, PER_PERIOD)?,
+        (ContactRule::Loaded, None) => {
+            tooth_shares(pair, &ElasticBodies::new(pair, wear)?, wear, PER_PERIOD)?
+        }
         (ContactRule::Threshold, _) => rigid_shares(pair, wear)?,
     };
     let torque_n = pair.spec.operation.torque_nm * 1e3 / pair.spec.geometry.face_width_mm;
@@ -70,8 +77,12 @@ mod tests {
                 let wear = FlankWear::from_shape(&pair, depth_mm).unwrap();
                 let loads = contact_loads(&pair, &wear, None).unwrap();
                 let work: f64 = loads.iter().map(|load| load.force_n_per_mm * load.turn_rad).sum();
-                let whole = pair.spec.operation.torque_nm * 1e3 / (pair.gears[0].base_radius_mm * 50.0) * pair.gears[0].pitch_angle_rad();
-                assert!((work / whole - 1.0).abs() < 1e-9, "{rule}, {depth_mm} mm: {work} {whole}");
+                let whole = pair.spec.operation.torque_nm * 1e3 / (pair.gears[0].base_radius_mm * 50.0)
+                    * pair.gears[0].pitch_angle_rad();
+                assert!(
+                    (work / whole - 1.0).abs() < 1e-9,
+                    "{rule}, {depth_mm} mm: {work} {whole}"
+                );
             }
         }
     }

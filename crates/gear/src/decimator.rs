@@ -1,22 +1,25 @@
-//! From the integrator's steps to a record's samples: low-pass and decimation, for several records side by side.
+//! From the integrator's steps to a record's samples: low-pass and decimation, for several records side by
+//! side.
 
 use std::f64::consts::PI;
 
 /// Pass band's end as a part of the output rate; the stop band starts at half of it.
 const PASS: f64 = 0.4;
 const STOP: f64 = 0.5;
-/// Attenuation of the stop bands in dB. The shaft sidebands of worn gears lie 60 dB below the mesh lines, and what aliases from the lines above half the
-/// output rate falls beside them: 80 dB let it change those features by some percent.
+/// Attenuation of the stop bands in dB. The shaft sidebands of worn gears lie 60 dB below the mesh lines, and
+/// what aliases from the lines above half the output rate falls beside them: 80 dB let it change those
+/// features by some percent.
 const ATTENUATION_DB: f64 = 140.0;
 /// Values kept before the used ones are dropped.
 const BLOCK: usize = 1 << 10;
 
-/// Finite impulse response low-pass (Kaiser's window) that keeps every `factor`-th value of each lane. Flat to 0.4 of the output rate.
+/// Finite impulse response low-pass (Kaiser's window) that keeps every `factor`-th value of each lane. Flat
+/// to 0.4 of the output rate.
 ///
-/// Two stages: the first comes down to twice the output rate and keeps away only what the second cannot, the second is the steep one. Input n is
-/// the mean around step n weighted by a triangle that ends at n − 1 and n + 1 (the second difference of what the input is the second
-/// derivative of), so that jumps between steps hardly alias; the first stage makes up for that mean's droop. Output j is at the
-/// instant j·factor exactly.
+/// Two stages: the first comes down to twice the output rate and keeps away only what the second cannot, the
+/// second is the steep one. Input n is the mean around step n weighted by a triangle that ends at n − 1 and
+/// n + 1 (the second difference of what the input is the second derivative of), so that jumps between steps
+/// hardly alias; the first stage makes up for that mean's droop. Output j is at the instant j·factor exactly.
 #[derive(Debug)]
 pub(super) struct Decimator<const LANES: usize> {
     first: Stage<LANES>,
@@ -40,10 +43,13 @@ impl<const LANES: usize> Decimator<LANES> {
         self.first.taps.len() / 2 + self.second.taps.len() / 2 * self.first.factor
     }
 
-    /// Takes one value of each lane; gives an output where it completes one. The first completes with value number 2 × reach + 1.
+    /// Takes one value of each lane; gives an output where it completes one. The first completes with value
+    /// number 2 × reach + 1.
     #[inline]
     pub(super) fn push(&mut self, values: [f64; LANES]) -> Option<[f64; LANES]> {
-        self.first.push(values).and_then(|values| self.second.push(values))
+        self.first
+            .push(values)
+            .and_then(|values| self.second.push(values))
     }
 }
 
@@ -128,7 +134,8 @@ fn low_pass(pass: f64, stop: f64) -> Vec<f64> {
     taps
 }
 
-/// The triangle has the response sinc²(f) = u/arcsin²(√u) with u = sin²(πf); its reciprocal is 1 + u/3 + 8u²/45 + 4u³/35 + …
+/// The triangle has the response sinc²(f) = u/arcsin²(√u) with u = sin²(πf); its reciprocal is 1 + u/3 +
+/// 8u²/45 + 4u³/35 + …
 fn without_droop(taps: &[f64]) -> Vec<f64> {
     const SERIES: [f64; 4] = [1.0, 1.0 / 3.0, 8.0 / 45.0, 4.0 / 35.0];
     let reach = SERIES.len() - 1;
@@ -136,7 +143,9 @@ fn without_droop(taps: &[f64]) -> Vec<f64> {
     power[reach..reach + taps.len()].copy_from_slice(taps);
     let mut sum = vec![0.0; power.len()];
     for factor in SERIES {
-        sum.iter_mut().zip(&power).for_each(|(sum, value)| *sum += factor * value);
+        sum.iter_mut()
+            .zip(&power)
+            .for_each(|(sum, value)| *sum += factor * value);
         // u is minus a quarter of the second difference.
         let at = |i: Option<usize>| i.and_then(|i| power.get(i)).copied().unwrap_or(0.0);
         power = (0..power.len())
@@ -165,8 +174,8 @@ mod tests {
 
     use super::{Decimator, bessel_i0};
 
-    /// Amplitude and phase of the output for a sine of `frequency` output rates, whose triangular means are the input; the second lane has twice
-    /// of it.
+    /// Amplitude and phase of the output for a sine of `frequency` output rates, whose triangular means are
+    /// the input; the second lane has twice of it.
     fn response(factor: usize, frequency: f64) -> (f64, f64) {
         let mut decimator = Decimator::<2>::new(factor);
         let reach = decimator.reach() as i64;
@@ -185,7 +194,10 @@ mod tests {
         }
         assert_eq!(i64::from(j), outputs);
         let count = f64::from(j);
-        ((2.0 * sine / count).hypot(2.0 * cosine / count), cosine.atan2(sine))
+        (
+            (2.0 * sine / count).hypot(2.0 * cosine / count),
+            cosine.atan2(sine),
+        )
     }
 
     #[test]

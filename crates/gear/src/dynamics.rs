@@ -1,11 +1,13 @@
 //! The 4-DOF dynamics, Eqs. (23) and (24), in the relative coordinate.
 //!
-//! With x = R_b1 θ₁ − R_b2 θ₂ the rotations leave one equation, ẍ = T₁R_b1/I₁ + T₂R_b2/I₂ − F_m/m_e with F_m = k x_m + c ẋ_m, while the mean
-//! speed is prescribed: torques that do not balance then cannot run away. ė is never needed: for each coordinate of
-//! mass m that F_m pushes, the velocity less its part c x_m/m of the damper's push is integrated, which stays continuous where e jumps.
+//! With x = R_b1 θ₁ − R_b2 θ₂ the rotations leave one equation, ẍ = T₁R_b1/I₁ + T₂R_b2/I₂ − F_m/m_e with F_m
+//! = k x_m + c ẋ_m, while the mean speed is prescribed: torques that do not balance then cannot run away. ė
+//! is never needed: for each coordinate of mass m that F_m pushes, the velocity less its part c x_m/m of the
+//! damper's push is integrated, which stays continuous where e jumps.
 //!
-//! With loaded contact the teeth only push: in place of x_m stands the closed part of it, x_m above zero, nothing within the backlash, and
-//! x_m plus the backlash where the teeth's backs touch. Spring and damper both act through it.
+//! With loaded contact the teeth only push: in place of x_m stands the closed part of it, x_m above zero,
+//! nothing within the backlash, and x_m plus the backlash where the teeth's backs touch. Spring and damper
+//! both act through it.
 
 use super::excitation::LaneExcitation;
 use super::{ContactRule, GearPair, MeshCycle};
@@ -23,7 +25,8 @@ pub(super) struct Motion {
     pub(super) support_stiffness: f64,
     /// c₁ = c₂.
     pub(super) support_damping: f64,
-    /// Way along the line of action in m from the teeth's working flanks to their backs; 0 where the teeth cannot part.
+    /// Way along the line of action in m from the teeth's working flanks to their backs; 0 where the teeth
+    /// cannot part.
     pub(super) backlash_m: f64,
 }
 
@@ -53,13 +56,17 @@ impl Motion {
         let operation = &pair.spec.operation;
         // The driven torque keeps its proportion to the driving one; where not given it balances.
         let balanced = driven.base_radius_mm / driving.base_radius_mm;
-        let proportion = operation.output_torque_nm.map_or(balanced, |output| output / operation.torque_nm);
+        let proportion = operation
+            .output_torque_nm
+            .map_or(balanced, |output| output / operation.torque_nm);
         let push = |torque: f64, gear: &super::Gear| torque * gear.base_radius_mm * 1e-3 / gear.inertia_kg_m2;
         let mesh_mass = pair.mesh_mass_kg();
         Self {
             inverse_mass: [1.0 / mesh_mass, 1.0 / driving.mass_kg, 1.0 / driven.mass_kg],
             drive_m_per_s2: push(torque_nm, driving) + push(torque_nm * proportion, driven),
-            mesh_damping: 2.0 * pair.spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt(),
+            mesh_damping: 2.0
+                * pair.spec.dynamics.mesh_damping_ratio
+                * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt(),
             support_stiffness: pair.supports.stiffness_n_per_m,
             support_damping: pair.supports.damping_n_s_per_m,
             backlash_m: match pair.spec.dynamics.contact {
@@ -84,7 +91,9 @@ impl Motion {
         let force = self.drive_m_per_s2 / self.inverse_mass[0];
         let mesh = force / excitation.stiffness;
         let support = force / self.support_stiffness;
-        let part = self.inverse_mass.map(|inverse| self.mesh_damping * mesh * inverse);
+        let part = self
+            .inverse_mass
+            .map(|inverse| self.mesh_damping * mesh * inverse);
         let x = mesh + 2.0 * support + excitation.error;
         [x, support, -support, part[0], -part[1], part[2]]
     }
@@ -104,7 +113,8 @@ impl Motion {
     #[inline(always)]
     fn derivative(&self, state: &State, excitation: Excitation) -> State {
         let velocities = self.velocities(state, excitation.error);
-        let push = excitation.stiffness * closed(state[0] - state[1] + state[2] - excitation.error, self.backlash_m);
+        let push =
+            excitation.stiffness * closed(state[0] - state[1] + state[2] - excitation.error, self.backlash_m);
         let support = |i: usize| self.support_damping * velocities[i] + self.support_stiffness * state[i];
         [
             velocities[0],
@@ -116,10 +126,12 @@ impl Motion {
         ]
     }
 
-    /// One step of the classical Runge–Kutta method over `step` seconds, with the excitation at its start, middle and end.
+    /// One step of the classical Runge–Kutta method over `step` seconds, with the excitation at its start,
+    /// middle and end.
     #[inline(always)]
     pub(super) fn step(&self, state: &State, excitation: &[Excitation; 3], step: f64) -> State {
-        let ahead = |slope: &State, length: f64| -> State { std::array::from_fn(|i| state[i] + length * slope[i]) };
+        let ahead =
+            |slope: &State, length: f64| -> State { std::array::from_fn(|i| state[i] + length * slope[i]) };
         let k1 = self.derivative(state, excitation[0]);
         let k2 = self.derivative(&ahead(&k1, 0.5 * step), excitation[1]);
         let k3 = self.derivative(&ahead(&k2, 0.5 * step), excitation[1]);
@@ -127,8 +139,8 @@ impl Motion {
         std::array::from_fn(|i| state[i] + step / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]))
     }
 
-    /// One step of several systems side by side, which differ in damping and backlash; the excitations are those at the step's start, middle and
-    /// end. Every lane is what [`Motion::step`] gives it.
+    /// One step of several systems side by side, which differ in damping and backlash; the excitations are
+    /// those at the step's start, middle and end. Every lane is what [`Motion::step`] gives it.
     #[inline(always)]
     pub(super) fn step_lanes<const LANES: usize>(
         &self,
@@ -142,16 +154,17 @@ impl Motion {
                 stiffness: stiffness[lane],
                 error: error[lane],
             });
-            let after = self
-                .of_lane(differing, lane)
-                .step(&std::array::from_fn(|i| states[i][lane]), &three, step);
+            let after =
+                self.of_lane(differing, lane)
+                    .step(&std::array::from_fn(|i| states[i][lane]), &three, step);
             for (row, value) in states.iter_mut().zip(after) {
                 row[lane] = value;
             }
         }
     }
 
-    /// Fastest rate of the linear system with stiffness up to `stiffness`, in rad/s: what the step must resolve.
+    /// Fastest rate of the linear system with stiffness up to `stiffness`, in rad/s: what the step must
+    /// resolve.
     pub(super) fn fastest_rate(&self, stiffness: f64) -> f64 {
         let mesh: f64 = self.inverse_mass.iter().sum();
         let translation = self.inverse_mass[1].max(self.inverse_mass[2]);
@@ -159,7 +172,8 @@ impl Motion {
         spring.max(self.mesh_damping * mesh + self.support_damping * translation)
     }
 
-    /// Slowest decay rate in 1/s, of the mesh mode at `stiffness` or of a support alone: what the start-up dies out with.
+    /// Slowest decay rate in 1/s, of the mesh mode at `stiffness` or of a support alone: what the start-up
+    /// dies out with.
     pub(super) fn slowest_decay(&self, stiffness: f64) -> f64 {
         let decay = |inverse: f64, damping: f64, stiffness: f64| {
             let half = 0.5 * damping * inverse;
@@ -183,7 +197,8 @@ impl Motion {
     }
 }
 
-/// The part of x_m that spring and damper act through; without backlash all of it. Without branches, for lanes.
+/// The part of x_m that spring and damper act through; without backlash all of it. Without branches, for
+/// lanes.
 #[inline(always)]
 pub(super) fn closed(mesh: f64, backlash_m: f64) -> f64 {
     let back = mesh + backlash_m;
@@ -191,7 +206,8 @@ pub(super) fn closed(mesh: f64, backlash_m: f64) -> f64 {
     working + if back < 0.0 { back } else { 0.0 }
 }
 
-/// Backlash of the unworn pair, which both half-gaps make up, and what wear adds to it on the mean; the backs do not wear.
+/// Backlash of the unworn pair, which both half-gaps make up, and what wear adds to it on the mean; the backs
+/// do not wear.
 fn backlash_m(pair: &GearPair, cycle: &MeshCycle) -> f64 {
     let driven = &pair.gears[1];
     let half_gap = pair.perfect_lag_rad() + 0.5 * driven.pitch_angle_rad();
@@ -214,7 +230,14 @@ mod tests {
             support_damping: 1e3,
             backlash_m: 0.0,
         };
-        (motion, Excitation { stiffness, error: 0.0 }, (stiffness / mass).sqrt())
+        (
+            motion,
+            Excitation {
+                stiffness,
+                error: 0.0,
+            },
+            (stiffness / mass).sqrt(),
+        )
     }
 
     fn run(motion: &Motion, mut state: State, excitation: Excitation, step: f64, steps: usize) -> State {
@@ -241,7 +264,8 @@ mod tests {
         }
     }
 
-    /// Free flight between working flanks and backs at constant speed, a half vibration on each: the period is 2π/ω + 2b/v.
+    /// Free flight between working flanks and backs at constant speed, a half vibration on each: the period
+    /// is 2π/ω + 2b/v.
     #[test]
     fn parted_teeth_fly_freely_and_strike_their_backs() {
         let (mut motion, excitation, omega) = oscillator(0.0);
@@ -288,8 +312,9 @@ mod tests {
         let state = run(&motion, at_rest, excitation, 1e-6, 500);
         let (t, damped) = (5e-4, omega * (1.0_f64 - 0.01).sqrt());
         let (start, speed) = (-2e-6, 2.0 * 0.1 * omega * 2e-6);
-        let wanted =
-            2e-6 + (-0.1 * omega * t).exp() * (start * (damped * t).cos() + (speed + 0.1 * omega * start) / damped * (damped * t).sin());
+        let wanted = 2e-6
+            + (-0.1 * omega * t).exp()
+                * (start * (damped * t).cos() + (speed + 0.1 * omega * start) / damped * (damped * t).sin());
         assert!((state[0] - wanted).abs() < 1e-11, "{} {wanted}", state[0]);
     }
 
@@ -309,7 +334,9 @@ mod tests {
         };
         let energy = |s: &State| {
             let mesh = s[0] - s[1] + s[2];
-            let kinetic: f64 = (0..3).map(|i| 0.5 * s[3 + i].powi(2) / motion.inverse_mass[i]).sum();
+            let kinetic: f64 = (0..3)
+                .map(|i| 0.5 * s[3 + i].powi(2) / motion.inverse_mass[i])
+                .sum();
             kinetic + 0.5 * 6e8 * mesh * mesh + 0.5 * 6.56e7 * (s[1] * s[1] + s[2] * s[2])
         };
         let start = [3e-6, 1e-6, -2e-6, 0.01, 0.0, 0.002];
@@ -326,10 +353,18 @@ mod tests {
         let (mut motion, excitation, _) = oscillator(0.1);
         motion.inverse_mass = [0.5, 0.15, 0.13];
         motion.drive_m_per_s2 = 1e4;
-        let excitation = Excitation { error: 5e-6, ..excitation };
+        let excitation = Excitation {
+            error: 5e-6,
+            ..excitation
+        };
         let start = motion.at_rest(excitation);
         let end = run(&motion, start, excitation, 1e-6, 1000);
-        assert!(motion.velocities(&end, 5e-6).iter().all(|velocity| velocity.abs() < 1e-12));
+        assert!(
+            motion
+                .velocities(&end, 5e-6)
+                .iter()
+                .all(|velocity| velocity.abs() < 1e-12)
+        );
         assert!((start[0] - end[0]).abs() < 1e-15);
     }
 }

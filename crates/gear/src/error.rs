@@ -34,7 +34,9 @@ pub enum GearError {
     #[error("wear table is not csv of gear,radius_mm,depth_um: {0}")]
     WearTableCsv(#[from] csv::Error),
     /// The elastic model of a gear has no sound mesh.
-    #[error("the teeth or the ring of gear {gear} cannot be modelled for loaded contact: its elements would be folded")]
+    #[error(
+        "the teeth or the ring of gear {gear} cannot be modelled for loaded contact: its elements would be folded"
+    )]
     ElasticModel {
         /// Gear, 1 or 2.
         gear: usize,
@@ -59,7 +61,8 @@ pub enum GearError {
         /// Rotational angle φ₁ of the driving gear in rad.
         phi1_rad: f64,
     },
-    /// The vibration grows without bound: by the threshold rule teeth never part, and nothing limits what their changing stiffness stirs up.
+    /// The vibration grows without bound: by the threshold rule teeth never part, and nothing limits what
+    /// their changing stiffness stirs up.
     #[error(
         "the vibration grows without bound at {shaft_speed_hz} Hz: the mesh's changing stiffness stirs up a resonance that is hardly damped, expected more \
          damping, another speed or the contact rule `loaded`, by which teeth part"
@@ -75,7 +78,11 @@ pub enum GearError {
 
 impl GearError {
     /// A [`GearError::Field`].
-    pub(super) fn field(field: &'static str, value: impl std::fmt::Display, expected: impl Into<String>) -> Self {
+    pub(super) fn field(
+        field: &'static str,
+        value: impl std::fmt::Display,
+        expected: impl Into<String>,
+    ) -> Self {
         Self::Field {
             field,
             value: value.to_string(),
@@ -89,7 +96,11 @@ pub(super) fn within(field: &'static str, value: f64, least: f64, most: f64) -> 
     if value >= least && value <= most {
         Ok(value)
     } else {
-        Err(GearError::field(field, value, format!("a number from {least} to {most}")))
+        Err(GearError::field(
+            field,
+            value,
+            format!("a number from {least} to {most}"),
+        ))
     }
 }
 
@@ -98,6 +109,10 @@ pub(super) fn positive(field: &'static str, value: f64, most: f64) -> Result<f64
     if value > 0.0 && value <= most {
         Ok(value)
     } else {
-        Err(GearError::field(field, value, format!("a number above 0 and not above {most}")))
+        Err(GearError::field(
+            field,
+            value,
+            format!("a number above 0 and not above {most}"),
+        ))
     }
 }

@@ -1,4 +1,5 @@
-//! Mesh stiffness and transmission error as functions of the mesh phase, quick to look up, for several states side by side.
+//! Mesh stiffness and transmission error as functions of the mesh phase, quick to look up, for several states
+//! side by side.
 
 use super::dynamics::Excitation;
 use super::mesh_cycle::CyclePiece;
@@ -8,7 +9,8 @@ use super::{GearPair, MeshCycle};
 /// Cells of the mesh period. Within one, k and e are linear but where a piece ends.
 const CELLS: usize = 1024;
 
-/// Excitation over a piece of the mesh period: in each cell that it reaches into the cell's start and k, its slope, e and its slope there.
+/// Excitation over a piece of the mesh period: in each cell that it reaches into the cell's start and k, its
+/// slope, e and its slope there.
 #[derive(Debug)]
 pub(super) struct ExcitationPiece {
     /// Start and end in mesh periods.
@@ -34,7 +36,8 @@ impl ExcitationPiece {
         let at = |phase: f64| {
             let place = ((phase - piece.start) * places_per_period).clamp(0.0, count as f64);
             let cell = (place as usize).min(count - 1);
-            let between = |values: &[f64]| values[cell] + (place - cell as f64) * (values[cell + 1] - values[cell]);
+            let between =
+                |values: &[f64]| values[cell] + (place - cell as f64) * (values[cell + 1] - values[cell]);
             let error = base_m * between(&piece.uste_rad) + short_period_m(&pair.errors, phase);
             [between(&piece.stiffness_n_per_m), error]
         };
@@ -42,7 +45,10 @@ impl ExcitationPiece {
         let first = ((piece.start * cells) as usize).min(CELLS - 1);
         let last = ((piece.end * cells).ceil() as usize).clamp(first + 1, CELLS);
         let cell = |cell: usize| {
-            let (start, end) = ((cell as f64).max(piece.start * cells), (cell as f64 + 1.0).min(piece.end * cells));
+            let (start, end) = (
+                (cell as f64).max(piece.start * cells),
+                (cell as f64 + 1.0).min(piece.end * cells),
+            );
             let ([k, e], [next_k, next_e]) = (at(start / cells), at(end / cells));
             let width = (end - start).max(f64::MIN_POSITIVE);
             Cell {
@@ -62,7 +68,9 @@ impl ExcitationPiece {
     /// At a place in mesh periods.
     pub(super) fn at(&self, phase: f64) -> Excitation {
         let place = phase * CELLS as f64;
-        let cell = &self.cells[(place as usize).saturating_sub(self.first).min(self.cells.len() - 1)];
+        let cell = &self.cells[(place as usize)
+            .saturating_sub(self.first)
+            .min(self.cells.len() - 1)];
         let part = place - cell.start;
         Excitation {
             stiffness: cell.stiffness[0] + part * cell.stiffness[1],
@@ -94,7 +102,11 @@ impl<const LANES: usize> ExcitationLanes<LANES> {
             cut: vec![0; CELLS],
         };
         for (lane, cycle) in cycles.iter().enumerate() {
-            let pieces: Vec<ExcitationPiece> = cycle.pieces.iter().map(|piece| ExcitationPiece::new(piece, pair)).collect();
+            let pieces: Vec<ExcitationPiece> = cycle
+                .pieces
+                .iter()
+                .map(|piece| ExcitationPiece::new(piece, pair))
+                .collect();
             for piece in &pieces {
                 for (i, cell) in piece.cells.iter().enumerate() {
                     let [k, k_rise, e, e_rise] = &mut lanes.cells[piece.first + i];

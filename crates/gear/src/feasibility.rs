@@ -1,7 +1,11 @@
-//! Whether a described pair can be simulated from new down to the usual greatest wear, found out before anybody waits for it.
+//! Whether a described pair can be simulated from new down to the usual greatest wear, found out before
+//! anybody waits for it.
 
 use super::mesh_cycle::MeshCycle;
-use super::{ContactRule, ElasticBodies, FlankWear, GearError, GearPair, PairSpec, RunSettings, WearShape, simulate_together};
+use super::{
+    ContactRule, ElasticBodies, FlankWear, GearError, GearPair, PairSpec, RunSettings, WearShape,
+    simulate_together,
+};
 
 /// Positions of the mesh period that are kept of what is looked at.
 const POINTS: usize = 16;
@@ -13,18 +17,21 @@ const DEPTHS: usize = 8;
 /// Length in seconds and sampling rate in hertz of the vibration looked at.
 const SECONDS: f64 = 0.25;
 const SAMPLE_RATE_HZ: f64 = 20_000.0;
-/// Growth from the first to the last fifth of it that is no vibration of a machine: a library's record, eight times as long, would leave all numbers.
+/// Growth from the first to the last fifth of it that is no vibration of a machine: a library's record, eight
+/// times as long, would leave all numbers.
 const MOST_GROWTH: f64 = 10.0;
 
 impl PairSpec {
-    /// As [`PairSpec::resolve`], and works out the mesh of new flanks and of flanks worn down to [`PairSpec::usual_wear_um`], with the vibration by the threshold
-    /// rule, under which it can grow without bound: some hundredths of a second.
+    /// As [`PairSpec::resolve`], and works out the mesh of new flanks and of flanks worn down to
+    /// [`PairSpec::usual_wear_um`], with the vibration by the threshold rule, under which it can grow without
+    /// bound: some hundredths of a second.
     ///
     /// A course of wear after Archard is not followed; the usual shape stands for it.
     ///
     /// # Errors
-    /// Those of [`PairSpec::resolve`]; [`GearError::Field`] with the contact rule where flanks worn in the described shape leave each other, and
-    /// with the damping where the vibration grows without bound; those of [`MeshCycle::compute`].
+    /// Those of [`PairSpec::resolve`]; [`GearError::Field`] with the contact rule where flanks worn in the
+    /// described shape leave each other, and with the damping where the vibration grows without bound; those
+    /// of [`MeshCycle::compute`].
     pub fn check(&self) -> Result<GearPair, GearError> {
         let pair = self.resolve()?;
         match self.dynamics.contact {
@@ -125,7 +132,11 @@ mod tests {
     #[test]
     fn vibration_that_grows_without_bound_is_refused() {
         let mut spec = shen2022_spec();
-        (spec.geometry.teeth, spec.geometry.module_mm, spec.geometry.face_width_mm) = ([36, 66], 1.33, 6.6);
+        (
+            spec.geometry.teeth,
+            spec.geometry.module_mm,
+            spec.geometry.face_width_mm,
+        ) = ([36, 66], 1.33, 6.6);
         (spec.geometry.bore_radius_mm, spec.geometry.centre_distance_mm) = ([5.0, 9.0], None);
         (spec.material.youngs_modulus_pa, spec.material.density_kg_per_m3) = (2.8e9, 1410.0);
         (spec.operation.torque_nm, spec.operation.output_torque_nm) = (0.025, None);
@@ -147,9 +158,17 @@ mod tests {
     /// `fixtures/pairs/bad/worn-out-of-contact.toml`, whose library would fail after a part of its states.
     #[test]
     fn wear_that_parts_rigid_flanks_is_refused_with_the_depth_that_it_carries() {
-        let mut spec = PairSpec::from_toml(include_str!("../../../fixtures/pairs/bad/worn-out-of-contact.toml")).unwrap();
+        let mut spec = PairSpec::from_toml(include_str!(
+            "../../../fixtures/pairs/bad/worn-out-of-contact.toml"
+        ))
+        .unwrap();
         let refusal = spec.check().unwrap_err();
-        let GearError::Field { field, value, expected } = &refusal else {
+        let GearError::Field {
+            field,
+            value,
+            expected,
+        } = &refusal
+        else {
             panic!("{refusal}");
         };
         assert_eq!((*field, value.as_str()), ("dynamics.contact", "threshold"));

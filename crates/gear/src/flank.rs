@@ -1,4 +1,5 @@
-//! One flank in the tooth's own coordinates X (the tooth's centre line) and Y: the perfect involute and what wear leaves of it.
+//! One flank in the tooth's own coordinates X (the tooth's centre line) and Y: the perfect involute and what
+//! wear leaves of it.
 
 use super::wear::WearProfile;
 use super::{FlankWear, Gear};
@@ -39,7 +40,8 @@ impl FlankPoint {
         self.x_mm * cos - (self.y_mm - self.depth_mm) * sin
     }
 
-    /// Distance of the worn point from the foot of the centre's perpendicular on its normal: R_b (α₂ + α₁) on a perfect flank.
+    /// Distance of the worn point from the foot of the centre's perpendicular on its normal: R_b (α₂ + α₁) on
+    /// a perfect flank.
     pub fn normal_length_mm(&self) -> f64 {
         let (sin, cos) = self.lambda_sin_cos;
         self.x_mm * sin + (self.y_mm - self.depth_mm) * cos
@@ -77,7 +79,8 @@ impl<'a> Flank<'a> {
         let secant = (1.0 + roll * roll).sqrt();
         let radius_mm = base * secant;
         let (depth_mm, depth_over_radius) = self.wear.depth_and_slope(radius_mm);
-        // ds/dα = R_b roll/secant and dx/dα = R_b roll cos α, so ds/dx has no zero over zero at the base circle.
+        // ds/dα = R_b roll/secant and dx/dα = R_b roll cos α, so ds/dx has no zero over zero at the base
+        // circle.
         let depth_slope = depth_over_radius / (secant * cos);
         let tan = sin / cos + depth_slope;
         let lambda_cos = 1.0 / (1.0 + tan * tan).sqrt();
@@ -143,7 +146,9 @@ mod tests {
         let (pair, wear) = typical_wear();
         for point in Flank::new(&pair.gears[0], &wear, 0).active_points(50) {
             let perfect = point.y_mm.atan2(point.x_mm);
-            let gamma = ((point.radius_mm * perfect.sin() - point.depth_mm) / (point.radius_mm * perfect.cos())).atan();
+            let gamma = ((point.radius_mm * perfect.sin() - point.depth_mm)
+                / (point.radius_mm * perfect.cos()))
+            .atan();
             assert!((point.gamma_rad() - gamma).abs() < 1e-14);
             assert!((point.worn_radius_mm() - point.radius_mm * perfect.cos() / gamma.cos()).abs() < 1e-12);
         }
@@ -156,8 +161,10 @@ mod tests {
             let flank = Flank::new(gear, &wear, i);
             let step = 1e-6;
             for k in 1..40 {
-                let alpha = gear.root_angle_rad + (gear.tip_angle_rad - gear.root_angle_rad) * (f64::from(k) + 0.3) / 41.0;
-                let (before, point, after) = (flank.at(alpha - step), flank.at(alpha), flank.at(alpha + step));
+                let alpha = gear.root_angle_rad
+                    + (gear.tip_angle_rad - gear.root_angle_rad) * (f64::from(k) + 0.3) / 41.0;
+                let (before, point, after) =
+                    (flank.at(alpha - step), flank.at(alpha), flank.at(alpha + step));
                 let differenced = (after.depth_mm - before.depth_mm) / (after.x_mm - before.x_mm);
                 assert!(
                     (differenced - point.depth_slope).abs() < 1e-8,
@@ -165,7 +172,8 @@ mod tests {
                     point.depth_slope
                 );
                 // Eq. (19): the worn flank's own tangent.
-                let tangent = ((after.y_mm - after.depth_mm) - (before.y_mm - before.depth_mm)) / (after.x_mm - before.x_mm);
+                let tangent = ((after.y_mm - after.depth_mm) - (before.y_mm - before.depth_mm))
+                    / (after.x_mm - before.x_mm);
                 assert!((tangent + point.lambda_rad.tan()).abs() < 1e-8);
             }
         }

@@ -5,10 +5,12 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use super::refusals::Refusals;
 use super::{Errors, GearError, GeometrySpec, PairSpec, Supports, limits};
 
-/// Thinnest tip in modules that does not count as pointed: wear of the usual greatest depth, 0.04 modules, leaves something of each half.
+/// Thinnest tip in modules that does not count as pointed: wear of the usual greatest depth, 0.04 modules,
+/// leaves something of each half.
 pub(super) const LEAST_TIP_THICKNESS_MODULES: f64 = 0.1;
 
-/// One gear of a pair. Angles of flank points are the paper's α₁: the angle between the flank's normal there and the tooth's Y axis.
+/// One gear of a pair. Angles of flank points are the paper's α₁: the angle between the flank's normal there
+/// and the tooth's Y axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gear {
     /// Tooth number z.
@@ -61,12 +63,13 @@ impl GearPair {
     pub(super) fn resolve(spec: &PairSpec) -> Result<Self, GearError> {
         let mut refusals = Refusals::default();
         let pair = Self::drafted(spec, &mut refusals);
-        refusals
-            .first()
-            .and_then(|()| pair.ok_or_else(|| GearError::field("geometry", "no pair", "two gears that can mesh")))
+        refusals.first().and_then(|()| {
+            pair.ok_or_else(|| GearError::field("geometry", "no pair", "two gears that can mesh"))
+        })
     }
 
-    /// Works out the geometry as far as there is one, and notes everything that cannot be, the first reason first.
+    /// Works out the geometry as far as there is one, and notes everything that cannot be, the first reason
+    /// first.
     pub(super) fn drafted(spec: &PairSpec, refusals: &mut Refusals) -> Option<Self> {
         let basic = &spec.geometry;
         limits::check_basic(basic, refusals);
@@ -83,25 +86,38 @@ impl GearPair {
         let zero_backlash = refusals.take(zero_backlash_angle(basic, alpha0))?;
         let least_centre_mm = (base[0] + base[1]) / zero_backlash.cos();
         let centre_distance_mm = basic.centre_distance_mm.unwrap_or(least_centre_mm);
-        refusals.note(limits::check_centre(basic, centre_distance_mm, base, least_centre_mm));
+        refusals.note(limits::check_centre(
+            basic,
+            centre_distance_mm,
+            base,
+            least_centre_mm,
+        ));
         if centre_distance_mm <= base[0] + base[1] {
             return None;
         }
         let pressure_angle_rad = ((base[0] + base[1]) / centre_distance_mm).acos();
 
-        let tip = [0, 1].map(|i| reference[i] + (basic.addendum[i] + basic.profile_shift[i]) * basic.module_mm);
-        let root = [0, 1].map(|i| reference[i] - (basic.dedendum[i] - basic.profile_shift[i]) * basic.module_mm);
+        let tip =
+            [0, 1].map(|i| reference[i] + (basic.addendum[i] + basic.profile_shift[i]) * basic.module_mm);
+        let root =
+            [0, 1].map(|i| reference[i] - (basic.dedendum[i] - basic.profile_shift[i]) * basic.module_mm);
         let mut gears = Vec::with_capacity(2);
         for i in 0..2 {
             limits::check_tooth(basic, i, [base[i], tip[i], root[i]], alpha0, refusals);
             if tip[i] + root[1 - i] > centre_distance_mm + 1e-9 {
-                let most = (centre_distance_mm - root[1 - i] - reference[i]) / basic.module_mm - basic.profile_shift[i];
-                let expected = format!("at most {most:.4}, where the tip of gear {} reaches the other's root", i + 1);
+                let most = (centre_distance_mm - root[1 - i] - reference[i]) / basic.module_mm
+                    - basic.profile_shift[i];
+                let expected = format!(
+                    "at most {most:.4}, where the tip of gear {} reaches the other's root",
+                    i + 1
+                );
                 refusals.add(GearError::field("geometry.addendum", basic.addendum[i], expected));
             }
             let teeth = f64::from(basic.teeth[i]);
-            let base_half_angle_rad = FRAC_PI_2 / teeth + involute(alpha0) + 2.0 * basic.profile_shift[i] * alpha0.tan() / teeth;
-            let sap_length_mm = centre_distance_mm * pressure_angle_rad.sin() - flank_length(tip[1 - i], base[1 - i]);
+            let base_half_angle_rad =
+                FRAC_PI_2 / teeth + involute(alpha0) + 2.0 * basic.profile_shift[i] * alpha0.tan() / teeth;
+            let sap_length_mm =
+                centre_distance_mm * pressure_angle_rad.sin() - flank_length(tip[1 - i], base[1 - i]);
             refusals.note(limits::check_active_profile(basic, i, sap_length_mm, alpha0));
             gears.push(Gear {
                 teeth: basic.teeth[i],
@@ -138,13 +154,14 @@ impl GearPair {
         (self.gears[0].tip_angle_rad - self.gears[0].root_angle_rad) / self.gears[0].pitch_angle_rad()
     }
 
-    /// Nominal start of contact of a pair of teeth: φ₁ in rad at which the driven tip meets the driving start of active profile.
+    /// Nominal start of contact of a pair of teeth: φ₁ in rad at which the driven tip meets the driving start
+    /// of active profile.
     pub fn start_of_contact_rad(&self) -> f64 {
         self.gears[0].root_angle_rad - self.pressure_angle_rad
     }
 
-    /// φ₁ R_b1/R_b2 − φ₂ of perfect flanks in rad, the same at every rotation: from φ₁ = α₁ − α, φ₂ = α − α₁′ and
-    /// R_b1 (α₁ + α₂) + R_b2 (α₁′ + α₂′) = a sin α.
+    /// φ₁ R_b1/R_b2 − φ₂ of perfect flanks in rad, the same at every rotation: from φ₁ = α₁ − α, φ₂ = α − α₁′
+    /// and R_b1 (α₁ + α₂) + R_b2 (α₁′ + α₂′) = a sin α.
     pub fn perfect_lag_rad(&self) -> f64 {
         let [driving, driven] = &self.gears;
         let angle = self.pressure_angle_rad;
@@ -168,12 +185,18 @@ impl GearPair {
                     "less: the tip of gear {} would be {thickness:.3} modules thick, below {LEAST_TIP_THICKNESS_MODULES} it is pointed",
                     i + 1
                 );
-                refusals.add(GearError::field("geometry.addendum", self.spec.geometry.addendum[i], expected));
+                refusals.add(GearError::field(
+                    "geometry.addendum",
+                    self.spec.geometry.addendum[i],
+                    expected,
+                ));
             }
         }
         let ratio = self.contact_ratio();
         if ratio < 1.0 {
-            let expected = format!("a longer tooth or more teeth: the contact ratio is {ratio:.4}, at least 1 carries the mesh on");
+            let expected = format!(
+                "a longer tooth or more teeth: the contact ratio is {ratio:.4}, at least 1 carries the mesh on"
+            );
             refusals.add(GearError::field(
                 "geometry.addendum",
                 format!("{:?}", self.spec.geometry.addendum),
@@ -206,7 +229,8 @@ fn flank_length(radius: f64, base: f64) -> f64 {
     (radius * radius - base * base).max(0.0).sqrt()
 }
 
-/// Operating pressure angle of zero backlash: inv α = inv α₀ + 2 tan α₀ (x₁ + x₂)/(z₁ + z₂), by Newton's method.
+/// Operating pressure angle of zero backlash: inv α = inv α₀ + 2 tan α₀ (x₁ + x₂)/(z₁ + z₂), by Newton's
+/// method.
 fn zero_backlash_angle(basic: &GeometrySpec, alpha0: f64) -> Result<f64, GearError> {
     let teeth = f64::from(basic.teeth[0]) + f64::from(basic.teeth[1]);
     let shift = basic.profile_shift[0] + basic.profile_shift[1];
@@ -242,12 +266,16 @@ fn disc_mass(spec: &PairSpec, radius_mm: f64) -> f64 {
 }
 
 fn mass(spec: &PairSpec, i: usize, radius_mm: f64) -> f64 {
-    spec.dynamics.mass_kg.map_or_else(|| disc_mass(spec, radius_mm), |masses| masses[i])
+    spec.dynamics
+        .mass_kg
+        .map_or_else(|| disc_mass(spec, radius_mm), |masses| masses[i])
 }
 
 fn inertia(spec: &PairSpec, i: usize, radius_mm: f64) -> f64 {
     let disc = || disc_mass(spec, radius_mm) * (radius_mm * 1e-3).powi(2) / 2.0;
-    spec.dynamics.inertia_kg_m2.map_or_else(disc, |inertias| inertias[i])
+    spec.dynamics
+        .inertia_kg_m2
+        .map_or_else(disc, |inertias| inertias[i])
 }
 
 #[cfg(test)]
@@ -256,8 +284,8 @@ mod tests {
 
     #[test]
     fn centre_distance_follows_from_the_profile_shifts() {
-        // Niemann/Winter's formulae by hand: z 20/40, m 3, x 0.3/0.2; inv α_w = inv 20° + 2 tan 20° 0.5/60 = 0.020 970 7,
-        // α_w = 22.336°, a = 90 cos 20°/cos α_w.
+        // Niemann/Winter's formulae by hand: z 20/40, m 3, x 0.3/0.2; inv α_w = inv 20° + 2 tan 20° 0.5/60 =
+        // 0.020 970 7, α_w = 22.336°, a = 90 cos 20°/cos α_w.
         let mut spec = shen2022_spec();
         spec.geometry.teeth = [20, 40];
         spec.geometry.module_mm = 3.0;
@@ -266,7 +294,11 @@ mod tests {
         spec.geometry.centre_distance_mm = None;
         let pair = spec.resolve().unwrap();
         let angle = pair.pressure_angle_rad;
-        assert!((angle.tan() - angle - 0.020_970_7).abs() < 2e-7, "inv {}", angle.tan() - angle);
+        assert!(
+            (angle.tan() - angle - 0.020_970_7).abs() < 2e-7,
+            "inv {}",
+            angle.tan() - angle
+        );
         assert!((pair.centre_distance_mm - 90.0 * 20.0_f64.to_radians().cos() / angle.cos()).abs() < 1e-9);
         assert!((pair.gears[0].pitch_radius_mm * 3.0 - pair.centre_distance_mm).abs() < 1e-9);
         // Zero backlash: the two operating pitch circles' thicknesses fill one pitch.
@@ -280,7 +312,8 @@ mod tests {
 
     #[test]
     fn length_of_contact_over_the_base_pitch_is_the_contact_ratio() {
-        // The textbook's ε = (√(r_a1² − r_b1²) + √(r_a2² − r_b2²) − a sin α_w)/p_b, at an extended centre distance.
+        // The textbook's ε = (√(r_a1² − r_b1²) + √(r_a2² − r_b2²) − a sin α_w)/p_b, at an extended centre
+        // distance.
         let mut spec = shen2022_spec();
         spec.geometry.centre_distance_mm = Some(151.5);
         let pair = spec.resolve().unwrap();

@@ -1,5 +1,6 @@
-//! The physics of one spur gear pair with worn flanks, after Shen et al. 2022: worn geometry, the new mesh relationship,
-//! mesh stiffness, unloaded static transmission error, and the 4-DOF dynamics that turn them into vibration.
+//! The physics of one spur gear pair with worn flanks, after Shen et al. 2022: worn geometry, the new mesh
+//! relationship, mesh stiffness, unloaded static transmission error, and the 4-DOF dynamics that turn them
+//! into vibration.
 //!
 //! Four types carry it, each made from the one before:
 //!
@@ -41,9 +42,10 @@
 //! # Ok::<(), flankwatch_gear::GearError>(())
 //! ```
 //!
-//! Gear 1 drives; X₁ is the tooth's centre line; φ₁ is the angle of X₁ above the line of centres. The model follows Z. Shen, L. Yang, B. Qiao,
-//! W. Luo, X. Chen and R. Yan, *Mesh relationship modeling and dynamic characteristic analysis of external spur gears with gear wear*,
-//! Frontiers of Mechanical Engineering 17, 2022.
+//! Gear 1 drives; X₁ is the tooth's centre line; φ₁ is the angle of X₁ above the line of centres. The model
+//! follows Z. Shen, L. Yang, B. Qiao, W. Luo, X. Chen and R. Yan, *Mesh relationship modeling and dynamic
+//! characteristic analysis of external spur gears with gear wear*, Frontiers of Mechanical Engineering
+//! 17, 2022.
 //!
 //! # Features
 //! - `openapi`: `utoipa::ToSchema` for the pair file.
@@ -108,8 +110,8 @@ pub use geometry::{Gear, GearPair};
 pub use load_sharing::ElasticBodies;
 pub use mesh_cycle::MeshCycle;
 pub use pair::{
-    ContactRule, DynamicsSpec, ErrorSpec, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, PlaneState, ResponseCoordinate, SupportSpec,
-    WearPoint, WearShape, WearSpec,
+    ContactRule, DynamicsSpec, ErrorSpec, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, PlaneState,
+    ResponseCoordinate, SupportSpec, WearPoint, WearShape, WearSpec,
 };
 pub use relationship::MeshRelationship;
 pub use response::{simulate, simulate_together};

@@ -6,14 +6,15 @@ use super::error::{positive, within};
 use super::refusals::Refusals;
 use super::{ErrorSpec, GearError, GeometrySpec, MaterialSpec, PairSpec, wear};
 
-/// Greatest bottom clearance of the basic rack in modules (ISO 53, profile A); the rack's flank is straight above it.
+/// Greatest bottom clearance of the basic rack in modules (ISO 53, profile A); the rack's flank is straight
+/// above it.
 const RACK_CLEARANCE_MODULES: f64 = 0.25;
 /// Undercut that is let pass, in modules: 17 teeth of standard form are cut without harm.
 pub(super) const HARMLESS_UNDERCUT_MODULES: f64 = 0.01;
 /// Least ratio of root to bore radius for which the foundation's polynomial was made (Sainsot et al. 2004).
 pub(super) const LEAST_ROOT_TO_BORE: f64 = 1.4;
-/// Greatest force on the teeth over Young's modulus, face width and module. A pair of teeth gives way by about 12 times as many modules; steel bears a
-/// thirtieth of it, plastics a third.
+/// Greatest force on the teeth over Young's modulus, face width and module. A pair of teeth gives way by
+/// about 12 times as many modules; steel bears a thirtieth of it, plastics a third.
 const GREATEST_LOAD: f64 = 0.02;
 /// Tightness of the mesh in modules that counts as the rounding of a centre distance.
 pub(super) const CENTRE_ROUNDING_MODULES: f64 = 0.01;
@@ -27,12 +28,22 @@ pub(super) fn check_basic(basic: &GeometrySpec, refusals: &mut Refusals) {
     }
     refusals.note(positive("geometry.module_mm", basic.module_mm, 200.0));
     refusals.note(positive("geometry.face_width_mm", basic.face_width_mm, 10_000.0));
-    refusals.note(within("geometry.pressure_angle_deg", basic.pressure_angle_deg, 10.0, 40.0));
+    refusals.note(within(
+        "geometry.pressure_angle_deg",
+        basic.pressure_angle_deg,
+        10.0,
+        40.0,
+    ));
     for i in 0..2 {
         refusals.note(positive("geometry.addendum", basic.addendum[i], 3.0));
         refusals.note(positive("geometry.dedendum", basic.dedendum[i], 4.0));
         refusals.note(positive("geometry.bore_radius_mm", basic.bore_radius_mm[i], 1e6));
-        refusals.note(within("geometry.profile_shift", basic.profile_shift[i], -3.0, 3.0));
+        refusals.note(within(
+            "geometry.profile_shift",
+            basic.profile_shift[i],
+            -3.0,
+            3.0,
+        ));
     }
     if let Some(centre) = basic.centre_distance_mm {
         refusals.note(positive("geometry.centre_distance_mm", centre, 1e7));
@@ -53,15 +64,27 @@ pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
     if let Some(torque) = spec.operation.output_torque_nm {
         refusals.note(positive("operation.output_torque_nm", torque, 1e9));
     }
-    refusals.note(positive("operation.shaft_speed_hz", spec.operation.shaft_speed_hz, 1e4));
+    refusals.note(positive(
+        "operation.shaft_speed_hz",
+        spec.operation.shaft_speed_hz,
+        1e4,
+    ));
     if let Some(stiffness) = spec.supports.stiffness_n_per_m {
         refusals.note(positive("supports.stiffness_n_per_m", stiffness, 1e13));
     }
     if let Some(damping) = spec.supports.damping_n_s_per_m {
         refusals.note(within("supports.damping_n_s_per_m", damping, 0.0, 1e10));
     }
-    refusals.note(positive("dynamics.mesh_damping_ratio", spec.dynamics.mesh_damping_ratio, 2.0));
-    refusals.note(positive("dynamics.contact_threshold_rad", spec.dynamics.contact_threshold_rad, 0.1));
+    refusals.note(positive(
+        "dynamics.mesh_damping_ratio",
+        spec.dynamics.mesh_damping_ratio,
+        2.0,
+    ));
+    refusals.note(positive(
+        "dynamics.contact_threshold_rad",
+        spec.dynamics.contact_threshold_rad,
+        0.1,
+    ));
     for i in 0..2 {
         if let Some(masses) = spec.dynamics.mass_kg {
             refusals.note(positive("dynamics.mass_kg", masses[i], 1e8));
@@ -96,7 +119,8 @@ pub(super) fn check_physics(spec: &PairSpec, refusals: &mut Refusals) {
     refusals.note(wear::check_shape(&spec.wear));
 }
 
-/// Both torques against the teeth: the force along the line of action on a piece of rack one module high and as wide as the teeth.
+/// Both torques against the teeth: the force along the line of action on a piece of rack one module high and
+/// as wide as the teeth.
 pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearError> {
     let torques = [
         ("operation.torque_nm", Some(spec.operation.torque_nm)),
@@ -105,7 +129,9 @@ pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearErro
     for ((field, torque_nm), base_mm) in torques.into_iter().zip(base) {
         let most_nm = most_torque_nm(spec, base_mm);
         if let Some(torque_nm) = torque_nm.filter(|torque| *torque > most_nm) {
-            let expected = format!("at most {most_nm:.4}: teeth of this width and material would bend by a quarter of the module");
+            let expected = format!(
+                "at most {most_nm:.4}: teeth of this width and material would bend by a quarter of the module"
+            );
             return Err(GearError::field(field, torque_nm, expected));
         }
     }
@@ -115,11 +141,22 @@ pub(super) fn check_load(spec: &PairSpec, base: [f64; 2]) -> Result<(), GearErro
 /// Greatest torque in N·m that teeth of this width and material bear on a gear of this base radius.
 pub(super) fn most_torque_nm(spec: &PairSpec, base_mm: f64) -> f64 {
     let basic = &spec.geometry;
-    GREATEST_LOAD * spec.material.youngs_modulus_pa * basic.face_width_mm * basic.module_mm * 1e-6 * base_mm * 1e-3
+    GREATEST_LOAD
+        * spec.material.youngs_modulus_pa
+        * basic.face_width_mm
+        * basic.module_mm
+        * 1e-6
+        * base_mm
+        * 1e-3
 }
 
 /// The centre distance against the base radii and against `least_mm`, that of zero backlash.
-pub(super) fn check_centre(basic: &GeometrySpec, centre_mm: f64, base: [f64; 2], least_mm: f64) -> Result<(), GearError> {
+pub(super) fn check_centre(
+    basic: &GeometrySpec,
+    centre_mm: f64,
+    base: [f64; 2],
+    least_mm: f64,
+) -> Result<(), GearError> {
     let field = "geometry.centre_distance_mm";
     if centre_mm <= base[0] + base[1] {
         let expected = format!("more than {:.4}, the sum of the base radii", base[0] + base[1]);
@@ -139,16 +176,28 @@ pub(super) fn check_reach(centre_mm: f64, tip: [f64; 2]) -> Result<(), GearError
             "less than {:.4}, the sum of the tip radii: beyond it no teeth are in contact",
             tip[0] + tip[1]
         );
-        return Err(GearError::field("geometry.centre_distance_mm", centre_mm, expected));
+        return Err(GearError::field(
+            "geometry.centre_distance_mm",
+            centre_mm,
+            expected,
+        ));
     }
     Ok(())
 }
 
 /// Undercut, tooth height and bore of gear `i` with its `[base, tip, root]` radii.
-pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f64; 3], alpha0: f64, refusals: &mut Refusals) {
+pub(super) fn check_tooth(
+    basic: &GeometrySpec,
+    i: usize,
+    [base, tip, root]: [f64; 3],
+    alpha0: f64,
+    refusals: &mut Refusals,
+) {
     let number = i + 1;
     if tip <= base || tip <= root {
-        let expected = format!("more: the tip radius {tip:.4} of gear {number} mm is not above its base and root circles");
+        let expected = format!(
+            "more: the tip radius {tip:.4} of gear {number} mm is not above its base and root circles"
+        );
         refusals.add(GearError::field("geometry.addendum", basic.addendum[i], expected));
         return;
     }
@@ -163,7 +212,8 @@ pub(super) fn check_tooth(basic: &GeometrySpec, i: usize, [base, tip, root]: [f6
     }
     let least_shift = least_profile_shift(basic, i, alpha0);
     if basic.profile_shift[i] < least_shift - HARMLESS_UNDERCUT_MODULES {
-        let least_teeth = (2.0 * (rack_depth(basic, i) - basic.profile_shift[i]) / alpha0.sin().powi(2)).ceil();
+        let least_teeth =
+            (2.0 * (rack_depth(basic, i) - basic.profile_shift[i]) / alpha0.sin().powi(2)).ceil();
         let expected = format!(
             "at least {least_teeth} teeth on gear {number} or a profile shift of at least {least_shift:.4}, below it the tooth is undercut"
         );
@@ -179,14 +229,20 @@ pub(super) fn least_profile_shift(basic: &GeometrySpec, i: usize, alpha0: f64) -
 /// Length in mm on the line of action from gear `i`'s base circle to the end of its involute.
 pub(super) fn form_length_mm(basic: &GeometrySpec, i: usize, alpha0: f64) -> f64 {
     let reference = basic.module_mm * f64::from(basic.teeth[i]) / 2.0;
-    (reference * alpha0.sin() - (rack_depth(basic, i) - basic.profile_shift[i]) * basic.module_mm / alpha0.sin()).max(0.0)
+    (reference * alpha0.sin()
+        - (rack_depth(basic, i) - basic.profile_shift[i]) * basic.module_mm / alpha0.sin())
+    .max(0.0)
 }
 
-/// The rack that cuts gear `i` must have a tooth with a tip: half its thickness is π/4 modules on the rolling line.
+/// The rack that cuts gear `i` must have a tooth with a tip: half its thickness is π/4 modules on the rolling
+/// line.
 fn check_rack(basic: &GeometrySpec, i: usize, alpha0: f64) -> Result<(), GearError> {
     let most = FRAC_PI_4 / alpha0.tan();
     if basic.dedendum[i] >= most {
-        let expected = format!("less than {most:.4}, where the rack that cuts gear {} is pointed", i + 1);
+        let expected = format!(
+            "less than {most:.4}, where the rack that cuts gear {} is pointed",
+            i + 1
+        );
         return Err(GearError::field("geometry.dedendum", basic.dedendum[i], expected));
     }
     Ok(())
@@ -198,7 +254,12 @@ fn rack_depth(basic: &GeometrySpec, i: usize) -> f64 {
 }
 
 /// The mating tip must meet gear `i` on its involute, at or above the form circle where the fillet ends.
-pub(super) fn check_active_profile(basic: &GeometrySpec, i: usize, sap_length_mm: f64, alpha0: f64) -> Result<(), GearError> {
+pub(super) fn check_active_profile(
+    basic: &GeometrySpec,
+    i: usize,
+    sap_length_mm: f64,
+    alpha0: f64,
+) -> Result<(), GearError> {
     let form_length_mm = form_length_mm(basic, i, alpha0);
     if sap_length_mm < form_length_mm - 1e-6 * basic.module_mm {
         let expected = format!(
@@ -207,7 +268,11 @@ pub(super) fn check_active_profile(basic: &GeometrySpec, i: usize, sap_length_mm
             i + 1,
             form_length_mm - sap_length_mm
         );
-        return Err(GearError::field("geometry.addendum", basic.addendum[1 - i], expected));
+        return Err(GearError::field(
+            "geometry.addendum",
+            basic.addendum[1 - i],
+            expected,
+        ));
     }
     Ok(())
 }
@@ -227,8 +292,12 @@ mod tests {
             ("geometry.module_mm", |s| s.geometry.module_mm = 0.0),
             ("geometry.module_mm", |s| s.geometry.module_mm = f64::NAN),
             ("geometry.face_width_mm", |s| s.geometry.face_width_mm = -50.0),
-            ("geometry.pressure_angle_deg", |s| s.geometry.pressure_angle_deg = 0.0),
-            ("geometry.pressure_angle_deg", |s| s.geometry.pressure_angle_deg = 90.0),
+            ("geometry.pressure_angle_deg", |s| {
+                s.geometry.pressure_angle_deg = 0.0
+            }),
+            ("geometry.pressure_angle_deg", |s| {
+                s.geometry.pressure_angle_deg = 90.0
+            }),
             ("geometry.addendum", |s| s.geometry.addendum[1] = f64::INFINITY),
             ("geometry.addendum", |s| s.geometry.addendum = [0.3, 0.3]),
             ("geometry.addendum", |s| s.geometry.addendum = [1.3, 1.0]),
@@ -238,23 +307,45 @@ mod tests {
             ("wear.tip_ratio", |s| s.wear.tip_ratio = 1.5),
             ("wear.exponent", |s| s.wear.exponent = 1.0),
             ("wear.table", |s| s.wear.shape = WearShape::Table),
-            ("geometry.profile_shift", |s| s.geometry.profile_shift[0] = f64::NAN),
+            ("geometry.profile_shift", |s| {
+                s.geometry.profile_shift[0] = f64::NAN
+            }),
             ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[0] = 64.5),
             ("geometry.bore_radius_mm", |s| s.geometry.bore_radius_mm[1] = 0.0),
-            ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(140.0)),
-            ("geometry.centre_distance_mm", |s| s.geometry.centre_distance_mm = Some(149.0)),
-            ("geometry.addendum", |s| s.geometry.centre_distance_mm = Some(158.0)),
-            ("material.youngs_modulus_pa", |s| s.material.youngs_modulus_pa = 0.0),
+            ("geometry.centre_distance_mm", |s| {
+                s.geometry.centre_distance_mm = Some(140.0)
+            }),
+            ("geometry.centre_distance_mm", |s| {
+                s.geometry.centre_distance_mm = Some(149.0)
+            }),
+            ("geometry.addendum", |s| {
+                s.geometry.centre_distance_mm = Some(158.0)
+            }),
+            ("material.youngs_modulus_pa", |s| {
+                s.material.youngs_modulus_pa = 0.0
+            }),
             ("material.poisson_ratio", |s| s.material.poisson_ratio = 0.5),
-            ("material.density_kg_per_m3", |s| s.material.density_kg_per_m3 = f64::NAN),
+            ("material.density_kg_per_m3", |s| {
+                s.material.density_kg_per_m3 = f64::NAN
+            }),
             ("operation.torque_nm", |s| s.operation.torque_nm = 0.0),
             ("operation.torque_nm", |s| s.operation.torque_nm = f64::NAN),
-            ("operation.output_torque_nm", |s| s.operation.output_torque_nm = Some(-1.0)),
+            ("operation.output_torque_nm", |s| {
+                s.operation.output_torque_nm = Some(-1.0)
+            }),
             ("operation.shaft_speed_hz", |s| s.operation.shaft_speed_hz = 0.0),
-            ("supports.stiffness_n_per_m", |s| s.supports.stiffness_n_per_m = Some(0.0)),
-            ("supports.damping_n_s_per_m", |s| s.supports.damping_n_s_per_m = Some(-1.0)),
-            ("dynamics.mesh_damping_ratio", |s| s.dynamics.mesh_damping_ratio = 0.0),
-            ("dynamics.contact_threshold_rad", |s| s.dynamics.contact_threshold_rad = f64::NAN),
+            ("supports.stiffness_n_per_m", |s| {
+                s.supports.stiffness_n_per_m = Some(0.0)
+            }),
+            ("supports.damping_n_s_per_m", |s| {
+                s.supports.damping_n_s_per_m = Some(-1.0)
+            }),
+            ("dynamics.mesh_damping_ratio", |s| {
+                s.dynamics.mesh_damping_ratio = 0.0
+            }),
+            ("dynamics.contact_threshold_rad", |s| {
+                s.dynamics.contact_threshold_rad = f64::NAN
+            }),
             ("dynamics.mass_kg", |s| s.dynamics.mass_kg = Some([1.0, 0.0])),
             ("errors.random_clock_hz", |s| s.errors.random_clock_hz = 0.0),
         ];
@@ -268,7 +359,8 @@ mod tests {
         }
     }
 
-    /// A hundred times what the paper's pair carries is too much for its teeth, and for ones of plastic what it carries.
+    /// A hundred times what the paper's pair carries is too much for its teeth, and for ones of plastic what
+    /// it carries.
     #[test]
     fn the_torque_is_held_against_the_teeth() {
         let refusal = |change: fn(&mut PairSpec)| {
@@ -287,7 +379,10 @@ mod tests {
             "{plastic}"
         );
         let output = refusal(|s| s.operation.output_torque_nm = Some(1e9));
-        assert!(output.starts_with("operation.output_torque_nm is 1000000000"), "{output}");
+        assert!(
+            output.starts_with("operation.output_torque_nm is 1000000000"),
+            "{output}"
+        );
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Approach of two flanks along their contact line: Hertz's, and that of a tip edge on the other flank.
 //!
-//! Both bodies are half-planes here. The smaller body may end at an edge; from the edge on the gap is g(t) = β t + κ t²/2. The pressure on
-//! 0 < t < c that closes it is √((1 − ξ)/(1 + ξ)) (A + B ξ) with t = c (1 + ξ)/2, which gives everything below in closed form. At β = −κ c/2
-//! the pressure at the edge is no longer singular: from there on the edge has no part in it and the contact is Hertz's.
+//! Both bodies are half-planes here. The smaller body may end at an edge; from the edge on the gap is g(t) =
+//! β t + κ t²/2. The pressure on 0 < t < c that closes it is √((1 − ξ)/(1 + ξ)) (A + B ξ) with t = c (1 +
+//! ξ)/2, which gives everything below in closed form. At β = −κ c/2 the pressure at the edge is no longer
+//! singular: from there on the edge has no part in it and the contact is Hertz's.
 
 use std::f64::consts::PI;
 
@@ -11,8 +12,8 @@ use std::f64::consts::PI;
 pub(super) struct LineContact {
     /// Relative curvature κ of the flanks in 1/mm, above zero.
     pub(super) curvature_per_mm: f64,
-    /// Angle β in rad between the flanks at the nearest tip edge: positive where the edge itself touches first, else −κ times the distance
-    /// of the first point of contact from it.
+    /// Angle β in rad between the flanks at the nearest tip edge: positive where the edge itself touches
+    /// first, else −κ times the distance of the first point of contact from it.
     pub(super) edge_angle_rad: f64,
 }
 
@@ -50,7 +51,11 @@ impl LineContact {
         let linear = 0.25 * curvature * width;
         let constant = 0.5 * (angle + 0.5 * curvature * width) + linear;
         // Measured from the point that touches first, which is beside the edge for β < 0.
-        let beside = if angle < 0.0 { 0.5 * angle * angle / curvature } else { 0.0 };
+        let beside = if angle < 0.0 {
+            0.5 * angle * angle / curvature
+        } else {
+            0.0
+        };
         Approach {
             depth_mm: 2.0 * unit * (4.0 / width).ln() + width * (constant - 1.25 * linear) + beside,
             centre_mm: 0.25 * width * constant / (constant - 0.5 * linear),
@@ -62,8 +67,9 @@ impl LineContact {
 mod tests {
     use super::LineContact;
 
-    /// Johnson, Contact Mechanics, Eq. (5.57): each body's compression between surface and depth d under Hertz's pressure is
-    /// P (1 − ν²)/(πE) (2 ln(2d/b) − ν/(1 − ν)), and the half-plane's displacement at depth d is P (1 + ν)/(πE) (1 − 2(1 − ν) ln d).
+    /// Johnson, Contact Mechanics, Eq. (5.57): each body's compression between surface and depth d under
+    /// Hertz's pressure is P (1 − ν²)/(πE) (2 ln(2d/b) − ν/(1 − ν)), and the half-plane's displacement at
+    /// depth d is P (1 + ν)/(πE) (1 − 2(1 − ν) ln d).
     #[test]
     fn far_from_the_edge_it_is_hertz() {
         let (young, poisson, force, curvature) = (205e3, 0.3, 400.0, 0.09);
@@ -76,7 +82,8 @@ mod tests {
         let depth: f64 = 1.7;
         let compression = force * (1.0 - poisson * poisson) / (std::f64::consts::PI * young)
             * (2.0 * (2.0 * depth / half_width).ln() - poisson / (1.0 - poisson));
-        let at_depth = force * (1.0 + poisson) / (std::f64::consts::PI * young) * (1.0 - 2.0 * (1.0 - poisson) * depth.ln());
+        let at_depth = force * (1.0 + poisson) / (std::f64::consts::PI * young)
+            * (1.0 - 2.0 * (1.0 - poisson) * depth.ln());
         let approach = contact.approach(force, modulus);
         assert!((approach.depth_mm - 2.0 * (compression + at_depth)).abs() < 1e-15);
     }
@@ -102,7 +109,8 @@ mod tests {
         assert!(at(0.01).depth_mm < at(0.05).depth_mm && at(limit).depth_mm < at(0.0).depth_mm);
     }
 
-    /// With κ → 0 a wedge's edge: P = π E* c β/4 and the pressure √((c − t)/t), whose approach is 2P/(πE*) (ln(4/c) + 1).
+    /// With κ → 0 a wedge's edge: P = π E* c β/4 and the pressure √((c − t)/t), whose approach is 2P/(πE*)
+    /// (ln(4/c) + 1).
     #[test]
     fn a_straight_edge_is_known_in_closed_form() {
         let (modulus, force, angle) = (112_637.0, 250.0, 0.03);

@@ -1,4 +1,5 @@
-//! How the pairs of teeth that are in reach of each other share the load, and how far the gears turn under it.
+//! How the pairs of teeth that are in reach of each other share the load, and how far the gears turn under
+//! it.
 
 use super::body_compliance::BodyCompliance;
 use super::pair_curve::PairCurve;
@@ -31,8 +32,8 @@ enum Compliance {
         elasticity: PlaneElasticity,
         bodies: Box<[BodyCompliance; 2]>,
     },
-    /// Every pair of teeth by itself, a spring of the stiffness of Section 3.3. The table has the driving flank's rising radius in mm and
-    /// the compliance in mm/(N/mm).
+    /// Every pair of teeth by itself, a spring of the stiffness of Section 3.3. The table has the driving
+    /// flank's rising radius in mm and the compliance in mm/(N/mm).
     Teeth(Vec<[f64; 2]>),
 }
 
@@ -80,8 +81,8 @@ impl ElasticBodies {
         })
     }
 
-    /// Pairs of teeth that give way each by itself, as unworn teeth do by the potential energy of Section 3.3: the
-    /// usual model of mesh stiffness, stiffer in double contact than whole gears are.
+    /// Pairs of teeth that give way each by itself, as unworn teeth do by the potential energy of Section
+    /// 3.3: the usual model of mesh stiffness, stiffer in double contact than whole gears are.
     ///
     /// # Errors
     /// Those of the mesh relationship of unworn flanks.
@@ -92,7 +93,9 @@ impl ElasticBodies {
         let flank = Flank::new(&pair.gears[0], &unworn, 0);
         let mut table: Vec<[f64; 2]> = curve
             .contacts()
-            .map(|(alpha1, stiffness_n_per_m)| [flank.at(alpha1).radius_mm, width_mm / (stiffness_n_per_m * 1e-3)])
+            .map(|(alpha1, stiffness_n_per_m)| {
+                [flank.at(alpha1).radius_mm, width_mm / (stiffness_n_per_m * 1e-3)]
+            })
             .collect();
         table.sort_by(|a, b| a[0].total_cmp(&b[0]));
         Ok(Self {
@@ -101,7 +104,8 @@ impl ElasticBodies {
         })
     }
 
-    /// Displacement in mm/(N/mm) at the contact of `place` along its normal for a force in the contact of `load`, another pair.
+    /// Displacement in mm/(N/mm) at the contact of `place` along its normal for a force in the contact of
+    /// `load`, another pair.
     fn coupling(&self, load: &Candidate, place: &Candidate) -> f64 {
         let Compliance::Bodies { bodies, .. } = &self.compliance else {
             return 0.0;
@@ -121,7 +125,9 @@ impl ElasticBodies {
             Compliance::Bodies { elasticity, bodies } => (elasticity, bodies),
             Compliance::Teeth(table) => return at_radius(table, touch.radii_mm[0]),
         };
-        let approach = touch.line.approach(force_n_per_mm, elasticity.contact_modulus_mpa());
+        let approach = touch
+            .line
+            .approach(force_n_per_mm, elasticity.contact_modulus_mpa());
         let body = |i: usize| {
             let radius = touch.radii_mm[i];
             // Under a tip's edge the pressure's centre, not the edge itself, is loaded.
@@ -135,11 +141,14 @@ impl ElasticBodies {
         approach.depth_mm / force_n_per_mm + body(0) + body(1)
     }
 
-    /// Balance of the candidates' forces with a torque in N·mm for 1 mm of width on the driving gear. The first candidate is the leading one.
+    /// Balance of the candidates' forces with a torque in N·mm for 1 mm of width on the driving gear. The
+    /// first candidate is the leading one.
     pub(super) fn share(&self, candidates: &[Candidate], torque_n: f64) -> Sharing {
         let count = candidates.len().min(MOST_PAIRS);
         let candidates = &candidates[..count];
-        let gaps = candidates.iter().map(|candidate| candidate.behind_rad * candidate.touch.arms_mm[1]);
+        let gaps = candidates
+            .iter()
+            .map(|candidate| candidate.behind_rad * candidate.touch.arms_mm[1]);
         let mut system = Balance {
             count,
             compliance: [[0.0; MOST_PAIRS]; MOST_PAIRS],
@@ -161,7 +170,9 @@ impl ElasticBodies {
                 system.compliance[i][i] = self.own(&candidate.touch, forces[i].max(LEAST_PART * whole));
             }
             let (next, rotation) = system.solve();
-            let change = (0..count).map(|i| (next[i] - forces[i]).abs()).fold(0.0, f64::max);
+            let change = (0..count)
+                .map(|i| (next[i] - forces[i]).abs())
+                .fold(0.0, f64::max);
             (forces, rotation_rad) = (next, rotation);
             if change <= TOLERANCE * whole {
                 break;
@@ -169,7 +180,13 @@ impl ElasticBodies {
         }
         Sharing {
             rotation_rad,
-            shares: std::array::from_fn(|i| if i < count { forces[i] * system.arms[i] / torque_n } else { 0.0 }),
+            shares: std::array::from_fn(|i| {
+                if i < count {
+                    forces[i] * system.arms[i] / torque_n
+                } else {
+                    0.0
+                }
+            }),
             carrying: forces[..count].iter().filter(|force| **force > 0.0).count() as u32,
         }
     }
@@ -183,7 +200,9 @@ impl ElasticBodies {
 
 /// Linear between the table's radii, held at its ends: a tip's edge carries as the flank beside it.
 fn at_radius(table: &[[f64; 2]], radius_mm: f64) -> f64 {
-    let after = table.partition_point(|row| row[0] <= radius_mm).clamp(1, table.len() - 1);
+    let after = table
+        .partition_point(|row| row[0] <= radius_mm)
+        .clamp(1, table.len() - 1);
     let ([r0, c0], [r1, c1]) = (table[after - 1], table[after]);
     let part = if r1 > r0 {
         ((radius_mm - r0) / (r1 - r0)).clamp(0.0, 1.0)
@@ -195,7 +214,10 @@ fn at_radius(table: &[[f64; 2]], radius_mm: f64) -> f64 {
 
 fn collect(values: impl Iterator<Item = f64>) -> [f64; MOST_PAIRS] {
     let mut array = [0.0; MOST_PAIRS];
-    array.iter_mut().zip(values).for_each(|(place, value)| *place = value);
+    array
+        .iter_mut()
+        .zip(values)
+        .for_each(|(place, value)| *place = value);
     array
 }
 
@@ -263,11 +285,18 @@ impl Balance {
                     *other = row;
                 } else {
                     let factor = other[pivot];
-                    other.iter_mut().zip(row).for_each(|(value, part)| *value -= factor * part);
+                    other
+                        .iter_mut()
+                        .zip(row)
+                        .for_each(|(value, part)| *value -= factor * part);
                 }
             }
         }
-        let dot = |column: usize| (0..MOST_PAIRS).map(|i| self.arms[i] * matrix[i][column]).sum::<f64>();
+        let dot = |column: usize| {
+            (0..MOST_PAIRS)
+                .map(|i| self.arms[i] * matrix[i][column])
+                .sum::<f64>()
+        };
         let rotation = (self.torque + dot(MOST_PAIRS + 1)) / dot(MOST_PAIRS);
         (
             std::array::from_fn(|i| rotation * matrix[i][MOST_PAIRS] - matrix[i][MOST_PAIRS + 1]),
@@ -283,7 +312,8 @@ mod tests {
     use crate::testing::shen2022;
     use crate::tooth_touch::ToothPair;
 
-    /// `fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv`: one pair alone along its whole path, tip edges at both ends.
+    /// `fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv`: one pair alone along its whole path,
+    /// tip edges at both ends.
     #[test]
     fn a_single_pair_is_that_of_the_finite_element_reference() {
         let (pair, wear) = (shen2022(), FlankWear::none());
@@ -310,12 +340,16 @@ mod tests {
                 greatest = (error, phi1);
             }
         }
-        println!("one pair alone: {:.2} % at {:.4} rad", 100.0 * greatest.0, greatest.1);
+        println!(
+            "one pair alone: {:.2} % at {:.4} rad",
+            100.0 * greatest.0,
+            greatest.1
+        );
         assert!(greatest.0 < 0.02);
     }
 
-    /// The shares of `K_perfect.csv` at φ₁ = −0.2122 rad, the middle of double contact, and −0.0240 rad, where a tip's edge carries: 0.4819
-    /// and 0.2751 of the torque on the entering pair.
+    /// The shares of `K_perfect.csv` at φ₁ = −0.2122 rad, the middle of double contact, and −0.0240 rad,
+    /// where a tip's edge carries: 0.4819 and 0.2751 of the torque on the entering pair.
     #[test]
     fn shares_are_those_of_the_finite_element_reference() {
         let (pair, wear) = (shen2022(), FlankWear::none());
@@ -332,7 +366,11 @@ mod tests {
                 behind_rad: lead - touch.phi2_rad + ahead * pitches[1],
             });
             let sharing = bodies.share(&candidates, 1300e3 / 50.0);
-            assert!((sharing.shares[0] - wanted).abs() < 0.01, "{phi1}: {}", sharing.shares[0]);
+            assert!(
+                (sharing.shares[0] - wanted).abs() < 0.01,
+                "{phi1}: {}",
+                sharing.shares[0]
+            );
             assert!((sharing.shares[0] + sharing.shares[1] - 1.0).abs() < 1e-9);
         }
     }

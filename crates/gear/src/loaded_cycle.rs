@@ -10,8 +10,9 @@ use super::{FlankWear, GearError, GearPair, MeshCycle};
 /// Mesh periods before the nominal start and after the nominal end of contact in which a pair may carry.
 const BEYOND: f64 = 0.45;
 
-/// Bend of stiffness, as a part of it, and of the transmission error in rad between two neighbours up to which what lies between them is
-/// interpolated: well above that of smooth stretches, well below that of kinks.
+/// Bend of stiffness, as a part of it, and of the transmission error in rad between two neighbours up to
+/// which what lies between them is interpolated: well above that of smooth stretches, well below that of
+/// kinks.
 const SMOOTH: [f64; 2] = [1e-5, 2e-8];
 
 /// The touch of a single pair over its whole passage, at the cells' ends, worked out where it is asked for.
@@ -75,7 +76,9 @@ impl<'a> Passage<'a> {
         Ok(Place {
             stiffness_n_per_m: pair.spec.operation.torque_nm / (base_m * base_m * sharing.rotation_rad),
             phi2_rad,
-            uste_rad: driving.base_radius_mm / driven.base_radius_mm * self.phi1_rad(cell as i64) - phi2_rad - pair.perfect_lag_rad(),
+            uste_rad: driving.base_radius_mm / driven.base_radius_mm * self.phi1_rad(cell as i64)
+                - phi2_rad
+                - pair.perfect_lag_rad(),
             carrying: sharing.carrying,
             leader: leader.tooth,
         })
@@ -84,7 +87,10 @@ impl<'a> Passage<'a> {
     /// Pairs in reach at a cell of the period, the leading one first; `pitch_rad` is the driven gear's.
     fn candidates(&self, cell: usize, pitch_rad: f64) -> Vec<Candidate> {
         let (cells, last) = (self.cells as i64, self.first + self.touches.len() as i64 - 1);
-        let (least, most) = ((self.first - cell as i64).div_euclid(cells), (last - cell as i64).div_euclid(cells));
+        let (least, most) = (
+            (self.first - cell as i64).div_euclid(cells),
+            (last - cell as i64).div_euclid(cells),
+        );
         let mut candidates: Vec<Candidate> = (least..=most)
             .filter_map(|tooth| {
                 let index = usize::try_from(cell as i64 + tooth * cells - self.first).ok()?;
@@ -98,7 +104,9 @@ impl<'a> Passage<'a> {
             .collect();
         candidates.sort_by(|a, b| a.behind_rad.total_cmp(&b.behind_rad));
         if let Some(lead) = candidates.first().map(|leader| leader.behind_rad) {
-            candidates.iter_mut().for_each(|candidate| candidate.behind_rad -= lead);
+            candidates
+                .iter_mut()
+                .for_each(|candidate| candidate.behind_rad -= lead);
         }
         candidates
     }
@@ -109,13 +117,15 @@ impl<'a> Passage<'a> {
         let torque_nm = pair.spec.operation.torque_nm;
         // N·mm for 1 mm of width.
         let torque_n = torque_nm * 1e3 / pair.spec.geometry.face_width_mm;
-        let phi1_rad = pair.start_of_contact_rad() + driving.pitch_angle_rad() * (cell as f64 / self.cells as f64);
+        let phi1_rad =
+            pair.start_of_contact_rad() + driving.pitch_angle_rad() * (cell as f64 / self.cells as f64);
         let mut candidates = self.candidates(cell, driven.pitch_angle_rad());
         let leader = *candidates.first().ok_or(GearError::NoContact { phi1_rad })?;
         let most = bodies.alone_rad(&leader.touch, torque_n);
         candidates.retain(|other| other.behind_rad * other.touch.arms_mm[1] <= most * other.touch.arms_mm[0]);
         candidates.truncate(MOST_PAIRS);
-        // Under a force beyond all measure the contact's own compliance, a logarithm of its width, has lost its meaning.
+        // Under a force beyond all measure the contact's own compliance, a logarithm of its width, has lost
+        // its meaning.
         let overloaded = GearError::Overloaded { torque_nm, phi1_rad };
         if candidates.is_empty() {
             return Err(overloaded);
@@ -133,16 +143,24 @@ impl<'a> Passage<'a> {
 }
 
 impl MeshCycle {
-    /// Works out one mesh period at `points` evenly spaced rotations with elastic load sharing at the pair's own torque, whatever its contact
-    /// rule: `stiffness_n_per_m` is T₁/(R_b1² θ), Eq. (30), with the rotation θ of the driving gear from first touch on;
-    /// `phi2_rad` and `uste_rad` are those without load; `pairs_in_contact` counts the pairs that carry.
+    /// Works out one mesh period at `points` evenly spaced rotations with elastic load sharing at the pair's
+    /// own torque, whatever its contact rule: `stiffness_n_per_m` is T₁/(R_b1² θ), Eq. (30), with the
+    /// rotation θ of the driving gear from first touch on; `phi2_rad` and `uste_rad` are those without load;
+    /// `pairs_in_contact` counts the pairs that carry.
     ///
-    /// Every pair of teeth closes its gap by rotation; what it gives way comes from both bodies, its own contact line and, through the
-    /// bodies, the forces on the other pairs. Outside the nominal range a tip's edge carries on the other flank.
+    /// Every pair of teeth closes its gap by rotation; what it gives way comes from both bodies, its own
+    /// contact line and, through the bodies, the forces on the other pairs. Outside the nominal range a tip's
+    /// edge carries on the other flank.
     ///
     /// # Errors
-    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where no pair can touch.
-    pub fn loaded(pair: &GearPair, bodies: &ElasticBodies, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
+    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where no
+    /// pair can touch.
+    pub fn loaded(
+        pair: &GearPair,
+        bodies: &ElasticBodies,
+        wear: &FlankWear,
+        points: usize,
+    ) -> Result<Self, GearError> {
         Self::loaded_at(pair, bodies, wear, points, Resolution::Fine)
     }
 
@@ -182,7 +200,9 @@ impl MeshCycle {
         for cell in 0..cells {
             if !cell.is_multiple_of(stride) {
                 let before = cell / stride;
-                let around = before.checked_sub(1).and_then(|first| known.get(first..first + 4));
+                let around = before
+                    .checked_sub(1)
+                    .and_then(|first| known.get(first..first + 4));
                 let [stiffness, uste] = match around.and_then(between) {
                     Some(between) => between,
                     None => {
@@ -212,7 +232,8 @@ impl MeshCycle {
     }
 }
 
-/// Stiffness and transmission error in the middle of four even places by the cubic through them; none where a kink may lie there.
+/// Stiffness and transmission error in the middle of four even places by the cubic through them; none where a
+/// kink may lie there.
 fn between(places: &[Place]) -> Option<[f64; 2]> {
     let [a, b, c, d] = places else { return None };
     let same = |place: &&Place| place.leader == b.leader && place.carrying == b.carrying;
@@ -229,17 +250,32 @@ fn between(places: &[Place]) -> Option<[f64; 2]> {
     (stiffness_bend <= SMOOTH[0] * stiffness && uste_bend <= SMOOTH[1]).then_some([stiffness, uste])
 }
 
-/// φ₁ of one pair of teeth and its part of the torque, wherever it carries, at `cells` rotations of each mesh period.
-pub(super) fn tooth_shares(pair: &GearPair, bodies: &ElasticBodies, wear: &FlankWear, cells: usize) -> Result<Vec<(f64, f64)>, GearError> {
+/// φ₁ of one pair of teeth and its part of the torque, wherever it carries, at `cells` rotations of each mesh
+/// period.
+pub(super) fn tooth_shares(
+    pair: &GearPair,
+    bodies: &ElasticBodies,
+    wear: &FlankWear,
+    cells: usize,
+) -> Result<Vec<(f64, f64)>, GearError> {
     let teeth = ToothPair::new(pair, wear, &bodies.outlines);
     let passage = Passage::new(pair, &teeth, cells);
     let (start, pitch) = (pair.start_of_contact_rad(), pair.gears[0].pitch_angle_rad());
     let mut shares = Vec::new();
     for cell in 0..cells {
-        let Shared { candidates, sharing, .. } = passage.shared(pair, bodies, cell)?;
-        let carrying = candidates.iter().zip(sharing.shares).filter(|(_, share)| *share > 0.0);
-        shares
-            .extend(carrying.map(|(candidate, share)| (start + pitch * (cell as f64 / cells as f64 + f64::from(candidate.tooth)), share)));
+        let Shared {
+            candidates, sharing, ..
+        } = passage.shared(pair, bodies, cell)?;
+        let carrying = candidates
+            .iter()
+            .zip(sharing.shares)
+            .filter(|(_, share)| *share > 0.0);
+        shares.extend(carrying.map(|(candidate, share)| {
+            (
+                start + pitch * (cell as f64 / cells as f64 + f64::from(candidate.tooth)),
+                share,
+            )
+        }));
     }
     Ok(shares)
 }
@@ -248,7 +284,8 @@ pub(super) fn tooth_shares(pair: &GearPair, bodies: &ElasticBodies, wear: &Flank
 mod tests {
     use crate::testing::{shen2022, shen2022_spec, typical_wear};
     use crate::{
-        ContactRule, ElasticBodies, FlankWear, GearError, GearPair, MeshCycle, PairSpec, PlaneState, RunSettings, WearShape, simulate,
+        ContactRule, ElasticBodies, FlankWear, GearError, GearPair, MeshCycle, PairSpec, PlaneState,
+        RunSettings, WearShape, simulate,
     };
 
     fn cycle(pair: &GearPair, points: usize) -> MeshCycle {
@@ -271,7 +308,9 @@ mod tests {
     fn greatest_error(csv: &str, spec: &PairSpec) -> (f64, f64) {
         let table = table(csv);
         let cycle = cycle(&spec.resolve().unwrap(), table.len() - 1);
-        let errors = table.iter().zip(cycle.phi1_rad.iter().zip(&cycle.stiffness_n_per_m));
+        let errors = table
+            .iter()
+            .zip(cycle.phi1_rad.iter().zip(&cycle.stiffness_n_per_m));
         errors.fold((0.0, 0.0), |most, ([phi1, wanted], (at, stiffness))| {
             assert!((phi1 - at).abs() < 1e-8, "{phi1} in the table, {at} in the cycle");
             let error = (stiffness / wanted - 1.0).abs();
@@ -279,7 +318,8 @@ mod tests {
         })
     }
 
-    /// `fixtures/reference/mesh-stiffness-fe`: a fine finite-element model with resolved contact, at every position of the period.
+    /// `fixtures/reference/mesh-stiffness-fe`: a fine finite-element model with resolved contact, at every
+    /// position of the period.
     #[test]
     fn stiffness_is_that_of_the_finite_element_reference() {
         let cases = [
@@ -325,7 +365,10 @@ mod tests {
             spec.geometry.bore_radius_mm = [bore, bore];
             spec.dynamics.plane = plane;
             let (error, place) = greatest_error(csv, &spec);
-            println!("{torque} N·m, bore {bore} mm, {plane:?}: {:.2} % at {place:.4} rad", 100.0 * error);
+            println!(
+                "{torque} N·m, bore {bore} mm, {plane:?}: {:.2} % at {place:.4} rad",
+                100.0 * error
+            );
             assert!(error <= limit);
         }
     }
@@ -348,7 +391,8 @@ mod tests {
         k[before] + part * (k[(before + 1) % points] - k[before])
     }
 
-    /// `fixtures/reference/loaded-contact-worn`: whole gears meshed with their worn outlines, contact resolved node by node.
+    /// `fixtures/reference/loaded-contact-worn`: whole gears meshed with their worn outlines, contact
+    /// resolved node by node.
     #[test]
     fn worn_flanks_are_those_of_a_second_method() {
         let mut greatest = (0.0, String::new());
@@ -363,11 +407,16 @@ mod tests {
             };
             let mut spec = shen2022_spec();
             (spec.wear.floor, spec.wear.tip_ratio, spec.wear.exponent) = (floor, tip_ratio, exponent);
-            spec.wear.shape = if shape == "floor" { WearShape::Floor } else { WearShape::Parabolic };
+            spec.wear.shape = if shape == "floor" {
+                WearShape::Floor
+            } else {
+                WearShape::Parabolic
+            };
             spec.operation.torque_nm = torque;
             let pair = spec.resolve().unwrap();
             let wear = FlankWear::from_shape(&pair, depth).unwrap();
-            let cycle = MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 1000).unwrap();
+            let cycle =
+                MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 1000).unwrap();
             let error = (stiffness_at(&cycle, pair.gears[0].pitch_angle_rad(), phi1) / wanted - 1.0).abs();
             if error > greatest.0 {
                 greatest = (error, line.to_owned());
@@ -377,22 +426,35 @@ mod tests {
         assert!(greatest.0 <= 0.015);
     }
 
-    /// Kinks are its only roughness: between neighbouring points of a fine cycle neither stiffness nor error jumps, around the period's
-    /// end too.
+    /// Kinks are its only roughness: between neighbouring points of a fine cycle neither stiffness nor error
+    /// jumps, around the period's end too.
     #[test]
     fn cycle_is_continuous_and_periodic() {
         let (pair, wear) = typical_wear();
-        let cycle = MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 1000).unwrap();
+        let cycle =
+            MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 1000).unwrap();
         let steps = |values: &[f64]| {
             let next = values.iter().cycle().skip(1);
-            values.iter().zip(next).map(|(a, b)| (b - a).abs()).fold(0.0, f64::max)
+            values
+                .iter()
+                .zip(next)
+                .map(|(a, b)| (b - a).abs())
+                .fold(0.0, f64::max)
         };
-        // The steepest ramp takes 2e8 N/m over a tenth of a period; the error a few micrometres over a period's half.
-        assert!(steps(&cycle.stiffness_n_per_m) < 5e6, "{}", steps(&cycle.stiffness_n_per_m));
+        // The steepest ramp takes 2e8 N/m over a tenth of a period; the error a few micrometres over a
+        // period's half.
+        assert!(
+            steps(&cycle.stiffness_n_per_m) < 5e6,
+            "{}",
+            steps(&cycle.stiffness_n_per_m)
+        );
         let step_um = steps(&cycle.uste_rad) * pair.gears[1].base_radius_mm * 1e3;
         assert!(step_um < 0.3, "{step_um}");
         assert_eq!(cycle.pieces.len(), 1);
-        assert_eq!(cycle.pieces[0].stiffness_n_per_m.last(), cycle.pieces[0].stiffness_n_per_m.first());
+        assert_eq!(
+            cycle.pieces[0].stiffness_n_per_m.last(),
+            cycle.pieces[0].stiffness_n_per_m.first()
+        );
     }
 
     /// Without load the two rules know the same mesh relationship wherever flanks touch.
@@ -400,14 +462,16 @@ mod tests {
     fn unloaded_error_is_that_of_the_mesh_relationship() {
         let (pair, wear) = typical_wear();
         let rigid = MeshCycle::compute(&pair, &wear, 500).unwrap();
-        let loaded = MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 500).unwrap();
+        let loaded =
+            MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 500).unwrap();
         for (a, b) in rigid.uste_rad.iter().zip(&loaded.uste_rad) {
             assert!((a - b).abs() < 2e-9, "{a} {b}");
         }
     }
 
-    /// Under the full torque the teeth of an exact pair stay closed and the response is the linear one to the bit; under a thousandth of it,
-    /// with the paper's errors, they part. Without backlash their backs would hold them.
+    /// Under the full torque the teeth of an exact pair stay closed and the response is the linear one to the
+    /// bit; under a thousandth of it, with the paper's errors, they part. Without backlash their backs would
+    /// hold them.
     #[test]
     fn teeth_part_under_light_load_only() {
         let mut spec = shen2022_spec();
@@ -441,11 +505,15 @@ mod tests {
         for torque_nm in [1e9, 1e15, f64::INFINITY, f64::NAN] {
             pair.spec.operation.torque_nm = torque_nm;
             let refusal = MeshCycle::loaded(&pair, &bodies, &FlankWear::none(), 16).unwrap_err();
-            assert!(matches!(refusal, GearError::Overloaded { .. }), "{torque_nm}: {refusal}");
+            assert!(
+                matches!(refusal, GearError::Overloaded { .. }),
+                "{torque_nm}: {refusal}"
+            );
         }
     }
 
-    /// Gears of other tooth numbers, profile shifts, bores and pressure angles: the cycle is sound and stiffer with two pairs than one.
+    /// Gears of other tooth numbers, profile shifts, bores and pressure angles: the cycle is sound and
+    /// stiffer with two pairs than one.
     #[test]
     fn other_pairs_are_sound() {
         let cases = [
@@ -465,12 +533,16 @@ mod tests {
             spec.geometry.centre_distance_mm = None;
             let pair = spec.resolve().unwrap();
             for wear in [FlankWear::none(), FlankWear::from_shape(&pair, 0.03).unwrap()] {
-                let cycle = MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 200).unwrap();
+                let cycle =
+                    MeshCycle::loaded(&pair, &ElasticBodies::new(&pair, &wear).unwrap(), &wear, 200).unwrap();
                 let (least, most) = cycle
                     .stiffness_n_per_m
                     .iter()
-                    .fold((f64::INFINITY, 0.0_f64), |(least, most), k| (least.min(*k), most.max(*k)));
-                // Single to double contact of common gears: 8 to 25 N/(mm µm) (ISO 6336-1 gives 20 for the mean).
+                    .fold((f64::INFINITY, 0.0_f64), |(least, most), k| {
+                        (least.min(*k), most.max(*k))
+                    });
+                // Single to double contact of common gears: 8 to 25 N/(mm µm) (ISO 6336-1 gives 20 for the
+                // mean).
                 assert!(
                     least > 50.0 * 4e6 && most < 50.0 * 30e6 && most > 1.02 * least,
                     "{teeth:?} {least} {most}"

@@ -1,4 +1,5 @@
-//! One mesh period of a pair: which pairs of teeth carry, how stiff they are together, and where the driven gear stands.
+//! One mesh period of a pair: which pairs of teeth carry, how stiff they are together, and where the driven
+//! gear stands.
 
 use super::error::within;
 use super::pair_curve::PairCurve;
@@ -9,13 +10,14 @@ use super::{ContactRule, ElasticBodies, FlankWear, GearError, GearPair, root};
 pub(super) enum Resolution {
     /// For one pair that is looked at by itself.
     Fine,
-    /// For many pairs whose responses are compared: four times as quick. The first ten mesh harmonics of the response are within
-    /// 1 % of those of the fine period.
+    /// For many pairs whose responses are compared: four times as quick. The first ten mesh harmonics of the
+    /// response are within 1 % of those of the fine period.
     Coarse,
 }
 
 impl Resolution {
-    /// Cells of the mesh period in which a change of the carrying pairs is looked for, and of the smooth parts between two changes.
+    /// Cells of the mesh period in which a change of the carrying pairs is looked for, and of the smooth
+    /// parts between two changes.
     fn cells(self) -> usize {
         match self {
             Self::Fine => 1024,
@@ -23,8 +25,8 @@ impl Resolution {
         }
     }
 
-    /// Least cells of the mesh period under load: a kink within a cell is rounded off, which with half of the fine ones takes 0.12 % off a
-    /// worn pair's response.
+    /// Least cells of the mesh period under load: a kink within a cell is rounded off, which with half of the
+    /// fine ones takes 0.12 % off a worn pair's response.
     pub(super) fn loaded_cells(self) -> usize {
         match self {
             Self::Fine => 2000,
@@ -36,20 +38,24 @@ impl Resolution {
 /// Accuracy of a change's place in mesh periods.
 const PLACE_TOLERANCE: f64 = 1e-12;
 
-/// One mesh period, from the nominal start of contact of the driving tooth pair on, that point included and the period's end excluded.
+/// One mesh period, from the nominal start of contact of the driving tooth pair on, that point included and
+/// the period's end excluded.
 ///
-/// Multi-tooth rule (Section 3.2.2): pair n is the single pair shifted by (n − 1)·2π/z, Eq. (28); the pair with the largest φ₂ carries,
-/// and with it every pair whose φ₂ is less than the threshold below; their stiffnesses add, Eq. (29).
+/// Multi-tooth rule (Section 3.2.2): pair n is the single pair shifted by (n − 1)·2π/z, Eq. (28); the pair
+/// with the largest φ₂ carries, and with it every pair whose φ₂ is less than the threshold below; their
+/// stiffnesses add, Eq. (29).
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshCycle {
     /// φ₁ in rad of the driving tooth that starts its contact at the first point.
     pub phi1_rad: Vec<f64>,
-    /// φ₂ in rad of the driven tooth in contact with that driving tooth (were it alone ahead): the leading pair's φ₂ counted back to it.
+    /// φ₂ in rad of the driven tooth in contact with that driving tooth (were it alone ahead): the leading
+    /// pair's φ₂ counted back to it.
     pub phi2_rad: Vec<f64>,
     /// Mesh stiffness k in N/m.
     pub stiffness_n_per_m: Vec<f64>,
-    /// e_wear in rad of the driven gear, Eq. (31): φ₁ R_b1/R_b2 − φ₂, less its constant for perfect flanks (a tooth's centre line of one
-    /// gear faces a space's of the other: −π/z₂ without backlash). Positive where the driven gear lags.
+    /// e_wear in rad of the driven gear, Eq. (31): φ₁ R_b1/R_b2 − φ₂, less its constant for perfect flanks (a
+    /// tooth's centre line of one gear faces a space's of the other: −π/z₂ without backlash). Positive where
+    /// the driven gear lags.
     pub uste_rad: Vec<f64>,
     /// Pairs of teeth that carry.
     pub pairs_in_contact: Vec<u32>,
@@ -84,8 +90,8 @@ struct Carrying {
 const TIE_RAD: f64 = 1e-11;
 /// Lead in rad of worn flanks before perfect ones that is rounding and interpolation.
 const LEAD_ROUNDING_RAD: f64 = 1e-6;
-/// Lag on the base circle over the sum of both depths up to which a contact is believed: across the flank the depths count less than along Y, on
-/// curved flanks a little more.
+/// Lag on the base circle over the sum of both depths up to which a contact is believed: across the flank the
+/// depths count less than along Y, on curved flanks a little more.
 const LAG_SLACK: f64 = 1.2;
 
 /// All pairs of teeth.
@@ -101,13 +107,13 @@ pub(super) struct Mesh<'a> {
 }
 
 impl MeshCycle {
-    /// Works out one mesh period at `points` evenly spaced rotations by the pair's contact rule. For loaded contact at more than one
-    /// torque, [`MeshCycle::loaded`] with the same [`ElasticBodies`] is quicker.
+    /// Works out one mesh period at `points` evenly spaced rotations by the pair's contact rule. For loaded
+    /// contact at more than one torque, [`MeshCycle::loaded`] with the same [`ElasticBodies`] is quicker.
     ///
     /// # Errors
     /// Those of [`MeshCycle::loaded`] and [`ElasticBodies::new`] for loaded contact, else
-    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where wear leaves a part of the
-    /// period without contact.
+    /// [`GearError::Field`] for fewer than 2 or more than 1 000 000 points; [`GearError::NoContact`] where
+    /// wear leaves a part of the period without contact.
     pub fn compute(pair: &GearPair, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
         if pair.spec.dynamics.contact == ContactRule::Loaded {
             return Self::loaded(pair, &ElasticBodies::new(pair, wear)?, wear, points);
@@ -115,18 +121,29 @@ impl MeshCycle {
         Self::by_threshold(pair, wear, points, Resolution::Fine)
     }
 
-    /// As [`MeshCycle::compute`], or [`MeshCycle::loaded`] where `bodies` are given, at a coarse resolution: the first ten mesh harmonics of the response are within 1 % of those of the fine one.
+    /// As [`MeshCycle::compute`], or [`MeshCycle::loaded`] where `bodies` are given, at a coarse resolution:
+    /// the first ten mesh harmonics of the response are within 1 % of those of the fine one.
     ///
     /// # Errors
     /// Those of the two.
-    pub fn coarse(pair: &GearPair, bodies: Option<&ElasticBodies>, wear: &FlankWear, points: usize) -> Result<Self, GearError> {
+    pub fn coarse(
+        pair: &GearPair,
+        bodies: Option<&ElasticBodies>,
+        wear: &FlankWear,
+        points: usize,
+    ) -> Result<Self, GearError> {
         match bodies {
             Some(bodies) => Self::loaded_at(pair, bodies, wear, points, Resolution::Coarse),
             None => Self::by_threshold(pair, wear, points, Resolution::Coarse),
         }
     }
 
-    fn by_threshold(pair: &GearPair, wear: &FlankWear, points: usize, resolution: Resolution) -> Result<Self, GearError> {
+    fn by_threshold(
+        pair: &GearPair,
+        wear: &FlankWear,
+        points: usize,
+        resolution: Resolution,
+    ) -> Result<Self, GearError> {
         within("points", points as f64, 2.0, 1e6)?;
         let mesh = Mesh::new(pair, wear)?;
         let (start, pitch) = (pair.start_of_contact_rad(), pair.gears[0].pitch_angle_rad());
@@ -162,8 +179,11 @@ impl MeshCycle {
 impl CyclePiece {
     /// By the trapezoidal rule.
     fn mean_stiffness(&self) -> f64 {
-        let ends = 0.5 * (self.stiffness_n_per_m[0] + self.stiffness_n_per_m[self.stiffness_n_per_m.len() - 1]);
-        let inner: f64 = self.stiffness_n_per_m[1..self.stiffness_n_per_m.len() - 1].iter().sum();
+        let ends =
+            0.5 * (self.stiffness_n_per_m[0] + self.stiffness_n_per_m[self.stiffness_n_per_m.len() - 1]);
+        let inner: f64 = self.stiffness_n_per_m[1..self.stiffness_n_per_m.len() - 1]
+            .iter()
+            .sum();
         (ends + inner) / (self.stiffness_n_per_m.len() - 1) as f64
     }
 }
@@ -176,7 +196,9 @@ impl<'a> Mesh<'a> {
             pair,
             perfect_lag_rad: pair.perfect_lag_rad(),
             most_pairs: (periods.ceil() as usize + 1).min(30),
-            most_lag_rad: LAG_SLACK * wear.greatest_depth_mm(pair).iter().sum::<f64>() / pair.gears[1].base_radius_mm + TIE_RAD,
+            most_lag_rad: LAG_SLACK * wear.greatest_depth_mm(pair).iter().sum::<f64>()
+                / pair.gears[1].base_radius_mm
+                + TIE_RAD,
             curve,
         })
     }
@@ -189,7 +211,11 @@ impl<'a> Mesh<'a> {
             .clamp(-1.0, self.most_pairs as f64 - 1.0);
         let carrying = self.carrying(phi1 - ahead * pitch)?;
         let carries = carrying.pairs >> (ahead as i32 + 1) & 1 == 1;
-        let own = self.curve.at(phi1).filter(|_| carries).map_or(0.0, |(_, stiffness)| stiffness);
+        let own = self
+            .curve
+            .at(phi1)
+            .filter(|_| carries)
+            .map_or(0.0, |(_, stiffness)| stiffness);
         Ok(own / carrying.stiffness_n_per_m)
     }
 
@@ -211,10 +237,12 @@ impl<'a> Mesh<'a> {
                 leader = Some((n, *phi2));
             }
         }
-        // Less material never pushes the driven gear further, and a pair behind by more than both depths leaves another one in contact: tables
-        // with steps make edges touch, which the relationship does not have.
+        // Less material never pushes the driven gear further, and a pair behind by more than both depths
+        // leaves another one in contact: tables with steps make edges touch, which the relationship does not
+        // have.
         let believed = -LEAD_ROUNDING_RAD..=self.most_lag_rad;
-        let Some((leader, phi2_rad)) = leader.filter(|(_, phi2)| believed.contains(&self.lag(phi1, *phi2))) else {
+        let Some((leader, phi2_rad)) = leader.filter(|(_, phi2)| believed.contains(&self.lag(phi1, *phi2)))
+        else {
             return Err(GearError::NoContact { phi1_rad: phi1 });
         };
         let threshold = self.pair.spec.dynamics.contact_threshold_rad;
@@ -237,19 +265,28 @@ impl<'a> Mesh<'a> {
 
     /// The period cut where the carrying pairs or the leader change.
     fn pieces(&self, cells: usize) -> Result<Vec<CyclePiece>, GearError> {
-        let key = |place: f64| self.carrying(self.phi1_at(place)).map(|carrying| (carrying.pairs, carrying.leader));
+        let key = |place: f64| {
+            self.carrying(self.phi1_at(place))
+                .map(|carrying| (carrying.pairs, carrying.leader))
+        };
         let mut cuts = vec![0.0];
-        // Looked at in the cells' middles, so that the rounding of a change at the period's own ends is not one.
+        // Looked at in the cells' middles, so that the rounding of a change at the period's own ends is not
+        // one.
         let mut before = (0.0, key(1e-9)?);
         for cell in 0..=cells {
             let place = ((cell as f64 + 0.5) / cells as f64).min(1.0 - 1e-9);
             let after = (place, key(place)?);
             while before.1 != after.1 {
-                // Bisection on the key itself finds the first change; a second one in the same cell is found from there.
-                let differs = |place: f64| key(place).map_or(1.0, |at| if at == before.1 { -1.0 } else { 1.0 });
+                // Bisection on the key itself finds the first change; a second one in the same cell is found
+                // from there.
+                let differs =
+                    |place: f64| key(place).map_or(1.0, |at| if at == before.1 { -1.0 } else { 1.0 });
                 let cut = root::find(differs, (before.0, -1.0), (after.0, 1.0), PLACE_TOLERANCE);
                 cuts.push(cut);
-                before = (cut + 2.0 * PLACE_TOLERANCE, key((cut + 4.0 * PLACE_TOLERANCE).min(after.0))?);
+                before = (
+                    cut + 2.0 * PLACE_TOLERANCE,
+                    key((cut + 4.0 * PLACE_TOLERANCE).min(after.0))?,
+                );
                 if cuts.len() > cells {
                     break;
                 }
@@ -284,7 +321,9 @@ impl<'a> Mesh<'a> {
 
     /// e_wear in rad, Eq. (31).
     fn lag(&self, phi1: f64, phi2: f64) -> f64 {
-        self.pair.gears[0].base_radius_mm / self.pair.gears[1].base_radius_mm * phi1 - phi2 - self.perfect_lag_rad
+        self.pair.gears[0].base_radius_mm / self.pair.gears[1].base_radius_mm * phi1
+            - phi2
+            - self.perfect_lag_rad
     }
 
     /// φ₁ in rad at a place in mesh periods.
@@ -304,7 +343,12 @@ mod tests {
         let pair = shen2022();
         let cycle = MeshCycle::compute(&pair, &FlankWear::none(), 10_000).unwrap();
         let twos = cycle.pairs_in_contact.iter().filter(|pairs| **pairs == 2).count();
-        assert!(cycle.pairs_in_contact.iter().all(|pairs| *pairs == 1 || *pairs == 2));
+        assert!(
+            cycle
+                .pairs_in_contact
+                .iter()
+                .all(|pairs| *pairs == 1 || *pairs == 2)
+        );
         // Contact ratio 1.61140: 0.61140 of the period has two pairs.
         assert!((twos as f64 / 1e4 - 0.6114).abs() < 2e-4, "{twos}");
         assert!(cycle.uste_rad.iter().all(|lag| lag.abs() < 1e-12));
@@ -319,7 +363,11 @@ mod tests {
         let cycle = MeshCycle::compute(&pair, &wear, 4000).unwrap();
         let pieces = &cycle.pieces;
         assert_eq!((pieces[0].start, pieces[pieces.len() - 1].end), (0.0, 1.0));
-        assert!(pieces.windows(2).all(|two| (two[0].end - two[1].start).abs() < 1e-9));
+        assert!(
+            pieces
+                .windows(2)
+                .all(|two| (two[0].end - two[1].start).abs() < 1e-9)
+        );
         for piece in pieces {
             let count = piece.uste_rad.len() - 1;
             for i in 0..count {
@@ -338,26 +386,35 @@ mod tests {
         // The next period goes on where this one ends.
         let (first, last) = (&pieces[0], &pieces[pieces.len() - 1]);
         assert!((first.uste_rad[0] - last.uste_rad[last.uste_rad.len() - 1]).abs() < 1e-8);
-        assert!((first.stiffness_n_per_m[0] / last.stiffness_n_per_m[last.stiffness_n_per_m.len() - 1] - 1.0).abs() < 1e-4);
+        assert!(
+            (first.stiffness_n_per_m[0] / last.stiffness_n_per_m[last.stiffness_n_per_m.len() - 1] - 1.0)
+                .abs()
+                < 1e-4
+        );
     }
 
     #[test]
     fn wear_shortens_double_contact_and_grows_the_error_but_hardly_changes_the_stiffness() {
         // Figs. 15 and 18.
         let pair = shen2022();
-        let at = |depth| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 2000).unwrap();
+        let at =
+            |depth| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 2000).unwrap();
         let cycles = [0.0, 0.05, 0.1, 0.2].map(at);
         let doubles = cycles
             .each_ref()
             .map(|cycle| cycle.pairs_in_contact.iter().filter(|pairs| **pairs == 2).count());
         assert!(doubles.windows(2).all(|two| two[1] < two[0]), "{doubles:?}");
         let swing = |cycle: &MeshCycle| {
-            cycle.uste_rad.iter().copied().fold(f64::MIN, f64::max) - cycle.uste_rad.iter().copied().fold(f64::MAX, f64::min)
+            cycle.uste_rad.iter().copied().fold(f64::MIN, f64::max)
+                - cycle.uste_rad.iter().copied().fold(f64::MAX, f64::min)
         };
         assert!(cycles.windows(2).all(|two| swing(&two[1]) > swing(&two[0])));
         let most = |cycle: &MeshCycle, pairs| {
             let stiffness = cycle.stiffness_n_per_m.iter().zip(&cycle.pairs_in_contact);
-            stiffness.filter(|(_, at)| **at == pairs).map(|(k, _)| *k).fold(0.0, f64::max)
+            stiffness
+                .filter(|(_, at)| **at == pairs)
+                .map(|(k, _)| *k)
+                .fold(0.0, f64::max)
         };
         assert!((most(&cycles[3], 1) / most(&cycles[0], 1) - 1.0).abs() < 0.03);
         // The driven gear of worn flanks lags.
@@ -382,13 +439,20 @@ mod tests {
     #[test]
     fn drastic_hollows_still_carry_the_whole_period() {
         let pair = shen2022();
-        // Flanks hollowed by 1.5 mm around the pitch point: contact hops from one side of the hollow to the other.
+        // Flanks hollowed by 1.5 mm around the pitch point: contact hops from one side of the hollow to the
+        // other.
         let table = "gear,radius_mm,depth_um\n1,69,0\n1,72,1500\n1,76,0\n2,75,0\n2,78,1500\n2,82,0\n";
         let wear = FlankWear::from_table_csv(&pair, table).unwrap();
         let cycle = MeshCycle::compute(&pair, &wear, 500).unwrap();
         assert!(cycle.pairs_in_contact.iter().all(|pairs| (1..=2).contains(pairs)));
-        assert!(cycle.stiffness_n_per_m.iter().all(|stiffness| (1e8..1.5e9).contains(stiffness)));
-        // Less material never pushes the driven gear further; where the hollow is not met the lag is that of perfect flanks.
+        assert!(
+            cycle
+                .stiffness_n_per_m
+                .iter()
+                .all(|stiffness| (1e8..1.5e9).contains(stiffness))
+        );
+        // Less material never pushes the driven gear further; where the hollow is not met the lag is that of
+        // perfect flanks.
         assert!(
             cycle.uste_rad.iter().all(|lag| (-1e-9..0.1).contains(lag)),
             "{:?}",

@@ -1,5 +1,6 @@
-//! Loaded contact seen from the other side: with the gears' places changed and the motion mirrored, the same teeth touch in the same positions.
-//! The model looks for touches on the driving flank in another way than on the driven one, so this is a check of both.
+//! Loaded contact seen from the other side: with the gears' places changed and the motion mirrored, the same
+//! teeth touch in the same positions. The model looks for touches on the driving flank in another way than on
+//! the driven one, so this is a check of both.
 
 use std::f64::consts::PI;
 
@@ -12,7 +13,11 @@ type Tables = [Vec<(f64, f64)>; 2];
 fn cycle(spec: &PairSpec, tables: [&[(f64, f64)]; 2]) -> (MeshCycle, f64, f64) {
     let pair = spec.resolve().unwrap();
     let rows: String = (0..2)
-        .flat_map(|i| tables[i].iter().map(move |(radius, depth)| format!("{},{radius},{depth}\n", i + 1)))
+        .flat_map(|i| {
+            tables[i]
+                .iter()
+                .map(move |(radius, depth)| format!("{},{radius},{depth}\n", i + 1))
+        })
         .collect();
     let wear = FlankWear::from_table_csv(&pair, &format!("gear,radius_mm,depth_um\n{rows}")).unwrap();
     let cycle = MeshCycle::compute(&pair, &wear, 1000).unwrap();
@@ -58,13 +63,21 @@ fn parabola(gear: usize, h_um: f64) -> Vec<(f64, f64)> {
     (0..=60)
         .map(|i| {
             let radius = sap + (tip - sap) * f64::from(i) / 60.0;
-            let (side, top) = if radius < pitch { (pitch - sap, 1.0) } else { (tip - pitch, 0.7) };
-            (radius, h_um * (0.05 + (top - 0.05) * ((radius - pitch) / side).powi(4)))
+            let (side, top) = if radius < pitch {
+                (pitch - sap, 1.0)
+            } else {
+                (tip - pitch, 0.7)
+            };
+            (
+                radius,
+                h_um * (0.05 + (top - 0.05) * ((radius - pitch) / side).powi(4)),
+            )
         })
         .collect()
 }
 
-/// The arms of worn flanks differ by up to 1 % a gear from the base radii that the stiffness is referred to, and θ from the infinitesimal one.
+/// The arms of worn flanks differ by up to 1 % a gear from the base radii that the stiffness is referred to,
+/// and θ from the infinitesimal one.
 #[test]
 fn stiffness_is_the_same_from_both_sides() {
     let none = || vec![(70.0, 0.0)];

@@ -97,11 +97,12 @@ pub struct OperationSpec {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct SupportSpec {
-    /// Stiffness k₁ = k₂ in N/m; where not given that of the paper's pair, 6.56e7, in proportion to Young's modulus and the face width.
+    /// Stiffness k₁ = k₂ in N/m; where not given that of the paper's pair, 6.56e7, in proportion to Young's
+    /// modulus and the face width.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stiffness_n_per_m: Option<f64>,
-    /// Damping c₁ = c₂ in N·s/m; where not given that of the paper's pair, 1.8e5, in proportion to the root of the usual stiffness times the
-    /// smaller gear's mass.
+    /// Damping c₁ = c₂ in N·s/m; where not given that of the paper's pair, 1.8e5, in proportion to the root
+    /// of the usual stiffness times the smaller gear's mass.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub damping_n_s_per_m: Option<f64>,
 }
@@ -115,7 +116,8 @@ pub enum ResponseCoordinate {
     Bearing1,
     /// Acceleration ÿ₂ of gear 2 at its bearings along the line of action.
     Bearing2,
-    /// Relative acceleration R_b1 θ̈₁ − R_b2 θ̈₂ − ÿ₁ + ÿ₂ of the gears along the line of action: ẍ_m without the error's own ë.
+    /// Relative acceleration R_b1 θ̈₁ − R_b2 θ̈₂ − ÿ₁ + ÿ₂ of the gears along the line of action: ẍ_m without
+    /// the error's own ë.
     Mesh,
 }
 
@@ -158,21 +160,26 @@ impl FromStr for ContactRule {
         match name {
             "threshold" => Ok(Self::Threshold),
             "loaded" => Ok(Self::Loaded),
-            _ => Err(format!("{name:?} is not a contact rule, expected threshold or loaded")),
+            _ => Err(format!(
+                "{name:?} is not a contact rule, expected threshold or loaded"
+            )),
         }
     }
 }
 
 /// Numbers of the dynamic model that the paper leaves open.
 ///
-/// The contact rule is elastic load sharing unless said otherwise: it agrees with finite elements within 3 % where the paper's rule errs by
-/// 30 %, and a library made with it follows runs made with the paper's rule far better than the other way round (`docs/estimation.md`).
+/// The contact rule is elastic load sharing unless said otherwise: it agrees with finite elements within 3 %
+/// where the paper's rule errs by 30 %, and a library made with it follows runs made with the paper's rule
+/// far better than the other way round (`docs/estimation.md`).
 ///
-/// The mesh damping is c = 2ζ√(k̄ m_e), with k̄ the mean of k(t) over a mesh period and 1/m_e = R_b1²/I₁ + R_b2²/I₂.
+/// The mesh damping is c = 2ζ√(k̄ m_e), with k̄ the mean of k(t) over a mesh period and 1/m_e = R_b1²/I₁ +
+/// R_b2²/I₂.
 ///
-/// The default ζ = 0.5 was chosen together with that of [`WearSpec`], because the paper's Fig. 22 has RMS, kurtosis and first mesh amplitude
-/// all rise with wear and gives none of these numbers: of about a thousand combinations tried it comes nearest, with Spearman coefficients
-/// of 0.90, 0.90 and 1.00 over its 50 wear states. No combination makes RMS rise throughout: here it dips between 35 and 80 µm.
+/// The default ζ = 0.5 was chosen together with that of [`WearSpec`], because the paper's Fig. 22 has RMS,
+/// kurtosis and first mesh amplitude all rise with wear and gives none of these numbers: of about a thousand
+/// combinations tried it comes nearest, with Spearman coefficients of 0.90, 0.90 and 1.00 over its 50 wear
+/// states. No combination makes RMS rise throughout: here it dips between 35 and 80 µm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -187,8 +194,8 @@ pub struct DynamicsSpec {
     pub contact_threshold_rad: f64,
     /// What loaded contact takes the plane deformation of the gears for.
     pub plane: PlaneState,
-    /// Masses m₁, m₂ in kg; where not given those of solid discs of the reference pitch radius and the face width, the bore filled by its
-    /// shaft.
+    /// Masses m₁, m₂ in kg; where not given those of solid discs of the reference pitch radius and the face
+    /// width, the bore filled by its shaft.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass_kg: Option<[f64; 2]>,
     /// Moments of inertia I₁, I₂ in kg·m²; where not given those of the same discs.
@@ -230,7 +237,8 @@ pub enum WearShape {
     Floor,
     /// The depths of [`WearSpec::table`], scaled so that the greatest of them is h_max.
     Table,
-    /// What Archard's law takes off both flanks under the pair's own torque until the greatest depth is h_max, Eq. (22).
+    /// What Archard's law takes off both flanks under the pair's own torque until the greatest depth is
+    /// h_max, Eq. (22).
     Archard,
 }
 
@@ -247,20 +255,26 @@ pub struct WearPoint {
     pub depth_um: f64,
 }
 
-/// Wear over the flank of both gears, measured along Y. Parabolic: with s the radius of the unworn flank point, r_p the pitch radius, r_SAP the start
-/// of active profile and r_a the tip, the root side has h = h_max·[f + (1−f)·((r_p−s)/(r_p−r_SAP))^p], held at its r_SAP value
-/// below, the tip side h = h_max·[f + (t−f)·((s−r_p)/(r_a−r_p))^p].
+/// Wear over the flank of both gears, measured along Y. Parabolic: with s the radius of the unworn flank
+/// point, r_p the pitch radius, r_SAP the start of active profile and r_a the tip, the root side has h =
+/// h_max·[f + (1−f)·((r_p−s)/(r_p−r_SAP))^p], held at its r_SAP value below, the tip side h = h_max·[f +
+/// (t−f)·((s−r_p)/(r_a−r_p))^p].
 ///
-/// The defaults f = 0.05, t = 0.7, p = 4 have almost no wear at the pitch point and most of it towards root and tip, as Fig. 6; they were chosen for
-/// the trends of the indicators together with the damping of [`DynamicsSpec`].
+/// The defaults f = 0.05, t = 0.7, p = 4 have almost no wear at the pitch point and most of it towards root
+/// and tip, as Fig. 6; they were chosen for the trends of the indicators together with the damping of
+/// [`DynamicsSpec`].
 ///
-/// For the shape `archard` K and H set how many turns a depth takes; the shape itself depends on the proportion of the two hardnesses alone.
-/// H = 7 GPa is 60 HRC (700 HV): what data sheets of the case-hardening steel 16MnCr5 give for its carburised surface (Akrostal, 16HG/1.7131/16MnCr5: at least 60 HRC;
-/// Lucefin, 16MnCr5, 2014: 64 HRC down to 57 HRC by the tempering). That Archard's law describes the mild wear of gears is A. Flodin's finding on an FZG rig (Wear of
-/// spur and helical gears, KTH Stockholm, 2000). K = 1.7e-7 is that of lubricated steel on steel in a table of such constants (the crate sciforge-lib 0.0.4,
-/// `constants/physics/solid_mechanics/wear.rs`, which has 7e-4 for the same dry); an encyclopaedia (article "Wear coefficient") has 1e-2 for severe dry wear down to 1e-6
-/// and less for mild lubricated wear. A value measured on gears could not be read at its source. With the default the typical pair loses 25 µm in 4.7 million turns; turns go with
-/// 1/K, and K spans three decades: where they matter, measure it.
+/// For the shape `archard` K and H set how many turns a depth takes; the shape itself depends on the
+/// proportion of the two hardnesses alone. H = 7 GPa is 60 HRC (700 HV): what data sheets of the
+/// case-hardening steel 16MnCr5 give for its carburised surface (Akrostal, 16HG/1.7131/16MnCr5: at least 60
+/// HRC; Lucefin, 16MnCr5, 2014: 64 HRC down to 57 HRC by the tempering). That Archard's law describes the
+/// mild wear of gears is A. Flodin's finding on an FZG rig (Wear of spur and helical gears, KTH Stockholm,
+/// 2000). K = 1.7e-7 is that of lubricated steel on steel in a table of such constants (the crate
+/// sciforge-lib 0.0.4, `constants/physics/solid_mechanics/wear.rs`, which has 7e-4 for the same dry); an
+/// encyclopaedia (article "Wear coefficient") has 1e-2 for severe dry wear down to 1e-6 and less for mild
+/// lubricated wear. A value measured on gears could not be read at its source. With the default the typical
+/// pair loses 25 µm in 4.7 million turns; turns go with 1/K, and K spans three decades: where they matter,
+/// measure it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -277,7 +291,8 @@ pub struct WearSpec {
     pub coefficient: f64,
     /// H: indentation hardness of the driving and the driven flanks in Pa, for the shape `archard`.
     pub hardness_pa: [f64; 2],
-    /// Whether this shape was measured on the machine's own gears, so that the wear estimate need not doubt it.
+    /// Whether this shape was measured on the machine's own gears, so that the wear estimate need not doubt
+    /// it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub measured: bool,
     /// Depths over the radius of the unworn flank, for the shape `table`.
@@ -359,12 +374,14 @@ impl PairSpec {
     /// Reads a pair file.
     ///
     /// # Errors
-    /// [`GearError::Toml`] for anything but TOML of these fields; numbers are looked at by [`PairSpec::resolve`].
+    /// [`GearError::Toml`] for anything but TOML of these fields; numbers are looked at by
+    /// [`PairSpec::resolve`].
     pub fn from_toml(text: &str) -> Result<Self, GearError> {
         Ok(toml::from_str(text)?)
     }
 
-    /// Checks every number and works out the geometry. Whether worn flanks still carry is looked at by [`PairSpec::check`].
+    /// Checks every number and works out the geometry. Whether worn flanks still carry is looked at by
+    /// [`PairSpec::check`].
     ///
     /// # Errors
     /// [`GearError::Field`] with the first field that cannot be used, its value and the limit.

@@ -96,8 +96,9 @@ impl PlaneElasticity {
         Some(stiffness)
     }
 
-    /// Displacement in mm for 1 N/mm at a point `along` the edge and `deep` below it from a force on the edge of a half-plane (Flamant), less
-    /// a rigid motion: `[load][component]`, first along the edge, then into the body. Its logarithm is zero at 1 mm.
+    /// Displacement in mm for 1 N/mm at a point `along` the edge and `deep` below it from a force on the edge
+    /// of a half-plane (Flamant), less a rigid motion: `[load][component]`, first along the edge, then into
+    /// the body. Its logarithm is zero at 1 mm.
     pub(super) fn half_plane(&self, along_mm: f64, deep_mm: f64) -> [[f64; 2]; 2] {
         let squared = along_mm * along_mm + deep_mm * deep_mm;
         let logarithm = (1.0 - self.poisson) * squared.ln();
@@ -105,8 +106,14 @@ impl PlaneElasticity {
         let mixed = along_mm * deep_mm / squared;
         let unit = 1.0 / (2.0 * PI * self.shear_mpa);
         [
-            [unit * (along_mm * along_mm / squared - logarithm), unit * (mixed + angle)],
-            [unit * (mixed - angle), unit * (deep_mm * deep_mm / squared - logarithm)],
+            [
+                unit * (along_mm * along_mm / squared - logarithm),
+                unit * (mixed + angle),
+            ],
+            [
+                unit * (mixed - angle),
+                unit * (deep_mm * deep_mm / squared - logarithm),
+            ],
         ]
     }
 }
@@ -145,11 +152,16 @@ mod tests {
             [0.0, 0.5],
         ];
         let stiffness = elasticity.stiffness(&nodes).unwrap();
-        // ε_x = 1e-3 alone: energy ½ λ+2μ ε² A against the element's, with A by the same map's divergence theorem below.
+        // ε_x = 1e-3 alone: energy ½ λ+2μ ε² A against the element's, with A by the same map's divergence
+        // theorem below.
         let energy = |motion: &dyn Fn([f64; 2]) -> [f64; 2]| -> f64 {
             let flat: Vec<f64> = nodes.iter().flat_map(|node| motion(*node)).collect();
             (0..16)
-                .map(|i| (0..16).map(|j| 0.5 * flat[i] * stiffness[i][j] * flat[j]).sum::<f64>())
+                .map(|i| {
+                    (0..16)
+                        .map(|j| 0.5 * flat[i] * stiffness[i][j] * flat[j])
+                        .sum::<f64>()
+                })
                 .sum()
         };
         let stretch = energy(&|[x, _]| [1e-3 * x, 0.0]);
@@ -160,8 +172,8 @@ mod tests {
         assert!(rotation.abs() < 1e-10 * shear);
     }
 
-    /// On the edge the force's own displacement falls as −(1 − ν²)/(πE)·2 ln x and the sideways one is constant (Johnson, Contact
-    /// Mechanics, Eqs. 2.23 and 2.24); reciprocity joins the two loads.
+    /// On the edge the force's own displacement falls as −(1 − ν²)/(πE)·2 ln x and the sideways one is
+    /// constant (Johnson, Contact Mechanics, Eqs. 2.23 and 2.24); reciprocity joins the two loads.
     #[test]
     fn half_plane_is_johnsons_on_the_edge() {
         let elasticity = PlaneElasticity::new(&MaterialSpec::default(), PlaneState::Strain);

@@ -36,7 +36,9 @@ fn given(name: &str) -> Vec<f64> {
         "worn_phi1_range_rad" => vec![range(&worn().phi1_rad)],
         "stiffness_error_double_contact" => vec![stiffness_error_at(-0.1976)],
         "stiffness_error_single_contact" => vec![stiffness_error_at(-0.0667)],
-        "stiffness_error_hand_over" => vec![stiffness_errors().iter().map(|point| point.1).fold(0.0, f64::min)],
+        "stiffness_error_hand_over" => {
+            vec![stiffness_errors().iter().map(|point| point.1).fold(0.0, f64::min)]
+        }
         _ => panic!("{name:?} is no number of the model"),
     }
 }
@@ -47,7 +49,8 @@ fn worn() -> MeshRelationship {
 }
 
 fn range(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::NEG_INFINITY, f64::max) - values.iter().copied().fold(f64::INFINITY, f64::min)
+    values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        - values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// φ₁ and k/K_FE − 1 at the points of the finite-element table.
@@ -67,13 +70,16 @@ fn stiffness_errors() -> Vec<(f64, f64)> {
 
 fn stiffness_error_at(phi1: f64) -> f64 {
     let errors = stiffness_errors();
-    let nearest = errors.iter().min_by(|a, b| (a.0 - phi1).abs().total_cmp(&(b.0 - phi1).abs()));
+    let nearest = errors
+        .iter()
+        .min_by(|a, b| (a.0 - phi1).abs().total_cmp(&(b.0 - phi1).abs()));
     nearest.unwrap().1
 }
 
 #[test]
 fn the_model_gives_every_reference_number() {
-    let reference: Reference = toml::from_str(include_str!("../../../fixtures/reference/shen2022.toml")).unwrap();
+    let reference: Reference =
+        toml::from_str(include_str!("../../../fixtures/reference/shen2022.toml")).unwrap();
     assert_eq!(reference.number.len(), 17);
     for Number {
         name,
@@ -85,7 +91,10 @@ fn the_model_gives_every_reference_number() {
         let given = given(&name);
         assert_eq!(given.len(), value.len(), "{name}");
         for (given, wanted) in given.iter().zip(value) {
-            assert!((given - wanted).abs() <= tolerance, "{name}: {given}, expected {wanted} ({source})");
+            assert!(
+                (given - wanted).abs() <= tolerance,
+                "{name}: {given}, expected {wanted} ({source})"
+            );
         }
     }
 }

@@ -1,9 +1,10 @@
 //! The new mesh relationship of one pair of teeth with worn flanks, Eqs. (9)–(17) and Algorithm 1.
 //!
-//! With the common normal as an axis, gear i's centre lies r_i beside it and u_i along it from the point of contact (see
-//! [`FlankPoint::normal_arm_mm`] and [`FlankPoint::normal_length_mm`]), so the centre distance is √((u₁ + u₂)² + (r₁ + r₂)²) and the
-//! angle θ between the line of centres and the tangent is arctan((u₁ + u₂)/(r₁ + r₂)). That is step 11 of Algorithm 1 and
-//! Eqs. (9)–(17) in closed form; the one equation left is the centre distance in α₁′.
+//! With the common normal as an axis, gear i's centre lies r_i beside it and u_i along it from the point of
+//! contact (see [`FlankPoint::normal_arm_mm`] and [`FlankPoint::normal_length_mm`]), so the centre distance
+//! is √((u₁ + u₂)² + (r₁ + r₂)²) and the angle θ between the line of centres and the tangent is arctan((u₁ +
+//! u₂)/(r₁ + r₂)). That is step 11 of Algorithm 1 and Eqs. (9)–(17) in closed form; the one equation left is
+//! the centre distance in α₁′.
 
 use super::{Flank, FlankPoint, FlankWear, GearError, GearPair, root};
 
@@ -13,10 +14,12 @@ const POINTS: usize = 601;
 const CELLS: usize = 128;
 /// Accuracy of α₁ and α₁′ in rad.
 const TOLERANCE_RAD: f64 = 1e-14;
-/// Part of the squared centre distance that is rounding: the perfect pair's ends lie exactly on the limits of both flanks.
+/// Part of the squared centre distance that is rounding: the perfect pair's ends lie exactly on the limits of
+/// both flanks.
 const ROUNDING: f64 = 1e-12;
 
-/// Where and at which rotations the flanks of one pair of teeth touch, from the start to the end of its contact.
+/// Where and at which rotations the flanks of one pair of teeth touch, from the start to the end of its
+/// contact.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshRelationship {
     /// α₁: angle of the point of contact on the driving flank in rad, rising.
@@ -43,12 +46,16 @@ struct Solver<'a> {
 }
 
 impl MeshRelationship {
-    /// Solves Algorithm 1 for one pair of teeth, at 601 points evenly over the driving flank between the first and the last contact.
+    /// Solves Algorithm 1 for one pair of teeth, at 601 points evenly over the driving flank between the
+    /// first and the last contact.
     ///
     /// # Errors
     /// [`GearError::NoContact`] where the flanks do not touch at all within their active profiles.
     pub fn solve(pair: &GearPair, wear: &FlankWear) -> Result<Self, GearError> {
-        let flanks = [Flank::new(&pair.gears[0], wear, 0), Flank::new(&pair.gears[1], wear, 1)];
+        let flanks = [
+            Flank::new(&pair.gears[0], wear, 0),
+            Flank::new(&pair.gears[1], wear, 1),
+        ];
         let solver = Solver {
             driven: flanks[1].active_points(CELLS).collect(),
             flanks,
@@ -95,7 +102,8 @@ impl MeshRelationship {
         self.alpha1_prime_rad.push(contact.1.alpha_rad);
         self.phi1_rad.push(phi1);
         self.phi2_rad.push(phi2);
-        self.phi2_slope.push(contact.0.normal_arm_mm() / contact.1.normal_arm_mm());
+        self.phi2_slope
+            .push(contact.0.normal_arm_mm() / contact.1.normal_arm_mm());
     }
 }
 
@@ -115,8 +123,8 @@ impl Solver<'_> {
         along * along + beside * beside - self.centre_squared
     }
 
-    /// The driven point that touches `driving`. Wear with a concave depth can offer several: the one that pushes the driven gear
-    /// furthest is the one that touches.
+    /// The driven point that touches `driving`. Wear with a concave depth can offer several: the one that
+    /// pushes the driven gear furthest is the one that touches.
     fn mate(&self, driving: &FlankPoint) -> Option<FlankPoint> {
         let mut best: Option<(f64, FlankPoint)> = None;
         let mut before = self.residual(driving, &self.driven[0]);
@@ -124,7 +132,12 @@ impl Solver<'_> {
             let after = self.residual(driving, &two[1]);
             if (before <= 0.0) != (after <= 0.0) {
                 let residual = |alpha| self.residual(driving, &self.flanks[1].at(alpha));
-                let alpha = root::find(residual, (two[0].alpha_rad, before), (two[1].alpha_rad, after), TOLERANCE_RAD);
+                let alpha = root::find(
+                    residual,
+                    (two[0].alpha_rad, before),
+                    (two[1].alpha_rad, after),
+                    TOLERANCE_RAD,
+                );
                 let point = self.flanks[1].at(alpha);
                 let (phi1, phi2) = rotations(&(*driving, point));
                 let lead = phi2 - self.ratio * phi1;
@@ -137,7 +150,8 @@ impl Solver<'_> {
         best.map(|(_, point)| point)
     }
 
-    /// Driving root with the driven tip: the driving flank starts at its own end, or later where the driven tip ends first.
+    /// Driving root with the driven tip: the driving flank starts at its own end, or later where the driven
+    /// tip ends first.
     fn first_contact(&self, driving: &[FlankPoint]) -> Option<Contact> {
         let tip = *self.driven.last()?;
         self.at_limit(driving[0], tip, |residual, rounding| residual >= -rounding)
@@ -152,7 +166,12 @@ impl Solver<'_> {
     }
 
     /// The contact of the driving flank's end, where the driven flank reaches it.
-    fn at_limit(&self, driving: FlankPoint, limit: FlankPoint, reaches: impl Fn(f64, f64) -> bool) -> Option<Contact> {
+    fn at_limit(
+        &self,
+        driving: FlankPoint,
+        limit: FlankPoint,
+        reaches: impl Fn(f64, f64) -> bool,
+    ) -> Option<Contact> {
         let rounding = ROUNDING * self.centre_squared;
         let residual = self.residual(&driving, &limit);
         if residual.abs() <= rounding {
@@ -170,7 +189,12 @@ impl Solver<'_> {
             let (before, after) = (self.residual(&low, &limit), self.residual(&high, &limit));
             if before <= 0.0 && after > 0.0 {
                 let residual = |alpha| self.residual(&self.flanks[0].at(alpha), &limit);
-                let alpha = root::find(residual, (low.alpha_rad, before), (high.alpha_rad, after), TOLERANCE_RAD);
+                let alpha = root::find(
+                    residual,
+                    (low.alpha_rad, before),
+                    (high.alpha_rad, after),
+                    TOLERANCE_RAD,
+                );
                 return Some((self.flanks[0].at(alpha), limit));
             }
         }
@@ -185,7 +209,8 @@ mod tests {
     use crate::{FlankWear, GearPair};
 
     fn range(values: &[f64]) -> f64 {
-        values.iter().copied().fold(f64::NEG_INFINITY, f64::max) - values.iter().copied().fold(f64::INFINITY, f64::min)
+        values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+            - values.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
     #[test]
@@ -195,7 +220,9 @@ mod tests {
         assert_eq!(solved.phi1_rad.len(), 601);
         for i in 0..601 {
             assert!((solved.phi1_rad[i] - (solved.alpha1_rad[i] - 20.0_f64.to_radians())).abs() < 1e-13);
-            assert!((solved.phi2_rad[i] - (20.0_f64.to_radians() - solved.alpha1_prime_rad[i])).abs() < 1e-13);
+            assert!(
+                (solved.phi2_rad[i] - (20.0_f64.to_radians() - solved.alpha1_prime_rad[i])).abs() < 1e-13
+            );
             assert!((solved.phi2_slope[i] - 24.0 / 26.0).abs() < 1e-13);
         }
         assert!((solved.phi1_rad[0] + 0.277_624_056).abs() < 1e-9);
@@ -215,21 +242,34 @@ mod tests {
         for i in 1..600 {
             let width = solved.phi1_rad[i + 1] - solved.phi1_rad[i - 1];
             let slope = (solved.phi2_rad[i + 1] - solved.phi2_rad[i - 1]) / width;
-            assert!((slope - solved.phi2_slope[i]).abs() < 1e-4, "{slope} {}", solved.phi2_slope[i]);
+            assert!(
+                (slope - solved.phi2_slope[i]).abs() < 1e-4,
+                "{slope} {}",
+                solved.phi2_slope[i]
+            );
         }
     }
 
     #[test]
     fn every_contact_obeys_equations_9_to_17() {
         let (pair, wear) = typical_wear();
-        let flanks = [Flank::new(&pair.gears[0], &wear, 0), Flank::new(&pair.gears[1], &wear, 1)];
+        let flanks = [
+            Flank::new(&pair.gears[0], &wear, 0),
+            Flank::new(&pair.gears[1], &wear, 1),
+        ];
         let solved = MeshRelationship::solve(&pair, &wear).unwrap();
         for i in 0..solved.phi1_rad.len() {
-            let (one, two) = (flanks[0].at(solved.alpha1_rad[i]), flanks[1].at(solved.alpha1_prime_rad[i]));
+            let (one, two) = (
+                flanks[0].at(solved.alpha1_rad[i]),
+                flanks[1].at(solved.alpha1_prime_rad[i]),
+            );
             let psi1 = one.gamma_rad() + solved.phi1_rad[i];
             let psi2 = solved.phi2_rad[i] - two.gamma_rad();
             let across = one.worn_radius_mm() * psi1.cos() + two.worn_radius_mm() * psi2.cos();
-            assert!((across - pair.centre_distance_mm).abs() < 1e-9, "Eq. (9): {across}");
+            assert!(
+                (across - pair.centre_distance_mm).abs() < 1e-9,
+                "Eq. (9): {across}"
+            );
             assert!(
                 (one.worn_radius_mm() * psi1.sin() - two.worn_radius_mm() * psi2.sin()).abs() < 1e-9,
                 "Eq. (10)"
@@ -245,17 +285,32 @@ mod tests {
         let at = |i: usize| flank.at(from + (to - from) * i as f64 / (count - 1) as f64);
         let point = |i| {
             let point = at(i);
-            [point.alpha_rad, point.gamma_rad(), point.worn_radius_mm(), point.lambda_rad]
+            [
+                point.alpha_rad,
+                point.gamma_rad(),
+                point.worn_radius_mm(),
+                point.lambda_rad,
+            ]
         };
         (0..count).map(point).collect()
     }
 
-    /// Algorithm 1 as printed: for every α₁ the α₁′ of a grid that comes nearest to the centre distance, kept where it is nearer than
-    /// `tolerance_mm`. Gives (α₁, α₁′, φ₁, φ₂).
+    /// Algorithm 1 as printed: for every α₁ the α₁′ of a grid that comes nearest to the centre distance, kept
+    /// where it is nearer than `tolerance_mm`. Gives (α₁, α₁′, φ₁, φ₂).
     fn double_scan(pair: &GearPair, wear: &FlankWear, count: usize, tolerance_mm: f64) -> Vec<[f64; 4]> {
         let [gear1, gear2] = &pair.gears;
-        let driving = algorithm_points(&Flank::new(gear1, wear, 0), gear1.root_angle_rad, gear1.tip_angle_rad, count);
-        let driven = algorithm_points(&Flank::new(gear2, wear, 1), gear2.tip_angle_rad, gear2.root_angle_rad, count);
+        let driving = algorithm_points(
+            &Flank::new(gear1, wear, 0),
+            gear1.root_angle_rad,
+            gear1.tip_angle_rad,
+            count,
+        );
+        let driven = algorithm_points(
+            &Flank::new(gear2, wear, 1),
+            gear2.tip_angle_rad,
+            gear2.root_angle_rad,
+            count,
+        );
         let mut found = Vec::new();
         for [alpha1, gamma1, r1, lambda1] in driving {
             let mut best = (f64::INFINITY, [0.0; 4]);
@@ -263,7 +318,8 @@ mod tests {
                 let (sin, cos) = (lambda1 - lambda2 - gamma2).sin_cos();
                 let phi1 = ((r2 * sin - r1 * gamma1.sin()) / (r1 * gamma1.cos() + r2 * cos)).atan();
                 let phi2 = lambda1 - lambda2 - phi1;
-                let error = (r1 * (gamma1 + phi1).cos() + r2 * (phi2 - gamma2).cos() - pair.centre_distance_mm).abs();
+                let error =
+                    (r1 * (gamma1 + phi1).cos() + r2 * (phi2 - gamma2).cos() - pair.centre_distance_mm).abs();
                 if error < best.0 {
                     best = (error, [alpha1, *prime, phi1, phi2]);
                 }
@@ -307,7 +363,11 @@ mod tests {
             let point = solver.flanks[0].at(alpha1);
             let mate = solver.mate(&point).unwrap();
             let (exact1, exact2) = super::rotations(&(point, mate));
-            assert!((mate.alpha_rad - prime).abs() <= 0.51 * cell, "{} {prime}", mate.alpha_rad);
+            assert!(
+                (mate.alpha_rad - prime).abs() <= 0.51 * cell,
+                "{} {prime}",
+                mate.alpha_rad
+            );
             assert!((exact1 - phi1).abs() <= cell && (exact2 - phi2).abs() <= cell);
         }
     }
@@ -325,6 +385,8 @@ mod tests {
         for (phi1, phi2) in solved.phi1_rad.iter().zip(&solved.phi2_rad) {
             assert!((phi1 * 19.0 / 47.0 - phi2 - pair.perfect_lag_rad()).abs() < 1e-13);
         }
-        assert!((range(&solved.phi1_rad) / pair.gears[0].pitch_angle_rad() - pair.contact_ratio()).abs() < 1e-12);
+        assert!(
+            (range(&solved.phi1_rad) / pair.gears[0].pitch_angle_rad() - pair.contact_ratio()).abs() < 1e-12
+        );
     }
 }

@@ -15,14 +15,15 @@ const SIDE_BY_SIDE: usize = 8;
 const LEAST_OVERSAMPLING: usize = 8;
 /// Steps between two looks at whether to stop.
 const STEPS_BETWEEN_LOOKS: i64 = 4096;
-/// Most steps for one sample that the explicit method is given: what is stiffer vibrates above the record's band, and is left to the
-/// [implicit one](StiffStep).
+/// Most steps for one sample that the explicit method is given: what is stiffer vibrates above the record's
+/// band, and is left to the [implicit one](StiffStep).
 const MOST_OVERSAMPLING: usize = 16;
 /// Least and most implicit steps for one sample; even. One costs as much as two explicit ones.
 const STIFF_OVERSAMPLING: (usize, usize) = (8, 10);
 /// Longest explicit step as a part of the fastest rate's reciprocal.
 const STEP_PER_RATE: f64 = 0.4;
-/// Distance in shaft rates from every mesh line that images of mesh lines about the step's rate are kept away.
+/// Distance in shaft rates from every mesh line that images of mesh lines about the step's rate are kept
+/// away.
 const CLEAR_SHAFTS: f64 = 4.0;
 /// Decay of the start-up before the record starts, in nepers.
 const SETTLING_NEPERS: f64 = 16.0;
@@ -30,25 +31,29 @@ const SETTLING_NEPERS: f64 = 16.0;
 const LONGEST_SETTLING_S: f64 = 2.0;
 const LONGEST_SETTLING_PERIODS: f64 = 250.0;
 
-/// Simulates the pair and gives the acceleration in m/s² of its response coordinate at `sample_rate_hz`, start-up removed and low-passed
-/// below half the sampling rate (flat to 0.4 of it).
+/// Simulates the pair and gives the acceleration in m/s² of its response coordinate at `sample_rate_hz`,
+/// start-up removed and low-passed below half the sampling rate (flat to 0.4 of it).
 ///
-/// The integrator's step is at most an eighth of a sample. It is short against the fastest rate of the system where a sixteenth of a sample is;
-/// where not, the method is one that is stable at any step. The step ends exactly where the mesh stiffness jumps. Accelerations are second differences of the position over a step, so a jump of the error gives its whole push.
+/// The integrator's step is at most an eighth of a sample. It is short against the fastest rate of the system
+/// where a sixteenth of a sample is; where not, the method is one that is stable at any step. The step ends
+/// exactly where the mesh stiffness jumps. Accelerations are second differences of the position over a step,
+/// so a jump of the error gives its whole push.
 ///
 /// # Errors
-/// [`GearError::Field`] for settings that cannot be used; [`GearError::Unstable`] for vibration that grows without bound.
+/// [`GearError::Field`] for settings that cannot be used; [`GearError::Unstable`] for vibration that grows
+/// without bound.
 pub fn simulate(pair: &GearPair, cycle: &MeshCycle, run: &RunSettings) -> Result<Vec<f64>, GearError> {
     let mut records = simulate_together(pair, &[cycle], run, None)?;
     Ok(records.pop().unwrap_or_default())
 }
 
-/// Simulates the same run with several mesh cycles of one pair side by side, which is quicker than one after the other; gives a record for each as
-/// [`simulate`] does. Where supports or damping ask for a shorter step or a longer start-up, all records have those of the one that needs most.
+/// Simulates the same run with several mesh cycles of one pair side by side, which is quicker than one after
+/// the other; gives a record for each as [`simulate`] does. Where supports or damping ask for a shorter step
+/// or a longer start-up, all records have those of the one that needs most.
 ///
 /// # Errors
-/// [`GearError::Field`] for settings that cannot be used; [`GearError::Unstable`] for vibration that grows without bound; [`GearError::Stopped`] soon
-/// after `stop` becomes true.
+/// [`GearError::Field`] for settings that cannot be used; [`GearError::Unstable`] for vibration that grows
+/// without bound; [`GearError::Stopped`] soon after `stop` becomes true.
 pub fn simulate_together(
     pair: &GearPair,
     cycles: &[&MeshCycle],
@@ -66,7 +71,10 @@ pub fn simulate_together(
         });
     }
     // Once beyond all numbers a record stays there.
-    if records.iter().any(|record| record.last().is_some_and(|sample| !sample.is_finite())) {
+    if records
+        .iter()
+        .any(|record| record.last().is_some_and(|sample| !sample.is_finite()))
+    {
         let shaft_speed_hz = run.shaft_speed_hz;
         return Err(GearError::Unstable { shaft_speed_hz });
     }
@@ -75,7 +83,12 @@ pub fn simulate_together(
 
 /// [`simulate_together`] for at most 8 cycles with `oversampling` explicit steps for one sample.
 #[cfg(test)]
-pub(crate) fn simulate_refined(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings, oversampling: usize) -> Vec<Vec<f64>> {
+pub(crate) fn simulate_refined(
+    pair: &GearPair,
+    cycles: &[&MeshCycle],
+    run: &RunSettings,
+    oversampling: usize,
+) -> Vec<Vec<f64>> {
     let steps = Steps {
         oversampling,
         stiff: false,
@@ -87,11 +100,20 @@ pub(crate) fn simulate_refined(pair: &GearPair, cycles: &[&MeshCycle], run: &Run
 /// Whether [`simulate_together`] takes implicit steps.
 #[cfg(test)]
 pub(crate) fn is_stiff(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> bool {
-    Steps::of(f64::from(pair.gears[0].teeth), cycles, &motions(pair, cycles, run), run).stiff
+    Steps::of(
+        f64::from(pair.gears[0].teeth),
+        cycles,
+        &motions(pair, cycles, run),
+        run,
+    )
+    .stiff
 }
 
 fn motions(pair: &GearPair, cycles: &[&MeshCycle], run: &RunSettings) -> Vec<Motion> {
-    cycles.iter().map(|cycle| Motion::new(pair, cycle, run.torque_nm)).collect()
+    cycles
+        .iter()
+        .map(|cycle| Motion::new(pair, cycle, run.torque_nm))
+        .collect()
 }
 
 /// How a run is integrated.
@@ -104,8 +126,9 @@ struct Steps {
 }
 
 impl Steps {
-    /// The least number that resolves the system, or as much of it as shows in the record's band, and puts no image of a mesh line beside a mesh
-    /// line, where the shaft sidebands of worn gears lie, weaker by a million than the impacts. Where none of the steps allowed does, the longest.
+    /// The least number that resolves the system, or as much of it as shows in the record's band, and puts no
+    /// image of a mesh line beside a mesh line, where the shaft sidebands of worn gears lie, weaker by a
+    /// million than the impacts. Where none of the steps allowed does, the longest.
     fn of(teeth: f64, cycles: &[&MeshCycle], motions: &[Motion], run: &RunSettings) -> Self {
         let fastest = cycles.iter().zip(motions).map(|(cycle, motion)| {
             let stiffness = cycle.pieces.iter().flat_map(|piece| &piece.stiffness_n_per_m);
@@ -122,7 +145,8 @@ impl Steps {
         let is_clear = |oversampling: &usize| {
             // Steps and their middles.
             [1.0, 2.0].iter().all(|part| {
-                let mesh_lines = part * *oversampling as f64 * run.sample_rate_hz / (run.shaft_speed_hz * teeth);
+                let mesh_lines =
+                    part * *oversampling as f64 * run.sample_rate_hz / (run.shaft_speed_hz * teeth);
                 (mesh_lines - mesh_lines.round()).abs() * teeth > CLEAR_SHAFTS
             })
         };
@@ -151,7 +175,13 @@ struct Run<'a, const LANES: usize> {
 
 impl<'a, const LANES: usize> Run<'a, LANES> {
     /// `cycles` and `motions` have from one to `LANES` entries.
-    fn new(pair: &'a GearPair, cycles: &[&MeshCycle], settings: &'a RunSettings, motions: &[Motion], steps: Steps) -> Self {
+    fn new(
+        pair: &'a GearPair,
+        cycles: &[&MeshCycle],
+        settings: &'a RunSettings,
+        motions: &[Motion],
+        steps: Steps,
+    ) -> Self {
         let used = cycles.len();
         let of_lane = |lane: usize| lane.min(used - 1);
         let lanes: [&MeshCycle; LANES] = std::array::from_fn(|lane| cycles[of_lane(lane)]);
@@ -182,7 +212,9 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
     }
 
     fn records(mut self, stop: Option<&AtomicBool>) -> Result<Vec<Vec<f64>>, GearError> {
-        let samples = (self.settings.seconds * self.settings.sample_rate_hz).round().max(1.0) as usize;
+        let samples = (self.settings.seconds * self.settings.sample_rate_hz)
+            .round()
+            .max(1.0) as usize;
         let step = 1.0 / (self.settings.sample_rate_hz * self.steps.oversampling as f64);
         let stiff = self.steps.stiff.then(|| StiffStep::new(&self.motion, step));
         let mut decimator = Decimator::<LANES>::new(self.steps.oversampling);
@@ -210,14 +242,22 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
             };
             for lane in (0..LANES).filter(|lane| cut >> lane & 1 == 1) {
                 let state = self.cut_step(lane, before.map(|row| row[lane]), (phase, seconds), step);
-                states.iter_mut().zip(state).for_each(|(row, value)| row[lane] = value);
+                states
+                    .iter_mut()
+                    .zip(state)
+                    .for_each(|(row, value)| row[lane] = value);
             }
             (start, phase) = (end, (phase + width).fract());
             let after = self.response_positions(&states);
             if n >= first {
-                let acceleration = std::array::from_fn(|lane| (after[lane] - 2.0 * positions[1][lane] + positions[0][lane]) * per_square);
+                let acceleration = std::array::from_fn(|lane| {
+                    (after[lane] - 2.0 * positions[1][lane] + positions[0][lane]) * per_square
+                });
                 if let Some(sample) = decimator.push(acceleration) {
-                    records.iter_mut().zip(sample).for_each(|(record, value)| record.push(value));
+                    records
+                        .iter_mut()
+                        .zip(sample)
+                        .for_each(|(record, value)| record.push(value));
                 }
             }
             positions = [positions[1], after];
@@ -235,9 +275,15 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
         (phase, seconds): (f64, f64),
         step: f64,
     ) -> LaneExcitation<LANES> {
-        let mut at = |part: f64| self.with_common((phase + part * step * self.mesh_hz).fract(), seconds + part * step);
+        let mut at = |part: f64| {
+            self.with_common(
+                (phase + part * step * self.mesh_hz).fract(),
+                seconds + part * step,
+            )
+        };
         let (middle, end) = (at(0.5), at(1.0));
-        self.motion.step_lanes(&self.differing, states, [start, &middle, &end], step);
+        self.motion
+            .step_lanes(&self.differing, states, [start, &middle, &end], step);
         end
     }
 
@@ -261,7 +307,13 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
     }
 
     /// A step of one lane from a phase and time on, cut where its pieces of the mesh period end.
-    fn cut_step(&mut self, lane: usize, mut state: State, (mut phase, mut seconds): (f64, f64), step: f64) -> State {
+    fn cut_step(
+        &mut self,
+        lane: usize,
+        mut state: State,
+        (mut phase, mut seconds): (f64, f64),
+        step: f64,
+    ) -> State {
         let motion = self.motion.of_lane(&self.differing, lane);
         let alone = LaneMotion {
             mesh_damping: [motion.mesh_damping],
@@ -311,11 +363,17 @@ impl<'a, const LANES: usize> Run<'a, LANES> {
                 ..self.motion
             };
             let pieces = &self.excitation.pieces[lane];
-            let piece = pieces.iter().find(|piece| phase < piece.end).unwrap_or(&pieces[0]);
+            let piece = pieces
+                .iter()
+                .find(|piece| phase < piece.end)
+                .unwrap_or(&pieces[0]);
             let mut excitation = piece.at(phase);
             excitation.error += common;
             let state = motion.at_rest(excitation);
-            states.iter_mut().zip(state).for_each(|(row, value)| row[lane] = value);
+            states
+                .iter_mut()
+                .zip(state)
+                .for_each(|(row, value)| row[lane] = value);
         }
         states
     }
@@ -391,7 +449,8 @@ mod tests {
 
     fn worn(depth_mm: f64) -> (crate::GearPair, MeshCycle) {
         let pair = shen2022();
-        let cycle = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap();
+        let cycle =
+            MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth_mm).unwrap(), 1000).unwrap();
         (pair, cycle)
     }
 
@@ -429,18 +488,25 @@ mod tests {
             dynamic[(2, 2)] += support;
             let force = Vector3::from_fn(|i, _| mesh * signs[i] * 15e-6);
             let solved = dynamic.lu().solve(&force).unwrap();
-            let q = if row == 3 { solved[0] - solved[1] + solved[2] } else { solved[row] };
+            let q = if row == 3 {
+                solved[0] - solved[1] + solved[2]
+            } else {
+                solved[row]
+            };
             let wanted = -omega * omega * q;
 
             let run = RunSettings::nominal(&pair, 20_000.0, 0.5);
             let signal = simulate(&pair, &cycle, &run).unwrap();
             // e = A sin: the imaginary part of wanted·e^{iωt}.
-            let worst = signal
-                .iter()
-                .enumerate()
-                .map(|(n, value)| (value - (wanted * Complex::from_polar(1.0, omega * n as f64 / 20_000.0)).im).abs());
+            let worst = signal.iter().enumerate().map(|(n, value)| {
+                (value - (wanted * Complex::from_polar(1.0, omega * n as f64 / 20_000.0)).im).abs()
+            });
             let worst = worst.fold(0.0, f64::max);
-            assert!(worst < 1e-4 * wanted.norm(), "{response:?}: {worst} of {}", wanted.norm());
+            assert!(
+                worst < 1e-4 * wanted.norm(),
+                "{response:?}: {worst} of {}",
+                wanted.norm()
+            );
         }
     }
 
@@ -451,7 +517,12 @@ mod tests {
         let with = |oversampling| simulate_refined(&pair, &[&cycle], &settings, oversampling).remove(0);
         let (used, halved) = (with(8), with(16));
         let difference: Vec<f64> = used.iter().zip(&halved).map(|(a, b)| a - b).collect();
-        assert!(rms(&difference) < 1e-3 * rms(&halved), "{} of {}", rms(&difference), rms(&halved));
+        assert!(
+            rms(&difference) < 1e-3 * rms(&halved),
+            "{} of {}",
+            rms(&difference),
+            rms(&halved)
+        );
         assert!(
             (rms(&used) / rms(&halved) - 1.0).abs() < 2e-4,
             "{}",
@@ -466,8 +537,13 @@ mod tests {
             let signal = simulate(&pair, &cycle, &RunSettings::nominal(&pair, 20_000.0, 1.0)).unwrap();
             assert_eq!(signal.len(), 20_000);
             let mean_square = rms(&signal).powi(2);
-            let kurtosis = signal.iter().map(|value| value.powi(4)).sum::<f64>() / signal.len() as f64 / mean_square.powi(2);
-            assert!((3.0..25.0).contains(&kurtosis), "kurtosis {kurtosis} at {depth} mm");
+            let kurtosis = signal.iter().map(|value| value.powi(4)).sum::<f64>()
+                / signal.len() as f64
+                / mean_square.powi(2);
+            assert!(
+                (3.0..25.0).contains(&kurtosis),
+                "kurtosis {kurtosis} at {depth} mm"
+            );
             // Every mesh period has its impact: the largest is no outlier of the typical one.
             let mut peaks: Vec<f64> = signal
                 .chunks(50)
@@ -494,7 +570,11 @@ mod tests {
         run.start_phase_turns = 16.64 * 0.1;
         let later = simulate(&pair, &cycle, &run).unwrap();
         let difference: Vec<f64> = later.iter().zip(&from_zero[2000..]).map(|(a, b)| a - b).collect();
-        assert!(rms(&difference) < 1e-5 * rms(&later), "{}", rms(&difference) / rms(&later));
+        assert!(
+            rms(&difference) < 1e-5 * rms(&later),
+            "{}",
+            rms(&difference) / rms(&later)
+        );
     }
 
     #[test]
@@ -505,7 +585,10 @@ mod tests {
         assert_eq!(simulate(&pair, &cycle, &run).unwrap(), base);
         for changed in [
             RunSettings { seed: 2, ..run },
-            RunSettings { torque_nm: 900.0, ..run },
+            RunSettings {
+                torque_nm: 900.0,
+                ..run
+            },
             RunSettings {
                 shaft_speed_hz: 15.0,
                 ..run
@@ -522,7 +605,9 @@ mod tests {
     #[test]
     fn records_made_together_are_those_made_alone() {
         let pair = shen2022();
-        let worn = |depth: f64| MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 1000).unwrap();
+        let worn = |depth: f64| {
+            MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, depth).unwrap(), 1000).unwrap()
+        };
         let cycles: Vec<MeshCycle> = (0..10).map(|i| worn(0.02 * f64::from(i))).collect();
         let run = RunSettings::nominal(&pair, 20_000.0, 0.05);
         let together = simulate_together(&pair, &cycles.iter().collect::<Vec<_>>(), &run, None).unwrap();
@@ -530,7 +615,11 @@ mod tests {
         for (cycle, record) in cycles.iter().zip(together) {
             let alone = simulate(&pair, cycle, &run).unwrap();
             let difference: Vec<f64> = alone.iter().zip(&record).map(|(a, b)| a - b).collect();
-            assert!(rms(&difference) < 1e-6 * rms(&alone), "{}", rms(&difference) / rms(&alone));
+            assert!(
+                rms(&difference) < 1e-6 * rms(&alone),
+                "{}",
+                rms(&difference) / rms(&alone)
+            );
         }
         let stop = AtomicBool::new(true);
         let stopped = simulate_together(&pair, &[&cycles[0]], &run, Some(&stop)).unwrap_err();

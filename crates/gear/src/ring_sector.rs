@@ -6,8 +6,8 @@ use super::band_matrix::BandMatrix;
 use super::plane_elasticity::PlaneElasticity;
 use super::sector_mesh::SectorMesh;
 
-/// Stiffness between the negative side (`low`) and the positive side (`high`) of one or more sectors, each side in the coordinates of the
-/// sector that starts there.
+/// Stiffness between the negative side (`low`) and the positive side (`high`) of one or more sectors, each
+/// side in the coordinates of the sector that starts there.
 #[derive(Debug, Clone)]
 struct Arc {
     low: DMatrix<f64>,
@@ -48,7 +48,8 @@ impl Arc {
     }
 }
 
-/// Displacements of the sides of the sectors near the loaded one, for unit forces in X and Y at each station of its flank.
+/// Displacements of the sides of the sectors near the loaded one, for unit forces in X and Y at each station
+/// of its flank.
 #[derive(Debug, Clone)]
 pub(super) struct SideDisplacements {
     /// Row: sides from the first sector's negative one on; column: twice the station and the component.
@@ -64,7 +65,8 @@ pub(super) struct RingSector {
     sides: usize,
     /// Forces: two for each station.
     loads: usize,
-    /// Inner displacements with held sides: for a unit displacement of each side freedom, then for each unit force.
+    /// Inner displacements with held sides: for a unit displacement of each side freedom, then for each unit
+    /// force.
     inner: Vec<f64>,
     /// First inner freedom of each node, where it has any.
     freedoms: Vec<Option<usize>>,
@@ -96,11 +98,18 @@ impl RingSector {
         }
         let freedoms: Vec<Option<usize>> = place
             .iter()
-            .map(|at| if let Place::Inner(first) = at { Some(*first) } else { None })
+            .map(|at| {
+                if let Place::Inner(first) = at {
+                    Some(*first)
+                } else {
+                    None
+                }
+            })
             .collect();
         let spread = |element: &[usize; 8]| {
             let inner = element.iter().filter_map(|node| freedoms[*node]);
-            let (least, most) = inner.fold((usize::MAX, 0), |(least, most), at| (least.min(at), most.max(at)));
+            let (least, most) =
+                inner.fold((usize::MAX, 0), |(least, most), at| (least.min(at), most.max(at)));
             (most + 1).saturating_sub(least)
         };
         let half_band = mesh.elements.iter().map(spread).max()?;
@@ -113,15 +122,21 @@ impl RingSector {
         let (sin, cos) = pitch_angle_rad.sin_cos();
         for element in &mesh.elements {
             let stiffness = elasticity.stiffness(&element.map(|node| mesh.nodes[node]))?;
-            // An element's freedom as parts of the model's: the positive side is in the next sector's coordinates.
+            // An element's freedom as parts of the model's: the positive side is in the next sector's
+            // coordinates.
             let parts = |local: usize| -> [(Freedom, f64); 2] {
                 let component = local % 2;
                 match place[element[local / 2]] {
                     Place::Inner(first) => [(Freedom::Inner(first + component), 1.0), (Freedom::Held, 0.0)],
-                    Place::Side(first, false) => [(Freedom::Side(first + component), 1.0), (Freedom::Held, 0.0)],
+                    Place::Side(first, false) => {
+                        [(Freedom::Side(first + component), 1.0), (Freedom::Held, 0.0)]
+                    }
                     Place::Side(first, true) => {
                         let turned = if component == 0 { [cos, -sin] } else { [sin, cos] };
-                        [(Freedom::Side(first), turned[0]), (Freedom::Side(first + 1), turned[1])]
+                        [
+                            (Freedom::Side(first), turned[0]),
+                            (Freedom::Side(first + 1), turned[1]),
+                        ]
                     }
                     Place::Held => [(Freedom::Held, 0.0); 2],
                 }
@@ -178,8 +193,8 @@ impl RingSector {
         })
     }
 
-    /// Displacements of the sides of the loaded sector and of `reach` sectors on both sides of it, in a gear of `teeth` sectors (at least
-    /// 2·`reach` + 2).
+    /// Displacements of the sides of the loaded sector and of `reach` sectors on both sides of it, in a gear
+    /// of `teeth` sectors (at least 2·`reach` + 2).
     pub(super) fn side_displacements(&self, teeth: usize, reach: usize) -> Option<SideDisplacements> {
         let near = 2 * reach + 1;
         let half = self.sides / 2;
@@ -210,9 +225,15 @@ impl RingSector {
         Some(SideDisplacements { values, reach })
     }
 
-    /// Displacement of a node of the sector `index` − reach sectors from the loaded one, for unit forces in X and Y at a station:
-    /// `[load][component]` in that sector's coordinates.
-    pub(super) fn displacement(&self, near: &SideDisplacements, index: usize, station: usize, node: usize) -> [[f64; 2]; 2] {
+    /// Displacement of a node of the sector `index` − reach sectors from the loaded one, for unit forces in X
+    /// and Y at a station: `[load][component]` in that sector's coordinates.
+    pub(super) fn displacement(
+        &self,
+        near: &SideDisplacements,
+        index: usize,
+        station: usize,
+        node: usize,
+    ) -> [[f64; 2]; 2] {
         let count = self.sides + self.loads;
         let start = index * self.sides / 2;
         let mut tensor = [[0.0; 2]; 2];
@@ -223,8 +244,14 @@ impl RingSector {
             for (component, value) in row.iter_mut().enumerate() {
                 let inner = &self.inner[(first + component) * count..][..count];
                 let column = 2 * station + load;
-                let by_sides: f64 = (0..self.sides).map(|side| inner[side] * near.values[(start + side, column)]).sum();
-                let direct = if index == near.reach { inner[self.sides + column] } else { 0.0 };
+                let by_sides: f64 = (0..self.sides)
+                    .map(|side| inner[side] * near.values[(start + side, column)])
+                    .sum();
+                let direct = if index == near.reach {
+                    inner[self.sides + column]
+                } else {
+                    0.0
+                };
                 *value = by_sides + direct;
             }
         }

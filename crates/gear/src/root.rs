@@ -1,10 +1,15 @@
 //! Root of a function between two points of opposite sign.
 
-/// A root of `f` in `[low, high]` to within `tolerance`, by the ITP method (Oliveira and Takahashi, ACM Trans. Math. Softw. 47, 2020):
-/// superlinear on smooth functions, never more than one step behind bisection.
+/// A root of `f` in `[low, high]` to within `tolerance`, by the ITP method (Oliveira and Takahashi, ACM
+/// Trans. Math. Softw. 47, 2020): superlinear on smooth functions, never more than one step behind bisection.
 ///
 /// `at_low` and `at_high` are the values of `f` at the ends and have opposite signs (or one is zero).
-pub(super) fn find(f: impl Fn(f64) -> f64, (low, at_low): (f64, f64), (high, at_high): (f64, f64), tolerance: f64) -> f64 {
+pub(super) fn find(
+    f: impl Fn(f64) -> f64,
+    (low, at_low): (f64, f64),
+    (high, at_high): (f64, f64),
+    tolerance: f64,
+) -> f64 {
     if at_low == 0.0 {
         return low;
     }
@@ -75,6 +80,10 @@ mod tests {
             x.exp() - 1.5
         };
         find(f, (0.0, -0.5), (1.0, 1.0_f64.exp() - 1.5), 1e-13);
-        assert!(count.get() <= 12, "{} evaluations; bisection takes 43", count.get());
+        assert!(
+            count.get() <= 12,
+            "{} evaluations; bisection takes 43",
+            count.get()
+        );
     }
 }

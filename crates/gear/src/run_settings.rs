@@ -19,7 +19,8 @@ pub struct RunSettings {
     pub torque_nm: f64,
     /// Seed of the random error.
     pub seed: u64,
-    /// Angle of the driving shaft at the first sample in turns; at 0 a tooth pair is at its nominal start of contact and both sines of Eq. (26) are zero.
+    /// Angle of the driving shaft at the first sample in turns; at 0 a tooth pair is at its nominal start of
+    /// contact and both sines of Eq. (26) are zero.
     pub start_phase_turns: f64,
 }
 
@@ -42,7 +43,12 @@ impl RunSettings {
         positive("shaft_speed_hz", self.shaft_speed_hz, 1e4)?;
         positive("torque_nm", self.torque_nm, 1e9)?;
         within("start_phase_turns", self.start_phase_turns, -1e6, 1e6)?;
-        within("seconds × sample_rate_hz", self.seconds * self.sample_rate_hz, 1.0, MOST_SAMPLES)?;
+        within(
+            "seconds × sample_rate_hz",
+            self.seconds * self.sample_rate_hz,
+            1.0,
+            MOST_SAMPLES,
+        )?;
         Ok(())
     }
 }
@@ -75,7 +81,13 @@ mod tests {
                     ..run
                 },
             ),
-            ("torque_nm", RunSettings { torque_nm: 0.0, ..run }),
+            (
+                "torque_nm",
+                RunSettings {
+                    torque_nm: 0.0,
+                    ..run
+                },
+            ),
             (
                 "start_phase_turns",
                 RunSettings {

@@ -1,4 +1,5 @@
-//! Finite-element mesh of one sector of a gear: a tooth with its fillets, and the ring below it down to the bore.
+//! Finite-element mesh of one sector of a gear: a tooth with its fillets, and the ring below it down to the
+//! bore.
 
 use super::tooth_outline::{Point, ToothOutline};
 
@@ -51,7 +52,8 @@ pub(super) struct SectorMesh {
     pub(super) bore: Vec<usize>,
 }
 
-/// Numbers of the nodes of a grid of eight-node elements: rows with the elements' corners have all columns, the others every second.
+/// Numbers of the nodes of a grid of eight-node elements: rows with the elements' corners have all columns,
+/// the others every second.
 struct Grid {
     first: Vec<usize>,
 }
@@ -61,7 +63,8 @@ impl Grid {
         self.first[row] + if row.is_multiple_of(2) { column } else { column / 2 }
     }
 
-    /// Elements of all cells, of `columns` node columns besides the first; `outwards` where rows go towards the tip.
+    /// Elements of all cells, of `columns` node columns besides the first; `outwards` where rows go towards
+    /// the tip.
     fn elements(&self, columns: usize, outwards: bool) -> impl Iterator<Item = [usize; 8]> + '_ {
         let rows = (0..self.first.len() - 2).step_by(2);
         rows.flat_map(move |i| (0..columns).step_by(2).map(move |j| (i, j)))
@@ -83,9 +86,14 @@ impl Grid {
 }
 
 impl SectorMesh {
-    /// Mesh of the tooth, worn on the side of positive Y, and its part of the ring down to the bore; `depth_mm` is the wear along Y over the
-    /// radius in mm of the involute's points.
-    pub(super) fn new(outline: &ToothOutline, module_mm: f64, bore_radius_mm: f64, depth_mm: impl Fn(f64) -> f64) -> Self {
+    /// Mesh of the tooth, worn on the side of positive Y, and its part of the ring down to the bore;
+    /// `depth_mm` is the wear along Y over the radius in mm of the involute's points.
+    pub(super) fn new(
+        outline: &ToothOutline,
+        module_mm: f64,
+        bore_radius_mm: f64,
+        depth_mm: impl Fn(f64) -> f64,
+    ) -> Self {
         let edge = FlankEdge::new(outline, module_mm, depth_mm);
         let across = fractions(&ACROSS_TOOTH);
         let top = ring_top(outline, &edge, &across);
@@ -115,16 +123,24 @@ impl SectorMesh {
         let station = |row: usize| FlankStation {
             radius_mm: edge.radii_mm[row - 2 * UPPER_FILLET_ELEMENTS],
             node: tooth.node(row, TOOTH_COLUMNS),
-            inside: [tooth.node(row, TOOTH_COLUMNS - 2), tooth.node(row, TOOTH_COLUMNS - 4)],
+            inside: [
+                tooth.node(row, TOOTH_COLUMNS - 2),
+                tooth.node(row, TOOTH_COLUMNS - 4),
+            ],
         };
         Self {
             elements: tooth
                 .elements(TOOTH_COLUMNS, true)
                 .chain(ring.elements(RING_COLUMNS, false))
                 .collect(),
-            flank: (2 * UPPER_FILLET_ELEMENTS..=TOOTH_ROWS).step_by(2).map(station).collect(),
+            flank: (2 * UPPER_FILLET_ELEMENTS..=TOOTH_ROWS)
+                .step_by(2)
+                .map(station)
+                .collect(),
             sides: [0, RING_COLUMNS].map(|column| (0..RING_ROWS).map(|row| ring.node(row, column)).collect()),
-            bore: (0..=RING_COLUMNS).map(|column| ring.node(RING_ROWS, column)).collect(),
+            bore: (0..=RING_COLUMNS)
+                .map(|column| ring.node(RING_ROWS, column))
+                .collect(),
             nodes,
         }
     }
@@ -170,12 +186,17 @@ impl FlankEdge {
             .map(|part| outline.form_radius_mm + height * part)
             .collect();
         let upper = 2 * UPPER_FILLET_ELEMENTS;
-        let fillet = (0..upper).map(|i| outline.fillet(outline.fillet_normal(BASE_LINE_PART * (1.0 - i as f64 / upper as f64))));
+        let fillet = (0..upper)
+            .map(|i| outline.fillet(outline.fillet_normal(BASE_LINE_PART * (1.0 - i as f64 / upper as f64))));
         let at_form = depth_mm(outline.form_radius_mm);
         let run_out = (0..upper).map(|i| at_form * i as f64 / upper as f64);
         Self {
-            depths_mm: run_out.chain(radii_mm.iter().map(|radius| depth_mm(*radius))).collect(),
-            points: fillet.chain(radii_mm.iter().map(|radius| outline.flank(*radius))).collect(),
+            depths_mm: run_out
+                .chain(radii_mm.iter().map(|radius| depth_mm(*radius)))
+                .collect(),
+            points: fillet
+                .chain(radii_mm.iter().map(|radius| outline.flank(*radius)))
+                .collect(),
             radii_mm,
         }
     }
@@ -191,15 +212,25 @@ impl FlankEdge {
         let tip_angle = half.atan2(high) * lateral;
         let rise = outline.tip_radius_mm * tip_angle.cos() - high;
         let shift = outline.tip_radius_mm * tip_angle.sin() - half * lateral;
-        [x + bend * rise, y * lateral + bend * shift - self.depths_mm[row] * across]
+        [
+            x + bend * rise,
+            y * lateral + bend * shift - self.depths_mm[row] * across,
+        ]
     }
 }
 
 /// Lengths of the involute's elements from the tip on: growing from a fine one up to a greatest.
 fn element_lengths(height_mm: f64, module_mm: f64) -> Vec<f64> {
     let mean = height_mm / FLANK_ELEMENTS as f64;
-    let (first, greatest) = ((TIP_ELEMENT_MODULES * module_mm).min(0.5 * mean), GREATEST_OVER_MEAN * mean);
-    let lengths = |growth: f64| -> Vec<f64> { (0..FLANK_ELEMENTS).map(|i| (first * growth.powi(i as i32)).min(greatest)).collect() };
+    let (first, greatest) = (
+        (TIP_ELEMENT_MODULES * module_mm).min(0.5 * mean),
+        GREATEST_OVER_MEAN * mean,
+    );
+    let lengths = |growth: f64| -> Vec<f64> {
+        (0..FLANK_ELEMENTS)
+            .map(|i| (first * growth.powi(i as i32)).min(greatest))
+            .collect()
+    };
     let (mut low, mut high) = (1.0, 20.0);
     for _ in 0..50 {
         let middle = 0.5 * (low + high);
@@ -212,12 +243,15 @@ fn element_lengths(height_mm: f64, module_mm: f64) -> Vec<f64> {
     lengths(high)
 }
 
-/// The ring's upper boundary from one side of the sector to the other: root circle, lower fillet, base line, lower fillet, root circle.
+/// The ring's upper boundary from one side of the sector to the other: root circle, lower fillet, base line,
+/// lower fillet, root circle.
 fn ring_top(outline: &ToothOutline, edge: &FlankEdge, across: &[f64]) -> Vec<Point> {
     const PIECES: usize = 64;
     let (sin, cos) = (0.5 * outline.pitch_angle_rad).sin_cos();
     let mut curve = vec![[outline.root_radius_mm * cos, outline.root_radius_mm * sin]];
-    curve.extend((0..=PIECES).map(|i| outline.fillet(outline.fillet_normal(1.0 - (1.0 - BASE_LINE_PART) * i as f64 / PIECES as f64))));
+    curve.extend((0..=PIECES).map(|i| {
+        outline.fillet(outline.fillet_normal(1.0 - (1.0 - BASE_LINE_PART) * i as f64 / PIECES as f64))
+    }));
     let mut lengths = vec![0.0];
     for two in curve.windows(2) {
         let length = (two[1][0] - two[0][0]).hypot(two[1][1] - two[0][1]);
@@ -228,7 +262,9 @@ fn ring_top(outline: &ToothOutline, edge: &FlankEdge, across: &[f64]) -> Vec<Poi
     let lower: Vec<Point> = (0..count)
         .map(|i| {
             let wanted = total * i as f64 / count as f64;
-            let after = lengths.partition_point(|length| *length <= wanted).clamp(1, lengths.len() - 1);
+            let after = lengths
+                .partition_point(|length| *length <= wanted)
+                .clamp(1, lengths.len() - 1);
             let part = (wanted - lengths[after - 1]) / (lengths[after] - lengths[after - 1]);
             let (a, b) = (curve[after - 1], curve[after]);
             [a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1])]
@@ -245,7 +281,8 @@ mod tests {
     use crate::tooth_outline::ToothOutline;
     use crate::{MaterialSpec, PairSpec, PlaneState, plane_elasticity::PlaneElasticity};
 
-    /// Every element of gears from few to many teeth is sound, and the mesh fills the sector: the ring's and the tooth's area.
+    /// Every element of gears from few to many teeth is sound, and the mesh fills the sector: the ring's and
+    /// the tooth's area.
     #[test]
     fn meshes_small_and_large_gears() {
         let mut spec = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).unwrap();
@@ -266,7 +303,9 @@ mod tests {
                 let mesh = SectorMesh::new(&outline, 6.0, bore, |_| 0.05);
                 for element in &mesh.elements {
                     assert!(
-                        elasticity.stiffness(&element.map(|node| mesh.nodes[node])).is_some(),
+                        elasticity
+                            .stiffness(&element.map(|node| mesh.nodes[node]))
+                            .is_some(),
                         "{teeth:?} {i}"
                     );
                 }

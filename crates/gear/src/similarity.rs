@@ -1,12 +1,14 @@
-//! What a description leaves open of a pair's surroundings: what the paper's pair has, made as large as the described one.
+//! What a description leaves open of a pair's surroundings: what the paper's pair has, made as large as the
+//! described one.
 //!
-//! Teeth of one shape and material are as stiff as they are wide, whatever their module, and a disc's mass goes with its volume. Supports that keep
-//! their proportion to the teeth, and errors and wear that keep theirs to the module, make a pair that vibrates as the paper's does, only
-//! faster or slower.
+//! Teeth of one shape and material are as stiff as they are wide, whatever their module, and a disc's mass
+//! goes with its volume. Supports that keep their proportion to the teeth, and errors and wear that keep
+//! theirs to the module, make a pair that vibrates as the paper's does, only faster or slower.
 
 use super::PairSpec;
 
-/// The paper's pair: module, face width and smaller reference radius in mm, Young's modulus in Pa, density in kg/m³.
+/// The paper's pair: module, face width and smaller reference radius in mm, Young's modulus in Pa, density in
+/// kg/m³.
 const MODULE_MM: f64 = 6.0;
 const FACE_WIDTH_MM: f64 = 50.0;
 const SMALLER_RADIUS_MM: f64 = 72.0;
@@ -48,7 +50,8 @@ pub struct Errors {
 }
 
 impl PairSpec {
-    /// The supports that are described; where not, ones as stiff against the teeth, and as damped, as the paper's.
+    /// The supports that are described; where not, ones as stiff against the teeth, and as damped, as the
+    /// paper's.
     pub fn supports(&self) -> Supports {
         let usual = self.usual_supports();
         Supports {
@@ -57,7 +60,8 @@ impl PairSpec {
         }
     }
 
-    /// Supports as stiff against the teeth as the paper's, and as damped for the smaller gear, whatever is described.
+    /// Supports as stiff against the teeth as the paper's, and as damped for the smaller gear, whatever is
+    /// described.
     pub fn usual_supports(&self) -> Supports {
         let (basic, material) = (&self.geometry, &self.material);
         let width = basic.face_width_mm / FACE_WIDTH_MM;
@@ -95,7 +99,8 @@ impl PairSpec {
         }
     }
 
-    /// Greatest wear in µm that is looked at where nothing else is asked for: 245 µm at module 6 mm, in proportion to the module.
+    /// Greatest wear in µm that is looked at where nothing else is asked for: 245 µm at module 6 mm, in
+    /// proportion to the module.
     pub fn usual_wear_um(&self) -> f64 {
         DEEPEST_UM * self.size()
     }
@@ -116,11 +121,15 @@ mod tests {
         let given = shen2022_spec();
         let mut silent = given.clone();
         (silent.supports, silent.errors) = (SupportSpec::default(), ErrorSpec::default());
-        assert_eq!((silent.supports(), silent.errors()), (given.supports(), given.errors()));
+        assert_eq!(
+            (silent.supports(), silent.errors()),
+            (given.supports(), given.errors())
+        );
         assert_eq!(silent.usual_wear_um(), 245.0);
     }
 
-    /// A sixth as large in every direction: stiffness goes with the length, mass with its cube, damping with its square.
+    /// A sixth as large in every direction: stiffness goes with the length, mass with its cube, damping with
+    /// its square.
     #[test]
     fn a_smaller_pair_has_supports_and_errors_of_its_size() {
         let mut spec = shen2022_spec();

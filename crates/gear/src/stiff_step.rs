@@ -1,9 +1,10 @@
 //! A step that stays stable however stiff teeth and supports are against the masses.
 //!
-//! The diagonally implicit Runge–Kutta method of order 3 with an explicit first stage of Kennedy and Carpenter (ARK3(2)4L\[2\]SA, Appl. Numer. Math.
-//! 44, 2003). It is L-stable: vibration too fast for the step dies out within it, and what is left is the balance that a sensor of the record's
-//! band sees. All that couples the coordinates is the one closed way ξ of the teeth, so that a stage has a closed form, parted teeth
-//! included: nothing is iterated.
+//! The diagonally implicit Runge–Kutta method of order 3 with an explicit first stage of Kennedy and
+//! Carpenter (ARK3(2)4L\[2\]SA, Appl. Numer. Math. 44, 2003). It is L-stable: vibration too fast for the step
+//! dies out within it, and what is left is the balance that a sensor of the record's band sees. All that
+//! couples the coordinates is the one closed way ξ of the teeth, so that a stage has a closed form, parted
+//! teeth included: nothing is iterated.
 
 use super::dynamics::{LaneMotion, Lanes, Motion, closed};
 use super::excitation::LaneExcitation;
@@ -17,7 +18,10 @@ pub(super) const PLACES: [f64; STAGES] = [0.0, 2.0 * DIAGONAL, 0.6, 1.0];
 /// What each stage takes of those before it; the last one is the step's end.
 const WEIGHTS: [&[f64]; STAGES - 1] = [
     &[DIAGONAL],
-    &[2_746_238_789_719.0 / 10_658_868_560_708.0, -640_167_445_237.0 / 6_845_629_431_997.0],
+    &[
+        2_746_238_789_719.0 / 10_658_868_560_708.0,
+        -640_167_445_237.0 / 6_845_629_431_997.0,
+    ],
     &[
         1_471_266_399_579.0 / 7_840_856_788_654.0,
         -4_482_444_167_858.0 / 7_529_755_066_697.0,
@@ -44,7 +48,10 @@ impl StiffStep {
     /// For steps of `length` seconds of motions with these masses and supports.
     pub(super) fn new(motion: &Motion, length: f64) -> Self {
         let part = DIAGONAL * length;
-        let left = [1, 2].map(|i| 1.0 / (1.0 + part * motion.inverse_mass[i] * (motion.support_damping + part * motion.support_stiffness)));
+        let left = [1, 2].map(|i| {
+            1.0 / (1.0
+                + part * motion.inverse_mass[i] * (motion.support_damping + part * motion.support_stiffness))
+        });
         Self {
             length,
             stage: Stage { part, left },
@@ -55,8 +62,8 @@ impl StiffStep {
         self.length
     }
 
-    /// The states of several systems after a step, each with its own damping and backlash, and with the excitation at the stages'
-    /// [places](PLACES).
+    /// The states of several systems after a step, each with its own damping and backlash, and with the
+    /// excitation at the stages' [places](PLACES).
     #[inline(always)]
     pub(super) fn advance<const LANES: usize>(
         &self,
@@ -193,14 +200,16 @@ mod tests {
         let motion = motion(6.56e7, 1e3);
         let start = motion.at_rest(excitation(0.0));
         let exact = explicitly(&motion, start, 2e-3, 20_000);
-        let errors = [100, 200, 400].map(|steps| difference(&implicitly(&motion, start, 2e-3, steps), &exact));
+        let errors =
+            [100, 200, 400].map(|steps| difference(&implicitly(&motion, start, 2e-3, steps), &exact));
         for two in errors.windows(2) {
             let order = (two[0] / two[1]).log2();
             assert!((2.6..3.6).contains(&order), "{order} of {errors:?}");
         }
     }
 
-    /// Supports a thousand times as stiff, masses and all: what they leave is found with steps 100 times longer than stable explicit ones.
+    /// Supports a thousand times as stiff, masses and all: what they leave is found with steps 100 times
+    /// longer than stable explicit ones.
     #[test]
     fn stiff_supports_need_no_short_steps() {
         let motion = motion(6.56e10, 1e5);
@@ -208,7 +217,11 @@ mod tests {
         let exact = explicitly(&motion, start, 5e-3, 200_000);
         let coarse = implicitly(&motion, start, 5e-3, 800);
         let way = difference(&exact, &start);
-        assert!(difference(&coarse, &exact) < 1e-4 * way, "{} of {way}", difference(&coarse, &exact));
+        assert!(
+            difference(&coarse, &exact) < 1e-4 * way,
+            "{} of {way}",
+            difference(&coarse, &exact)
+        );
     }
 
     /// Teeth that fly through their backlash and come back.
@@ -219,7 +232,14 @@ mod tests {
         motion.drive_m_per_s2 = 50.0;
         let mut start = motion.at_rest(excitation(0.0));
         start[3] -= 0.04;
-        let (exact, found) = (explicitly(&motion, start, 2e-3, 40_000), implicitly(&motion, start, 2e-3, 4_000));
-        assert!(difference(&found, &exact) < 1e-8, "{} {exact:?}", difference(&found, &exact));
+        let (exact, found) = (
+            explicitly(&motion, start, 2e-3, 40_000),
+            implicitly(&motion, start, 2e-3, 4_000),
+        );
+        assert!(
+            difference(&found, &exact) < 1e-8,
+            "{} {exact:?}",
+            difference(&found, &exact)
+        );
     }
 }

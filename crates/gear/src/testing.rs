@@ -12,8 +12,8 @@ pub(super) fn shen2022() -> GearPair {
     shen2022_spec().resolve().unwrap()
 }
 
-/// That pair with the typical nonuniform wear of Section 2.3: 0.05 mm at the root end, 0.035 mm at the tip of both gears, zero at the
-/// pitch point.
+/// That pair with the typical nonuniform wear of Section 2.3: 0.05 mm at the root end, 0.035 mm at the tip of
+/// both gears, zero at the pitch point.
 pub(super) fn typical_wear() -> (GearPair, FlankWear) {
     let mut spec = shen2022_spec();
     (spec.wear.floor, spec.wear.tip_ratio, spec.wear.exponent) = (0.0, 0.7, 2.0);

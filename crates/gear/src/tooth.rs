@@ -35,7 +35,8 @@ impl ToothCompliance {
     }
 }
 
-/// Integrals from the root to a section, for unit width: of 1/I, X/I, X²/I and 1/A with X the distance from the root.
+/// Integrals from the root to a section, for unit width: of 1/I, X/I, X²/I and 1/A with X the distance from
+/// the root.
 #[derive(Debug, Clone, Copy, Default)]
 struct SectionIntegrals {
     inertia: [f64; 3],
@@ -64,8 +65,8 @@ impl SectionIntegrals {
 
 /// One tooth of a gear as a cantilever, Fig. 10: sections y_worn + y_perfect thick.
 ///
-/// Where R_b > R_r (situation 1) the sections between base and root circle are those at the base circle; where R_b ≤ R_r
-/// (situation 2) the involute goes down to the root circle.
+/// Where R_b > R_r (situation 1) the sections between base and root circle are those at the base circle;
+/// where R_b ≤ R_r (situation 2) the involute goes down to the root circle.
 #[derive(Debug)]
 pub(super) struct Tooth<'a> {
     flank: Flank<'a>,
@@ -101,8 +102,15 @@ impl<'a> Tooth<'a> {
             root_x_mm = root.x_mm;
         }
         let tip = gear.tip_angle_rad;
-        let mut ends: Vec<f64> = (0..=count).map(|i| start + (tip - start) * i as f64 / count as f64).collect();
-        ends.extend(flank.kinks_rad().into_iter().filter(|kink| *kink > start && *kink < tip));
+        let mut ends: Vec<f64> = (0..=count)
+            .map(|i| start + (tip - start) * i as f64 / count as f64)
+            .collect();
+        ends.extend(
+            flank
+                .kinks_rad()
+                .into_iter()
+                .filter(|kink| *kink > start && *kink < tip),
+        );
         ends.sort_by(f64::total_cmp);
 
         let mut tooth = Self {
@@ -129,8 +137,13 @@ impl<'a> Tooth<'a> {
         for (node, weight) in GAUSS {
             let point = self.flank.at(middle + half * node);
             // dx/dα = R_b (α₁ + α₂) cos α₁.
-            let dx = gear.base_radius_mm * (point.alpha_rad + gear.base_half_angle_rad) * point.alpha_rad.cos();
-            integrals.add(point.x_mm - self.root_x_mm, 2.0 * point.y_mm - point.depth_mm, weight * half * dx);
+            let dx =
+                gear.base_radius_mm * (point.alpha_rad + gear.base_half_angle_rad) * point.alpha_rad.cos();
+            integrals.add(
+                point.x_mm - self.root_x_mm,
+                2.0 * point.y_mm - point.depth_mm,
+                weight * half * dx,
+            );
         }
         integrals
     }
@@ -159,8 +172,9 @@ impl<'a> Tooth<'a> {
         }
     }
 
-    /// Fillet foundation after Sainsot, Velex and Duverger, J. Mech. Des. 126 (2004) 747: a half-annulus clamped at the bore. The
-    /// polynomials were fitted for root to bore radii from 1.4 to 7 and θ_f from 0.01 to 0.12 rad and are carried on beyond.
+    /// Fillet foundation after Sainsot, Velex and Duverger, J. Mech. Des. 126 (2004) 747: a half-annulus
+    /// clamped at the bore. The polynomials were fitted for root to bore radii from 1.4 to 7 and θ_f from
+    /// 0.01 to 0.12 rad and are carried on beyond.
     fn foundation(&self, load: &FlankPoint) -> f64 {
         let gear = self.flank.gear;
         let (sin, cos) = load.lambda_sin_cos;
@@ -170,9 +184,12 @@ impl<'a> Tooth<'a> {
         let s_f = 2.0 * gear.root_radius_mm * self.root_half_angle_rad;
         let h = gear.root_radius_mm / gear.bore_radius_mm;
         let theta = self.root_half_angle_rad;
-        let [l, m, p, q] = SAINSOT.map(|[a, b, c, d, e, f]| a / (theta * theta) + b * h * h + c * h / theta + d / theta + e * h + f);
+        let [l, m, p, q] = SAINSOT.map(|[a, b, c, d, e, f]| {
+            a / (theta * theta) + b * h * h + c * h / theta + d / theta + e * h + f
+        });
         let ratio = u_f / s_f;
-        cos * cos / (self.youngs_modulus_mpa * self.face_width_mm) * (l * ratio * ratio + m * ratio + p * (1.0 + q * tan * tan))
+        cos * cos / (self.youngs_modulus_mpa * self.face_width_mm)
+            * (l * ratio * ratio + m * ratio + p * (1.0 + q * tan * tan))
     }
 }
 
@@ -199,7 +216,8 @@ mod tests {
         (f(from) + inner + f(to)) * h / 3.0
     }
 
-    /// 1/k_b, 1/k_s, 1/k_a straight from their definitions over x, the section at x found by bisection on the flank.
+    /// 1/k_b, 1/k_s, 1/k_a straight from their definitions over x, the section at x found by bisection on the
+    /// flank.
     fn defined(pair: &GearPair, flank: &Flank, alpha: f64) -> [f64; 3] {
         let gear = flank.gear;
         let load = flank.at(alpha);
@@ -223,7 +241,11 @@ mod tests {
             let (mut a, mut b) = (lowest, alpha);
             for _ in 0..60 {
                 let middle = 0.5 * (a + b);
-                if flank.at(middle).x_mm < x { a = middle } else { b = middle }
+                if flank.at(middle).x_mm < x {
+                    a = middle
+                } else {
+                    b = middle
+                }
             }
             let point = flank.at(a);
             2.0 * point.y_mm - point.depth_mm
@@ -233,7 +255,9 @@ mod tests {
         let shear = young / (2.0 * (1.0 + pair.spec.material.poisson_ratio));
         let height = load.y_mm - load.depth_mm;
         let moment = |x: f64| cos * (load.x_mm - x) - sin * height;
-        let integral = |f: &dyn Fn(f64) -> f64| simpson(f, root_x, low.x_mm, 200) + simpson(f, low.x_mm, load.x_mm, 4000);
+        let integral = |f: &dyn Fn(f64) -> f64| {
+            simpson(f, root_x, low.x_mm, 200) + simpson(f, low.x_mm, load.x_mm, 4000)
+        };
         [
             integral(&|x| moment(x).powi(2) / (young * width * thickness(x).powi(3) / 12.0)),
             integral(&|x| 1.2 * cos * cos / (shear * width * thickness(x))),
@@ -258,7 +282,11 @@ mod tests {
         for (pair, wear) in both_situations() {
             for (i, gear) in pair.gears.iter().enumerate() {
                 let flank = Flank::new(gear, &wear, i);
-                let tooth = Tooth::new(flank.clone(), &pair.spec.material, pair.spec.geometry.face_width_mm);
+                let tooth = Tooth::new(
+                    flank.clone(),
+                    &pair.spec.material,
+                    pair.spec.geometry.face_width_mm,
+                );
                 for part in [0.02, 0.37, 0.71, 1.0] {
                     let alpha = gear.root_angle_rad + part * (gear.tip_angle_rad - gear.root_angle_rad);
                     let found = tooth.compliance(&flank.at(alpha));
@@ -277,7 +305,8 @@ mod tests {
     fn more_panels_change_nothing() {
         for (pair, wear) in both_situations() {
             let flank = Flank::new(&pair.gears[0], &wear, 0);
-            let teeth = [12, 24, 96].map(|count| Tooth::with_panels(flank.clone(), &pair.spec.material, 50.0, count));
+            let teeth =
+                [12, 24, 96].map(|count| Tooth::with_panels(flank.clone(), &pair.spec.material, 50.0, count));
             for point in flank.active_points(37) {
                 let [coarse, used, fine] = teeth.each_ref().map(|tooth| tooth.compliance(&point).total());
                 assert!((used / fine - 1.0).abs() < 1e-13, "{}", used / fine - 1.0);

@@ -1,5 +1,5 @@
-//! Outline of a whole unworn tooth in its own coordinates X (centre line) and Y: involute, fillet and root circle as the basic rack cuts
-//! them.
+//! Outline of a whole unworn tooth in its own coordinates X (centre line) and Y: involute, fillet and root
+//! circle as the basic rack cuts them.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
@@ -28,7 +28,8 @@ pub(super) struct ToothOutline {
     base_half_angle_rad: f64,
     reference_radius_mm: f64,
     pressure_angle_rad: f64,
-    /// Rack tip's centre of rounding: depth below the rolling line, distance from the rack tooth's centre line, radius; in mm.
+    /// Rack tip's centre of rounding: depth below the rolling line, distance from the rack tooth's centre
+    /// line, radius; in mm.
     rounding_depth_mm: f64,
     rounding_offset_mm: f64,
     rounding_mm: f64,
@@ -37,7 +38,8 @@ pub(super) struct ToothOutline {
 impl ToothOutline {
     /// Outline of gear `i` (0 or 1) of the pair.
     ///
-    /// The rack's tip radius is 0.38 modules, or less where the clearance or the width of the rack's tooth leaves no room for it.
+    /// The rack's tip radius is 0.38 modules, or less where the clearance or the width of the rack's tooth
+    /// leaves no room for it.
     pub(super) fn new(pair: &GearPair, i: usize) -> Self {
         let basic = &pair.spec.geometry;
         let gear = &pair.gears[i];
@@ -84,8 +86,8 @@ impl ToothOutline {
         (self.base_radius_mm / radius_mm).min(1.0).acos()
     }
 
-    /// Point of the fillet that the rack's rounding cuts with its normal at `normal_rad` to the rolling line: from the pressure angle, where
-    /// the involute ends, to π/2, where the root circle begins.
+    /// Point of the fillet that the rack's rounding cuts with its normal at `normal_rad` to the rolling line:
+    /// from the pressure angle, where the involute ends, to π/2, where the root circle begins.
     pub(super) fn fillet(&self, normal_rad: f64) -> Point {
         let (sin, cos) = normal_rad.sin_cos();
         // The contact's normal passes through the pitch point.
@@ -110,14 +112,18 @@ impl ToothOutline {
 }
 
 impl GearPair {
-    /// Half of an unworn tooth of gear `i` (0 drives) in its own coordinates in mm, centre line and half of the thickness: from the root circle in the
-    /// middle of the space up the fillet and the flank, `points` of each, to the tip.
+    /// Half of an unworn tooth of gear `i` (0 drives) in its own coordinates in mm, centre line and half of
+    /// the thickness: from the root circle in the middle of the space up the fillet and the flank, `points`
+    /// of each, to the tip.
     pub fn tooth_profile_mm(&self, i: usize, points: usize) -> Vec<[f64; 2]> {
         let outline = ToothOutline::new(self, i);
         let middle = 0.5 * outline.pitch_angle_rad;
         let count = points.max(2) - 1;
         let part = |place: usize| place as f64 / count as f64;
-        let root = [outline.root_radius_mm * middle.cos(), outline.root_radius_mm * middle.sin()];
+        let root = [
+            outline.root_radius_mm * middle.cos(),
+            outline.root_radius_mm * middle.sin(),
+        ];
         let fillet = (0..=count).map(|place| outline.fillet(outline.fillet_normal(1.0 - part(place))));
         let tip = outline.tip_radius_mm;
         let form = outline.form_radius_mm.min(tip);
@@ -131,7 +137,8 @@ mod tests {
     use super::ToothOutline;
     use crate::PairSpec;
 
-    /// Table 1 of the paper; form and root radius of gear 1 from a Python script of the rack's generation: 68.0276, 64.5 mm.
+    /// Table 1 of the paper; form and root radius of gear 1 from a Python script of the rack's generation:
+    /// 68.0276, 64.5 mm.
     #[test]
     fn fillet_joins_involute_and_root_circle() {
         let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml"))
@@ -139,7 +146,11 @@ mod tests {
             .resolve()
             .unwrap();
         let outline = ToothOutline::new(&pair, 0);
-        assert!((outline.form_radius_mm - 68.027_632_593).abs() < 1e-8, "{}", outline.form_radius_mm);
+        assert!(
+            (outline.form_radius_mm - 68.027_632_593).abs() < 1e-8,
+            "{}",
+            outline.form_radius_mm
+        );
         let [x, y] = outline.fillet(outline.fillet_normal(0.0));
         let [flank_x, flank_y] = outline.flank(outline.form_radius_mm);
         assert!(
@@ -153,6 +164,9 @@ mod tests {
         assert_eq!(profile.len(), 1 + 8 + 7);
         let radius = |[x, y]: [f64; 2]| x.hypot(y);
         assert!((radius(profile[0]) - 64.5).abs() < 1e-9 && (radius(profile[15]) - 78.0).abs() < 1e-9);
-        assert!(profile.windows(2).all(|two| two[0][1] > two[1][1]), "it narrows from root to tip");
+        assert!(
+            profile.windows(2).all(|two| two[0][1] > two[1][1]),
+            "it narrows from root to tip"
+        );
     }
 }

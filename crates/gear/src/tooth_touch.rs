@@ -1,9 +1,10 @@
-//! Where the two teeth of one pair touch first, with whatever wear and at whatever rotation: flank on flank inside the nominal range of
-//! contact, a tip's edge on the other flank outside of it.
+//! Where the two teeth of one pair touch first, with whatever wear and at whatever rotation: flank on flank
+//! inside the nominal range of contact, a tip's edge on the other flank outside of it.
 //!
-//! A point of the driving flank at rotation φ₁ lies on a circle about the driven gear's centre. Turning back, the driven tooth's point on that
-//! circle reaches it at φ₂ = ψ₂ + γ₂ (Eq. 15); the teeth touch at the greatest φ₂ of all such points. Where the greatest is inside, its
-//! vanishing slope is the common tangent, Eq. (11); at an end of either flank it is corner contact.
+//! A point of the driving flank at rotation φ₁ lies on a circle about the driven gear's centre. Turning back,
+//! the driven tooth's point on that circle reaches it at φ₂ = ψ₂ + γ₂ (Eq. 15); the teeth touch at the
+//! greatest φ₂ of all such points. Where the greatest is inside, its vanishing slope is the common tangent,
+//! Eq. (11); at an end of either flank it is corner contact.
 
 use super::line_contact::LineContact;
 use super::tooth_outline::{Point, ToothOutline};
@@ -73,7 +74,10 @@ impl DrivenFlank {
             let slope = -(point.lambda_rad + gamma).tan() / radius;
             [radius, gamma, slope, point.lambda_rad, point.radius_mm]
         };
-        let table: Vec<[f64; 5]> = involute_points(flank, outline, DRIVEN_POINTS).into_iter().map(row).collect();
+        let table: Vec<[f64; 5]> = involute_points(flank, outline, DRIVEN_POINTS)
+            .into_iter()
+            .map(row)
+            .collect();
         let base_mm = flank.gear.base_radius_mm;
         let length = |row: &[f64; 5]| (row[0] * row[0] - base_mm * base_mm).max(0.0).sqrt();
         Self {
@@ -91,7 +95,9 @@ impl DrivenFlank {
     fn at(&self, radius_mm: f64) -> DrivenPoint {
         // The table is even in α₁, which is √(r² − R_b²) without wear: a first guess, then a step or two.
         let last = self.table.len() - 1;
-        let length = (radius_mm * radius_mm - self.base_mm * self.base_mm).max(0.0).sqrt();
+        let length = (radius_mm * radius_mm - self.base_mm * self.base_mm)
+            .max(0.0)
+            .sqrt();
         let part = (length - self.lengths_mm.0) / (self.lengths_mm.1 - self.lengths_mm.0);
         let mut after = ((part.max(0.0) * last as f64) as usize + 1).min(last);
         while after < last && self.table[after][0] <= radius_mm {
@@ -114,16 +120,23 @@ impl DrivenFlank {
 
 /// Points evenly over α₁ from the end of the fillet to the tip.
 fn involute_points(flank: &Flank<'_>, outline: &ToothOutline, count: usize) -> Vec<FlankPoint> {
-    let (form, tip) = (flank.alpha_at_radius_rad(outline.form_radius_mm), flank.gear.tip_angle_rad);
+    let (form, tip) = (
+        flank.alpha_at_radius_rad(outline.form_radius_mm),
+        flank.gear.tip_angle_rad,
+    );
     (0..=count)
         .map(|i| flank.at(form + (tip - form) * i as f64 / count as f64))
         .collect()
 }
 
-/// Where from 0 to `end` a function is greatest that has few peaks, none much narrower than [`SCAN_STEP`]: looked at in these steps, then all around each
-/// peak that shows.
+/// Where from 0 to `end` a function is greatest that has few peaks, none much narrower than [`SCAN_STEP`]:
+/// looked at in these steps, then all around each peak that shows.
 fn highest(end: usize, value: impl Fn(usize) -> f64) -> usize {
-    let looked_at: Vec<(usize, f64)> = (0..end).step_by(SCAN_STEP).chain([end]).map(|i| (i, value(i))).collect();
+    let looked_at: Vec<(usize, f64)> = (0..end)
+        .step_by(SCAN_STEP)
+        .chain([end])
+        .map(|i| (i, value(i)))
+        .collect();
     let mut best = (0, f64::NEG_INFINITY);
     for (j, (i, here)) in looked_at.iter().enumerate() {
         let (before, after) = (j.checked_sub(1).map(|j| looked_at[j]), looked_at.get(j + 1));
@@ -163,8 +176,8 @@ impl<'a> ToothPair<'a> {
         }
     }
 
-    /// Squared distance of a driving point from the driven centre, and its parts along and across the line of centres; `turned` has sine
-    /// and cosine of φ₁.
+    /// Squared distance of a driving point from the driven centre, and its parts along and across the line of
+    /// centres; `turned` has sine and cosine of φ₁.
     fn driven_polar(&self, point: &FlankPoint, (sin, cos): (f64, f64)) -> (f64, f64, f64) {
         let (x, y) = (point.x_mm, point.y_mm - point.depth_mm);
         let (beside, above) = (self.centre_mm - (x * cos - y * sin), x * sin + y * cos);
@@ -182,15 +195,15 @@ impl<'a> ToothPair<'a> {
         }
     }
 
-    /// Angle between the tangents of the driving point and of the driven one that reaches it: φ₂ rises along the driving flank where it
-    /// is below zero.
+    /// Angle between the tangents of the driving point and of the driven one that reaches it: φ₂ rises along
+    /// the driving flank where it is below zero.
     fn turn(&self, point: &FlankPoint, reach: &Reach, phi1_rad: f64) -> f64 {
         (point.lambda_rad - phi1_rad) - (reach.driven.lambda_rad + reach.phi2_rad)
     }
 
-    /// φ₂ at which the driven tooth reaches a point of the driving flank at φ₁, whose sine and cosine are `turned`, the radius in mm of
-    /// the unworn driven point that does, and the driving point's place in mm before the driven centre and above the line of
-    /// centres; none beyond the driven flank's ends.
+    /// φ₂ at which the driven tooth reaches a point of the driving flank at φ₁, whose sine and cosine are
+    /// `turned`, the radius in mm of the unworn driven point that does, and the driving point's place in mm
+    /// before the driven centre and above the line of centres; none beyond the driven flank's ends.
     pub(super) fn meeting(&self, point: &FlankPoint, turned: (f64, f64)) -> Option<(f64, f64, [f64; 2])> {
         let (squared, beside, above) = self.driven_polar(point, turned);
         let radius = squared.sqrt();
@@ -199,7 +212,11 @@ impl<'a> ToothPair<'a> {
             return None;
         }
         let driven = self.driven.at(radius);
-        Some((above.atan2(beside) + driven.gamma_rad, driven.radius_mm, [beside, above]))
+        Some((
+            above.atan2(beside) + driven.gamma_rad,
+            driven.radius_mm,
+            [beside, above],
+        ))
     }
 
     /// The first touch at φ₁ = `phi1_rad` of the driving tooth; none where the teeth cannot reach each other.
@@ -208,8 +225,14 @@ impl<'a> ToothPair<'a> {
         let (least, most) = self.driven.range();
         let polar = |point: &FlankPoint| self.driven_polar(point, turned);
         // The distance from the driven centre falls along the driving flank.
-        let first = self.points.iter().position(|point| polar(point).0 <= most * most)?;
-        let last = self.points.iter().rposition(|point| polar(point).0 >= least * least)?;
+        let first = self
+            .points
+            .iter()
+            .position(|point| polar(point).0 <= most * most)?;
+        let last = self
+            .points
+            .iter()
+            .rposition(|point| polar(point).0 >= least * least)?;
         if last < first {
             return None;
         }
@@ -219,7 +242,11 @@ impl<'a> ToothPair<'a> {
             let (low, high) = (alpha(inside.min(outside)), alpha(inside.max(outside)));
             root::find(value, (low, value(low)), (high, value(high)), TOLERANCE_RAD)
         };
-        let low = if first > 0 { limit(first, first - 1, most) } else { alpha(0) };
+        let low = if first > 0 {
+            limit(first, first - 1, most)
+        } else {
+            alpha(0)
+        };
         let high = if last + 1 < self.points.len() {
             limit(last, last + 1, least)
         } else {
@@ -258,8 +285,8 @@ impl<'a> ToothPair<'a> {
         Some(self.describe(phi1_rad, touching, (low, high), first > 0))
     }
 
-    /// The touch at α₁ = `place`, with the part of the driving flank that the driven one reaches and whether it starts at the driven
-    /// tip.
+    /// The touch at α₁ = `place`, with the part of the driving flank that the driven one reaches and whether
+    /// it starts at the driven tip.
     fn describe(&self, phi1_rad: f64, place: f64, (low, high): (f64, f64), tip_reaches: bool) -> ToothTouch {
         let turned = phi1_rad.sin_cos();
         let at = |alpha: f64| {
@@ -295,12 +322,14 @@ impl<'a> ToothPair<'a> {
         // Second difference of the angular gap around the touch, over the flank's length.
         let gear = self.driving.gear;
         let along = gear.base_radius_mm * (place + gear.base_half_angle_rad);
-        let step = (CURVATURE_REACH_MODULES * self.module_mm / along.max(0.1 * self.module_mm)).min(0.499 * (high - low));
+        let step = (CURVATURE_REACH_MODULES * self.module_mm / along.max(0.1 * self.module_mm))
+            .min(0.499 * (high - low));
         let middle = place.clamp(low + step, high - step);
         let three = [middle - step, middle, middle + step].map(|alpha| at(alpha).1.phi2_rad);
         let half_length = 0.5 * distance(position(middle - step), position(middle + step));
         let bend = (2.0 * three[1] - three[0] - three[2]) * arms_mm[1] / (half_length * half_length);
-        let curvature_per_mm = if bend.is_finite() { bend } else { 0.0 }.max(LEAST_CURVATURE / self.module_mm);
+        let curvature_per_mm =
+            if bend.is_finite() { bend } else { 0.0 }.max(LEAST_CURVATURE / self.module_mm);
 
         let from_driven_tip = if tip_reaches {
             distance(places[0], position(low))
@@ -341,8 +370,8 @@ mod tests {
         [0, 1].map(|i| ToothOutline::new(pair, i))
     }
 
-    /// `fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv` has the rotation θ₀ that brings the teeth together outside the nominal
-    /// range: 187 µrad and less before it, 190 µrad and less behind it.
+    /// `fixtures/reference/mesh-stiffness-fe/K_perfect_pair0_only.csv` has the rotation θ₀ that brings the
+    /// teeth together outside the nominal range: 187 µrad and less before it, 190 µrad and less behind it.
     #[test]
     fn tip_edges_touch_where_the_finite_element_reference_has_them() {
         let (pair, wear) = (shen2022(), FlankWear::none());
@@ -357,16 +386,20 @@ mod tests {
             let (phi1, theta) = (numbers[0], numbers[5]);
             let rolled = ratio * phi1 - pair.perfect_lag_rad();
             let touch = teeth.touch(phi1 + theta).unwrap();
-            // The reference sees touches at its nodes, 0.025 mm apart: times the edge's angle (0.03) that is 0.8 µm, and 5.1 µrad is what
-            // it differs by at most; the scan below is the exact check.
-            assert!((touch.phi2_rad - rolled).abs() < 6e-6, "{phi1}: {}", touch.phi2_rad - rolled);
+            // The reference sees touches at its nodes, 0.025 mm apart: times the edge's angle (0.03) that is
+            // 0.8 µm, and 5.1 µrad is what it differs by at most; the scan below is the exact check.
+            assert!(
+                (touch.phi2_rad - rolled).abs() < 6e-6,
+                "{phi1}: {}",
+                touch.phi2_rad - rolled
+            );
             corners += usize::from(touch.line.edge_angle_rad > 1e-3);
         }
         assert!(corners >= 4, "{corners}");
     }
 
-    /// Against a scan of the driving flank in steps of 10 µm with the driven point found by bisection: no point lies deeper than the touch,
-    /// inside the range and at both edges.
+    /// Against a scan of the driving flank in steps of 10 µm with the driven point found by bisection: no
+    /// point lies deeper than the touch, inside the range and at both edges.
     #[test]
     fn no_point_of_the_flanks_overlaps() {
         let (pair, wear) = typical_wear();
@@ -377,7 +410,10 @@ mod tests {
             let mut greatest = f64::NEG_INFINITY;
             for point in driving.active_points(1000) {
                 let angle = point.gamma_rad() + phi1;
-                let (x, y) = (point.worn_radius_mm() * angle.cos(), point.worn_radius_mm() * angle.sin());
+                let (x, y) = (
+                    point.worn_radius_mm() * angle.cos(),
+                    point.worn_radius_mm() * angle.sin(),
+                );
                 let radius = (pair.centre_distance_mm - x).hypot(y);
                 let (mut low, mut high) = (pair.gears[1].root_angle_rad, pair.gears[1].tip_angle_rad);
                 if radius > tip || radius < driven.at(low).worn_radius_mm() {
@@ -395,8 +431,16 @@ mod tests {
             }
             let touch = teeth.touch(phi1).unwrap();
             // A step of 10 µm beside a touch leaves κ t²/2 or β t of the gap: 0.5 µm at the edges.
-            assert!(touch.phi2_rad >= greatest - 1e-10, "{phi1}: {}", touch.phi2_rad - greatest);
-            assert!(touch.phi2_rad <= greatest + 1e-5, "{phi1}: {}", touch.phi2_rad - greatest);
+            assert!(
+                touch.phi2_rad >= greatest - 1e-10,
+                "{phi1}: {}",
+                touch.phi2_rad - greatest
+            );
+            assert!(
+                touch.phi2_rad <= greatest + 1e-5,
+                "{phi1}: {}",
+                touch.phi2_rad - greatest
+            );
         }
     }
 }

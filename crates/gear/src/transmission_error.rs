@@ -12,8 +12,8 @@ const INDEX_OF_START: i64 = 1 << 40;
 
 /// e_error(t): a random number from 0 to its range on every tick of a fixed clock, linear between the ticks.
 ///
-/// The number is a function of the seed and the tick alone, so a run does not depend on the integrator's step; being linear in between, it has a
-/// derivative.
+/// The number is a function of the seed and the tick alone, so a run does not depend on the integrator's
+/// step; being linear in between, it has a derivative.
 #[derive(Debug)]
 pub(super) struct RandomError {
     generator: ChaCha8Rng,

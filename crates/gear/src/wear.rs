@@ -77,8 +77,8 @@ impl WearProfile {
     }
 }
 
-/// Wear of the driving and the driven gear's working flanks: depth along Y over the radius of the unworn flank point, held at the end of
-/// the active profile below it.
+/// Wear of the driving and the driven gear's working flanks: depth along Y over the radius of the unworn
+/// flank point, held at the end of the active profile below it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlankWear {
     pub(super) profiles: [WearProfile; 2],
@@ -98,7 +98,8 @@ impl FlankWear {
         }
     }
 
-    /// Turns of the driving gear that the wear took, where its shape is that of Archard's law: load cycles of each of its teeth.
+    /// Turns of the driving gear that the wear took, where its shape is that of Archard's law: load cycles of
+    /// each of its teeth.
     pub fn driving_turns(&self) -> Option<f64> {
         self.driving_turns
     }
@@ -108,7 +109,8 @@ impl FlankWear {
     /// The pitch point of the parabolic shape is the operating one, where the teeth do not slide.
     ///
     /// # Errors
-    /// [`GearError::Field`] for a shape or depth that cannot be used, among them a depth that leaves less than half of the tooth.
+    /// [`GearError::Field`] for a shape or depth that cannot be used, among them a depth that leaves less
+    /// than half of the tooth.
     pub fn from_shape(pair: &GearPair, h_max_mm: f64) -> Result<Self, GearError> {
         within("wear depth in mm", h_max_mm, 0.0, f64::MAX)?;
         let spec = &pair.spec.wear;
@@ -129,8 +131,8 @@ impl FlankWear {
         Ok(wear)
     }
 
-    /// The shape of the pair's [`WearSpec`] at each of several greatest depths in mm, which rise. Quicker than one by one for the shape
-    /// `archard`, whose states follow from each other.
+    /// The shape of the pair's [`WearSpec`] at each of several greatest depths in mm, which rise. Quicker
+    /// than one by one for the shape `archard`, whose states follow from each other.
     ///
     /// # Errors
     /// As [`FlankWear::from_shape`].
@@ -138,7 +140,8 @@ impl FlankWear {
         Self::from_shape_in_steps(pair, depths_mm, archard::STEP_MODULES)
     }
 
-    /// The same in coarser steps of wear for the shape `archard`, twice as quick: for many courses that are compared with each other.
+    /// The same in coarser steps of wear for the shape `archard`, twice as quick: for many courses that are
+    /// compared with each other.
     ///
     /// # Errors
     /// As [`FlankWear::from_shape`].
@@ -146,7 +149,11 @@ impl FlankWear {
         Self::from_shape_in_steps(pair, depths_mm, archard::COARSE_STEP_MODULES)
     }
 
-    fn from_shape_in_steps(pair: &GearPair, depths_mm: &[f64], step_modules: f64) -> Result<Vec<Self>, GearError> {
+    fn from_shape_in_steps(
+        pair: &GearPair,
+        depths_mm: &[f64],
+        step_modules: f64,
+    ) -> Result<Vec<Self>, GearError> {
         match pair.spec.wear.shape {
             WearShape::Archard => Ok(ArchardWear::at_depths_in_steps(pair, depths_mm, step_modules)?
                 .into_iter()
@@ -155,17 +162,20 @@ impl FlankWear {
                     ..state.wear
                 })
                 .collect()),
-            _ => depths_mm.iter().map(|depth| Self::from_shape(pair, *depth)).collect(),
+            _ => depths_mm
+                .iter()
+                .map(|depth| Self::from_shape(pair, *depth))
+                .collect(),
         }
     }
 
-    /// Depths as a CSV text has them: header `gear,radius_mm,depth_um`, gear 1 or 2, radius of the unworn flank point, depth along Y, in
-    /// any order. A gear that is not in it has no wear. Between the points the depth is a monotone cubic with a continuous
-    /// slope, beyond them it is constant.
+    /// Depths as a CSV text has them: header `gear,radius_mm,depth_um`, gear 1 or 2, radius of the unworn
+    /// flank point, depth along Y, in any order. A gear that is not in it has no wear. Between the points the
+    /// depth is a monotone cubic with a continuous slope, beyond them it is constant.
     ///
     /// # Errors
-    /// [`GearError::WearTable`] names line, field and value; [`GearError::WearTableCsv`] for what is not CSV; [`GearError::Field`] for a
-    /// depth that leaves less than half of the tooth.
+    /// [`GearError::WearTable`] names line, field and value; [`GearError::WearTableCsv`] for what is not CSV;
+    /// [`GearError::Field`] for a depth that leaves less than half of the tooth.
     pub fn from_table_csv(pair: &GearPair, csv: &str) -> Result<Self, GearError> {
         let curves = wear_table::from_csv(csv, pair)?;
         let deepest = curves.iter().map(DepthCurve::deepest_mm).fold(0.0, f64::max);
@@ -183,7 +193,10 @@ impl FlankWear {
     pub fn greatest_depth_mm(&self, pair: &GearPair) -> [f64; 2] {
         [0, 1].map(|i| {
             let flank = Flank::new(&pair.gears[i], self, i);
-            flank.active_points(CHECKED_POINTS).map(|point| point.depth_mm).fold(0.0, f64::max)
+            flank
+                .active_points(CHECKED_POINTS)
+                .map(|point| point.depth_mm)
+                .fold(0.0, f64::max)
         })
     }
 
@@ -275,7 +288,11 @@ mod tests {
     fn a_table_is_scaled_to_the_greatest_depth() {
         let mut spec = shen2022_spec();
         spec.wear.shape = WearShape::Table;
-        let point = |gear, radius_mm, depth_um| WearPoint { gear, radius_mm, depth_um };
+        let point = |gear, radius_mm, depth_um| WearPoint {
+            gear,
+            radius_mm,
+            depth_um,
+        };
         spec.wear.table = vec![point(1, 78.0, 10.0), point(1, 70.0, 40.0), point(2, 80.0, 20.0)];
         let pair = spec.resolve().unwrap();
         let wear = FlankWear::from_shape(&pair, 0.1).unwrap();
@@ -305,7 +322,12 @@ mod tests {
         let mut spec = shen2022_spec();
         for exponent in [1.0, 0.0, f64::NAN, 50.0] {
             spec.wear.exponent = exponent;
-            assert!(spec.resolve().unwrap_err().to_string().starts_with("wear.exponent"));
+            assert!(
+                spec.resolve()
+                    .unwrap_err()
+                    .to_string()
+                    .starts_with("wear.exponent")
+            );
         }
     }
 }

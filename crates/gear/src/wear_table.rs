@@ -7,9 +7,9 @@ use super::{GearError, GearPair, WearPoint};
 /// Most lines of one table.
 const MOST_POINTS: usize = 10_000;
 
-/// Depth over radius through given points: the piecewise cubic of Fritsch and Carlson (SIAM J. Numer. Anal. 17, 1980) with the
-/// three-point slopes of Fritsch and Butland, so depth and slope are continuous and no depth lies outside its neighbours'. Constant beyond the ends, where
-/// the slope is zero.
+/// Depth over radius through given points: the piecewise cubic of Fritsch and Carlson (SIAM J. Numer. Anal.
+/// 17, 1980) with the three-point slopes of Fritsch and Butland, so depth and slope are continuous and no
+/// depth lies outside its neighbours'. Constant beyond the ends, where the slope is zero.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DepthCurve {
     radii_mm: Vec<f64>,
@@ -49,7 +49,10 @@ impl DepthCurve {
         let before = after - 1;
         let width = self.radii_mm[after] - self.radii_mm[before];
         let t = (radius_mm - self.radii_mm[before]) / width;
-        let (start, rise) = (self.depths_mm[before], self.depths_mm[after] - self.depths_mm[before]);
+        let (start, rise) = (
+            self.depths_mm[before],
+            self.depths_mm[after] - self.depths_mm[before],
+        );
         let (m0, m1) = (self.slopes[before] * width, self.slopes[after] * width);
         // Hermite's cubic in the powers of t.
         let (c2, c3) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
@@ -59,8 +62,8 @@ impl DepthCurve {
     }
 }
 
-/// Slope at knot `i`: zero at the ends, where the depth goes over into a constant, and at an extreme; else the weighted harmonic mean
-/// of the two chords.
+/// Slope at knot `i`: zero at the ends, where the depth goes over into a constant, and at an extreme; else
+/// the weighted harmonic mean of the two chords.
 fn knot_slope(points: &[(f64, f64)], i: usize) -> f64 {
     if i == 0 || i + 1 == points.len() {
         return 0.0;
@@ -92,10 +95,18 @@ pub(super) fn from_points(table: &[WearPoint], h_max_mm: f64) -> Result<[DepthCu
             return Err(GearError::field("wear.table.gear", point.gear, "1 or 2"));
         }
         if !(point.radius_mm > 0.0 && point.radius_mm.is_finite()) {
-            return Err(GearError::field("wear.table.radius_mm", point.radius_mm, "a number above 0"));
+            return Err(GearError::field(
+                "wear.table.radius_mm",
+                point.radius_mm,
+                "a number above 0",
+            ));
         }
         if !(point.depth_um >= 0.0 && point.depth_um.is_finite()) {
-            return Err(GearError::field("wear.table.depth_um", point.depth_um, "a number from 0"));
+            return Err(GearError::field(
+                "wear.table.depth_um",
+                point.depth_um,
+                "a number from 0",
+            ));
         }
         points[point.gear as usize - 1].push((point.radius_mm, point.depth_um));
     }
@@ -110,7 +121,11 @@ pub(super) fn from_points(table: &[WearPoint], h_max_mm: f64) -> Result<[DepthCu
     for points in &mut points {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         if let Some(twice) = points.windows(2).find(|two| two[0].0 == two[1].0) {
-            return Err(GearError::field("wear.table.radius_mm", twice[0].0, "each radius of a gear once"));
+            return Err(GearError::field(
+                "wear.table.radius_mm",
+                twice[0].0,
+                "each radius of a gear once",
+            ));
         }
         for point in points.iter_mut() {
             point.1 *= h_max_mm / greatest_um;
@@ -129,7 +144,9 @@ struct TextRow {
 
 /// A table in CSV, depths as they are.
 pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], GearError> {
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
     let headers = reader.headers()?.clone();
     if headers.iter().collect::<Vec<_>>() != ["gear", "radius_mm", "depth_um"] {
         let value = headers.iter().collect::<Vec<_>>().join(",");
@@ -163,11 +180,21 @@ pub(super) fn from_csv(text: &str, pair: &GearPair) -> Result<[DepthCurve; 2], G
         };
         points[gear].push((radius_mm, depth_um * 1e-3, line));
         if points[gear].len() > MOST_POINTS {
-            return Err(row_error(line, "gear", row.gear, &format!("at most {MOST_POINTS} lines a gear")));
+            return Err(row_error(
+                line,
+                "gear",
+                row.gear,
+                &format!("at most {MOST_POINTS} lines a gear"),
+            ));
         }
     }
     if points.iter().all(Vec::is_empty) {
-        return Err(row_error(2, "gear", String::new(), "at least one line below the header"));
+        return Err(row_error(
+            2,
+            "gear",
+            String::new(),
+            "at least one line below the header",
+        ));
     }
     for points in &mut points {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -202,7 +229,8 @@ mod tests {
 
     #[test]
     fn curve_is_fritsch_and_carlsons() {
-        // scipy.interpolate.PchipInterpolator([0, 1, 3, 4], [1, 2, 5, 5.5]) has inner slopes 9/(5/1 + 4/1.5) and 9/(4/1.5 + 5/0.5).
+        // scipy.interpolate.PchipInterpolator([0, 1, 3, 4], [1, 2, 5, 5.5]) has inner slopes 9/(5/1 + 4/1.5)
+        // and 9/(4/1.5 + 5/0.5).
         let curve = DepthCurve::new(&[(0.0, 1.0), (1.0, 2.0), (3.0, 5.0), (4.0, 5.5)]);
         assert!((curve.depth_and_slope(1.0).1 - 9.0 / (5.0 + 4.0 / 1.5)).abs() < 1e-14);
         assert!((curve.slopes[2] - 9.0 / (4.0 / 1.5 + 10.0)).abs() < 1e-14);
@@ -226,7 +254,8 @@ mod tests {
                     let depth = curve.depth_and_slope(at).0;
                     prop_assert!(depth >= low - 1e-9 && depth <= high + 1e-9);
                 }
-                // The second derivative is at most 12 · 200/0.05², so the slope changes by less than 0.002 over two steps.
+                // The second derivative is at most 12 · 200/0.05², so the slope changes by less than 0.002
+                // over two steps.
                 let step = 1e-9;
                 for knot in [two[0].0, two[1].0] {
                     let (before, after) = (curve.depth_and_slope(knot - step), curve.depth_and_slope(knot + step));
@@ -250,7 +279,9 @@ mod tests {
     fn broken_tables_are_refused_with_line_field_and_value() {
         let refusal = |rows: &str| {
             let text = format!("gear,radius_mm,depth_um\n{rows}");
-            FlankWear::from_table_csv(&shen2022(), &text).unwrap_err().to_string()
+            FlankWear::from_table_csv(&shen2022(), &text)
+                .unwrap_err()
+                .to_string()
         };
         assert!(refusal("1,70,5\n3,70,5\n").starts_with("wear table line 3: gear is \"3\""));
         assert!(refusal("1,70,5\n1,-70,5\n").starts_with("wear table line 3: radius_mm is \"-70\""));

@@ -1,6 +1,8 @@
-//! What one record costs beyond its indicators: the update of one asset's estimate, all members of the ensemble compared.
+//! What one record costs beyond its indicators: the update of one asset's estimate, all members of the
+//! ensemble compared.
 //!
-//! `cargo bench --bench estimate`. The time is stated as such and as a part of reading the record's features, in the same run.
+//! `cargo bench --bench estimate`. The time is stated as such and as a part of reading the record's features,
+//! in the same run.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -17,10 +19,16 @@ const RECORDS: usize = 120;
 const REPEATS: usize = 7;
 
 fn main() {
-    let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml")).expect("the pair file is valid");
-    let library = build(&pair, &GridSettings::default(), &BuildControl::silent()).expect("the pair can be simulated");
-    let ensemble =
-        Ensemble::build(Arc::new(library), &EnsembleSettings::default(), &BuildControl::silent()).expect("the pair can be simulated");
+    let pair = PairSpec::from_toml(include_str!("../../../fixtures/pairs/shen2022.toml"))
+        .expect("the pair file is valid");
+    let library =
+        build(&pair, &GridSettings::default(), &BuildControl::silent()).expect("the pair can be simulated");
+    let ensemble = Ensemble::build(
+        Arc::new(library),
+        &EnsembleSettings::default(),
+        &BuildControl::silent(),
+    )
+    .expect("the pair can be simulated");
     let bank = Bank::build(BankPlan {
         pair,
         worn: 60,
@@ -79,7 +87,8 @@ fn reading() -> Duration {
         let t = f64::from(i) / 20_000.0;
         (399.4 * std::f64::consts::TAU * t).sin() as f32 + 0.1 * f64::from(i * i % 977) as f32 / 977.0
     });
-    let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "m/s2", samples.collect()).expect("the samples are finite");
+    let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "m/s2", samples.collect())
+        .expect("the samples are finite");
     let mesh = MeshContext {
         teeth: 24,
         mate_teeth: 0,
@@ -94,5 +103,8 @@ fn reading() -> Duration {
         black_box(analyzer.analyze(&record, &mesh));
         began.elapsed()
     };
-    (0..REPEATS).map(|_| once(&mut analyzer)).min().unwrap_or_default()
+    (0..REPEATS)
+        .map(|_| once(&mut analyzer))
+        .min()
+        .unwrap_or_default()
 }

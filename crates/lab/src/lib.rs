@@ -1,4 +1,5 @@
-//! What the gear model and the wear estimate are worth: the figures of the paper that the model follows, and runs with the truth known.
+//! What the gear model and the wear estimate are worth: the figures of the paper that the model follows, and
+//! runs with the truth known.
 //!
 //! | module | holds |
 //! | --- | --- |

@@ -43,7 +43,8 @@ impl BlockEncoding {
 pub struct RecordDefaults {
     /// Channel name.
     pub channel: Option<String>,
-    /// Names of the channels in their order, in place of what the recording calls them; none, or one for each.
+    /// Names of the channels in their order, in place of what the recording calls them; none, or one for
+    /// each.
     pub channel_names: Vec<String>,
     /// Time of the first sample of the recording.
     pub start_time: Timestamp,
@@ -58,7 +59,8 @@ pub struct RecordDefaults {
 }
 
 impl RecordDefaults {
-    /// Names of a recording's channels where it has none: those given where there are as many, else `"1"`, `"2"`, ….
+    /// Names of a recording's channels where it has none: those given where there are as many, else `"1"`,
+    /// `"2"`, ….
     #[must_use]
     pub fn names_of(&self, channels: usize) -> Vec<String> {
         match &self.channel {
@@ -70,23 +72,31 @@ impl RecordDefaults {
 
     /// The unit of a channel where the recording has none: `"1"` if nobody knows it.
     pub(crate) fn unit_of(&self, channel: &str) -> &str {
-        self.channel_units.get(channel).or(self.unit.as_ref()).map_or("1", String::as_str)
+        self.channel_units
+            .get(channel)
+            .or(self.unit.as_ref())
+            .map_or("1", String::as_str)
     }
 }
 
 /// Reads one block.
 ///
-/// A start time of 0 (protobuf) or none (JSON), an empty channel, an empty unit and absent parts of the operating point
-/// are filled from `defaults`; a channel named nowhere is `"1"`. Errors name the field; more than [`MAX_RECORD_SAMPLES`] samples or
-/// 4 194 304 pulses are refused before they are kept.
-pub fn decode_block(bytes: &[u8], encoding: BlockEncoding, defaults: &RecordDefaults) -> Result<Record, RecordingError> {
+/// A start time of 0 (protobuf) or none (JSON), an empty channel, an empty unit and absent parts of the
+/// operating point are filled from `defaults`; a channel named nowhere is `"1"`. Errors name the field; more
+/// than [`MAX_RECORD_SAMPLES`] samples or 4 194 304 pulses are refused before they are kept.
+pub fn decode_block(
+    bytes: &[u8],
+    encoding: BlockEncoding,
+    defaults: &RecordDefaults,
+) -> Result<Record, RecordingError> {
     decode_message(bytes, encoding)?.into_record(None, defaults)
 }
 
 /// Writes one block.
 ///
-/// Every sample, the rate, the operating point and the quality come back exactly, pulse times to a nanosecond; the start time does for years 1678 to 2261 (the range of 64-bit
-/// nanoseconds), and is held at the range's end in protobuf beyond it.
+/// Every sample, the rate, the operating point and the quality come back exactly, pulse times to a
+/// nanosecond; the start time does for years 1678 to 2261 (the range of 64-bit nanoseconds), and is held at
+/// the range's end in protobuf beyond it.
 pub fn encode_block(record: &Record, encoding: BlockEncoding) -> Vec<u8> {
     match encoding {
         BlockEncoding::Protobuf => message_of(record).encode_to_vec(),
@@ -111,7 +121,8 @@ pub(crate) struct DecodedBlock {
 pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<DecodedBlock, RecordingError> {
     match encoding {
         BlockEncoding::Protobuf => {
-            // A sample takes 4 bytes packed and 5 unpacked: more bytes than this cannot be a record, so they are not decoded at all.
+            // A sample takes 4 bytes packed and 5 unpacked: more bytes than this cannot be a record, so they
+            // are not decoded at all.
             let most = 5 * MAX_RECORD_SAMPLES + (1 << 16);
             if bytes.len() > most {
                 return Err(RecordingError::field(
@@ -137,7 +148,11 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
                 unit: block.unit,
                 channel: block.channel,
                 samples: block.samples,
-                operating_point: block.operating_point.as_ref().map(operating_point_of).unwrap_or_default(),
+                operating_point: block
+                    .operating_point
+                    .as_ref()
+                    .map(operating_point_of)
+                    .unwrap_or_default(),
                 quality: block.quality.map_or_else(Quality::default, |quality| Quality {
                     clipped: quality.clipped,
                     gap: quality.gap,
@@ -151,7 +166,11 @@ pub(crate) fn decode_message(bytes: &[u8], encoding: BlockEncoding) -> Result<De
 
 impl DecodedBlock {
     /// Checks everything; `channel` overrides the block's own.
-    pub(crate) fn into_record(self, channel: Option<&str>, defaults: &RecordDefaults) -> Result<Record, RecordingError> {
+    pub(crate) fn into_record(
+        self,
+        channel: Option<&str>,
+        defaults: &RecordDefaults,
+    ) -> Result<Record, RecordingError> {
         let given = channel.or(defaults.channel_names.first().map(String::as_str));
         let channel = match (given, self.channel.as_str()) {
             (Some(given), _) => given,
@@ -179,7 +198,8 @@ impl DecodedBlock {
         }
         let start_time = self.start_time.unwrap_or(defaults.start_time);
         let operating_point = filled(self.operating_point, defaults.operating_point);
-        let record = Record::new(channel, start_time, self.sample_rate_hz, unit, self.samples)?.with_operating_point(operating_point)?;
+        let record = Record::new(channel, start_time, self.sample_rate_hz, unit, self.samples)?
+            .with_operating_point(operating_point)?;
         let tachometer = self.pulses.and_then(|pulses| pulses.of(start_time));
         Ok(record.with_quality(self.quality).with_tachometer(tachometer))
     }
@@ -273,7 +293,16 @@ mod tests {
             any::<[bool; 2]>(),
         )
             .prop_map(
-                |(channel, time, rate, unit, samples, shaft_speed_hz, [torque_nm, temperature_c], [clipped, gap])| {
+                |(
+                    channel,
+                    time,
+                    rate,
+                    unit,
+                    samples,
+                    shaft_speed_hz,
+                    [torque_nm, temperature_c],
+                    [clipped, gap],
+                )| {
                     let time = Timestamp::from_nanosecond(time.into()).unwrap();
                     Record::new(channel, time, rate, unit, samples)
                         .unwrap()
@@ -334,9 +363,17 @@ mod tests {
             ..RecordDefaults::default()
         };
         let record = decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &defaults).unwrap();
-        assert_eq!((record.channel(), record.unit(), record.start_time().as_second()), ("x", "g", 5));
+        assert_eq!(
+            (record.channel(), record.unit(), record.start_time().as_second()),
+            ("x", "g", 5)
+        );
         assert_eq!(record.operating_point().shaft_speed_hz, Some(30.0));
-        let bare = decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &RecordDefaults::default()).unwrap();
+        let bare = decode_block(
+            &block.encode_to_vec(),
+            BlockEncoding::Protobuf,
+            &RecordDefaults::default(),
+        )
+        .unwrap();
         assert_eq!((bare.channel(), bare.unit()), ("1", "1"));
     }
 
@@ -348,9 +385,13 @@ mod tests {
             ..Default::default()
         };
         let refused = |block: &WaveformBlock| {
-            decode_block(&block.encode_to_vec(), BlockEncoding::Protobuf, &RecordDefaults::default())
-                .unwrap_err()
-                .to_string()
+            decode_block(
+                &block.encode_to_vec(),
+                BlockEncoding::Protobuf,
+                &RecordDefaults::default(),
+            )
+            .unwrap_err()
+            .to_string()
         };
         assert!(refused(&block).contains("NaN at sample 1"));
         block.samples.pop();

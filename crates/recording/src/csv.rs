@@ -14,12 +14,15 @@ const MAX_LINE_BYTES: usize = 1 << 20;
 
 /// Reads frames (one sample of every chosen channel) of a CSV file, line by line.
 ///
-/// Fields are separated by commas, semicolons, tabs or spaces, as the first line of samples and the next one agree on, and may be quoted. Decimals
-/// stand after a point, or after a comma where that does not separate fields. Lines before the header are skipped, but for the sampling rate that one
-/// of them may say. The line above the samples names the columns; below it may be a line of units. Without a header the columns are `"1"`, `"2"`, ….
+/// Fields are separated by commas, semicolons, tabs or spaces, as the first line of samples and the next one
+/// agree on, and may be quoted. Decimals stand after a point, or after a comma where that does not separate
+/// fields. Lines before the header are skipped, but for the sampling rate that one of them may say. The line
+/// above the samples names the columns; below it may be a line of units. Without a header the columns are
+/// `"1"`, `"2"`, ….
 ///
-/// Columns that hold the time are no channels unless they are chosen by name: those called `time`, `t`, `Zeit [ms]` or the like, those with dates or
-/// times of day, and the first four where they are hour, minute, second and microsecond. Text is UTF-8, or Latin-1.
+/// Columns that hold the time are no channels unless they are chosen by name: those called `time`, `t`,
+/// `Zeit [ms]` or the like, those with dates or times of day, and the first four where they are hour, minute,
+/// second and microsecond. Text is UTF-8, or Latin-1.
 pub struct CsvFrames<R> {
     reader: csv::Reader<Squeezed<LineLimit<R>>>,
     head: Head,
@@ -32,7 +35,8 @@ pub struct CsvFrames<R> {
 }
 
 impl<R: Read> CsvFrames<R> {
-    /// Reads the header; `chosen` names the wanted columns in their order, all data columns where it is empty.
+    /// Reads the header; `chosen` names the wanted columns in their order, all data columns where it is
+    /// empty.
     pub fn new(reader: R, chosen: &[String]) -> Result<Self, RecordingError> {
         let mut limited = LineLimit::new(reader);
         let beginning = limited.beginning()?;
@@ -80,7 +84,8 @@ impl<R: Read> CsvFrames<R> {
         self.head.stated_rate_hz.is_some() || self.head.clock.is_some()
     }
 
-    /// Reads the next frame, false at the end. A value that is no finite number is an error with its line and column.
+    /// Reads the next frame, false at the end. A value that is no finite number is an error with its line and
+    /// column.
     pub fn next_frame(&mut self, frame: &mut [f32]) -> Result<bool, RecordingError> {
         let skipped = self.head.lines;
         if !self
@@ -114,12 +119,17 @@ impl<R: Read> CsvFrames<R> {
 
     /// The time of the line that was read last; none where the file has no column of times.
     pub(super) fn moment(&mut self) -> Result<Option<Moment>, RecordingError> {
-        let Some(clock) = self.head.clock else { return Ok(None) };
-        let field = |at: usize| std::str::from_utf8(self.line.get(at).unwrap_or_default()).unwrap_or_default();
+        let Some(clock) = self.head.clock else {
+            return Ok(None);
+        };
+        let field =
+            |at: usize| std::str::from_utf8(self.line.get(at).unwrap_or_default()).unwrap_or_default();
         match clock.read(field, &mut self.clock_decimals) {
             Some(moment) => Ok(Some(moment)),
             None => {
-                let at = (0..self.head.columns.len()).find(|&at| clock.has(at)).unwrap_or_default();
+                let at = (0..self.head.columns.len())
+                    .find(|&at| clock.has(at))
+                    .unwrap_or_default();
                 Err(RecordingError::CsvValue {
                     line: self.line(),
                     column: self.head.columns[at].label.clone(),
@@ -166,7 +176,9 @@ fn csv_error(error: csv::Error, skipped: u64) -> RecordingError {
     let line = skipped + error.position().map_or(1, csv::Position::line);
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error.into(),
-        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => RecordingError::CsvLine {
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => RecordingError::CsvLine {
             line,
             what: format!("{len} fields, expected {expected_len} as in the first line of samples"),
         },
@@ -196,7 +208,10 @@ impl<R: Read> LineLimit<R> {
     /// Reads the first bytes, which are passed on later.
     fn beginning(&mut self) -> Result<&[u8], RecordingError> {
         let mut beginning = Vec::new();
-        self.reader.by_ref().take(BEGINNING_BYTES as u64).read_to_end(&mut beginning)?;
+        self.reader
+            .by_ref()
+            .take(BEGINNING_BYTES as u64)
+            .read_to_end(&mut beginning)?;
         self.beginning = io::Cursor::new(beginning);
         Ok(self.beginning.get_ref())
     }
@@ -230,14 +245,16 @@ impl<R: Read> Read for LineLimit<R> {
             None => self.line_bytes + read,
         };
         if self.line_bytes > MAX_LINE_BYTES {
-            let what = format!("a line of more than {MAX_LINE_BYTES} bytes, expected CSV with one frame a line");
+            let what =
+                format!("a line of more than {MAX_LINE_BYTES} bytes, expected CSV with one frame a line");
             return Err(io::Error::new(io::ErrorKind::InvalidData, what));
         }
         Ok(read)
     }
 }
 
-/// Makes one space of spaces and tabs between fields, and none of those around a line, where spaces separate fields.
+/// Makes one space of spaces and tabs between fields, and none of those around a line, where spaces separate
+/// fields.
 struct Squeezed<R> {
     reader: R,
     active: bool,
@@ -327,15 +344,25 @@ mod tests {
         assert_eq!(read(text, &["a2"]).unwrap().1, [[2.0]]);
         assert_eq!(read(text, &["a2", "a1"]).unwrap().1, [[2.0, 1.0]]);
         assert!(read(text, &["a3"]).unwrap_err().contains("no column \"a3\""));
-        assert!(read("t\n1\n", &[]).unwrap_err().contains("no column with samples"));
-        assert_eq!(read("torque\tt_s\tt_oil\n1\t0\t60\n", &[]).unwrap().0, ["torque", "t_oil"]);
+        assert!(
+            read("t\n1\n", &[])
+                .unwrap_err()
+                .contains("no column with samples")
+        );
+        assert_eq!(
+            read("torque\tt_s\tt_oil\n1\t0\t60\n", &[]).unwrap().0,
+            ["torque", "t_oil"]
+        );
     }
 
     #[test]
     fn an_error_names_line_column_and_value() {
         for (text, expected) in [
             ("", "0 bytes"),
-            ("a,b\n1,2\n3,x\n", "csv line 3, column \"b\": \"x\", expected a finite number"),
+            (
+                "a,b\n1,2\n3,x\n",
+                "csv line 3, column \"b\": \"x\", expected a finite number",
+            ),
             ("a\nNaN\n", "csv line 2, column \"a\": \"NaN\""),
             ("1\n2\ninf\n", "csv line 3, column \"1\": \"inf\""),
             ("a\n1e39\n", "csv line 2, column \"a\": \"1e39\""),

@@ -63,9 +63,16 @@ const UNITS: [(&str, &str); 50] = [
 
 /// A unit without its brackets as it is written here; none where it is not known.
 pub(super) fn unit(text: &str) -> Option<&'static str> {
-    let bare = text.trim().trim_start_matches(['[', '(']).trim_end_matches([']', ')']).trim();
+    let bare = text
+        .trim()
+        .trim_start_matches(['[', '('])
+        .trim_end_matches([']', ')'])
+        .trim();
     let bare = bare.to_lowercase();
-    UNITS.iter().find(|(name, _)| *name == bare).map(|(_, unit)| *unit)
+    UNITS
+        .iter()
+        .find(|(name, _)| *name == bare)
+        .map(|(_, unit)| *unit)
 }
 
 /// A column's name without the unit in brackets at its end.
@@ -99,7 +106,8 @@ pub(super) fn text(bytes: &[u8]) -> Cow<'_, str> {
     }
 }
 
-/// Which sign the decimals of a file stand after: a comma only where it does not part the fields, and never both.
+/// Which sign the decimals of a file stand after: a comma only where it does not part the fields, and never
+/// both.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Decimals {
     comma_allowed: bool,
@@ -117,9 +125,13 @@ impl Decimals {
     /// The number in a field.
     pub(super) fn parse<T: FromStr>(&mut self, field: &str) -> Option<T> {
         let sign = field.chars().find(|c| matches!(c, '.' | ','));
-        let (Some(sign), ..) = (sign, ()) else { return field.parse().ok() };
+        let (Some(sign), ..) = (sign, ()) else {
+            return field.parse().ok();
+        };
         let fits = self.seen.is_none_or(|seen| seen == sign);
-        if !fits || (sign == ',' && (!self.comma_allowed || field.contains('.') || field.matches(',').count() > 1)) {
+        if !fits
+            || (sign == ',' && (!self.comma_allowed || field.contains('.') || field.matches(',').count() > 1))
+        {
             return None;
         }
         let value = if sign == ',' {
@@ -149,7 +161,8 @@ pub(super) enum Moment {
 }
 
 impl Moment {
-    /// Reads RFC 3339, `2026-03-01 08:00:00.5`, `01.03.2026 08:00:00,5` or `08:00:00.5`; without a zone it is UTC.
+    /// Reads RFC 3339, `2026-03-01 08:00:00.5`, `01.03.2026 08:00:00,5` or `08:00:00.5`; without a zone it is
+    /// UTC.
     pub(super) fn parse(field: &str) -> Option<Self> {
         if field.len() > 40 || !field.contains(':') || !field.starts_with(|c: char| c.is_ascii_digit()) {
             return None;
@@ -160,13 +173,18 @@ impl Moment {
         }
         let date_time = |text: &str| {
             let time = text.parse::<DateTime>().ok()?.to_zoned(TimeZone::UTC).ok()?;
-            i64::try_from(time.timestamp().as_nanosecond()).ok().map(Self::Since1970)
+            i64::try_from(time.timestamp().as_nanosecond())
+                .ok()
+                .map(Self::Since1970)
         };
         let (date, time) = field.split_once([' ', 'T']).unwrap_or(("", &field));
         if date.is_empty() {
             let time: jiff::civil::Time = time.parse().ok()?;
-            let seconds = i64::from(time.hour()) * 3600 + i64::from(time.minute()) * 60 + i64::from(time.second());
-            return Some(Self::SinceMidnight(seconds * 1_000_000_000 + i64::from(time.subsec_nanosecond())));
+            let seconds =
+                i64::from(time.hour()) * 3600 + i64::from(time.minute()) * 60 + i64::from(time.second());
+            return Some(Self::SinceMidnight(
+                seconds * 1_000_000_000 + i64::from(time.subsec_nanosecond()),
+            ));
         }
         let parts: Vec<&str> = date.split('.').collect();
         match parts[..] {

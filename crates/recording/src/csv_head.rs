@@ -1,4 +1,5 @@
-//! What the beginning of a CSV file says: how fields are parted, where the samples begin, and what the columns are.
+//! What the beginning of a CSV file says: how fields are parted, where the samples begin, and what the
+//! columns are.
 
 use csv::ReaderBuilder;
 
@@ -55,9 +56,15 @@ impl Head {
             .find_map(|&separator| first_samples(&lines, separator, 2).map(|line| (separator, line)));
         let found = found.or_else(|| first_samples(&lines, b',', 1).map(|line| (b',', line)));
         let (separator, line) = found.unwrap_or_else(|| unknown(&lines));
-        let first = lines.get(line).map(|line| fields(line, separator)).unwrap_or_default();
-        let above = lines[..line.min(lines.len())].iter().rfind(|line| !line.trim().is_empty());
-        // A separator may end every line; but where the last column has a name, nothing in it is a value that is missing.
+        let first = lines
+            .get(line)
+            .map(|line| fields(line, separator))
+            .unwrap_or_default();
+        let above = lines[..line.min(lines.len())]
+            .iter()
+            .rfind(|line| !line.trim().is_empty());
+        // A separator may end every line; but where the last column has a name, nothing in it is a value that
+        // is missing.
         let is_named = above.is_some_and(|line| {
             let names = fields(line, separator);
             names.len() == first.len() && names.last().is_some_and(|name| !name.is_empty())
@@ -66,7 +73,11 @@ impl Head {
         let width = first.len() - usize::from(ends_open);
         check_header(&lines, line, separator, width)?;
         let (names, units, preamble) = header(&lines[..line.min(lines.len())], separator, width);
-        let width = if width == 0 { names.as_ref().map_or(0, Vec::len) } else { width };
+        let width = if width == 0 {
+            names.as_ref().map_or(0, Vec::len)
+        } else {
+            width
+        };
         if width > MAX_COLUMNS {
             let what = format!("{width} columns, expected at most {MAX_COLUMNS}");
             return Err(RecordingError::CsvLine {
@@ -109,7 +120,8 @@ fn fields(line: &str, separator: u8) -> Vec<String> {
     record.iter().map(str::to_owned).collect()
 }
 
-/// Columns of a line of samples: numbers, times among them, and perhaps nothing after the last separator. None where it is none.
+/// Columns of a line of samples: numbers, times among them, and perhaps nothing after the last separator.
+/// None where it is none.
 fn sample_columns(line: &str, separator: u8) -> Option<usize> {
     let fields = fields(line, separator);
     let kept = match fields.split_last() {
@@ -145,7 +157,9 @@ fn check_header(lines: &[&str], line: usize, separator: u8, width: usize) -> Res
     };
     let names = fields(above, separator);
     let named = names.len() - usize::from(names.last().is_some_and(String::is_empty));
-    let are_words = names[..named].iter().all(|name| !name.is_empty() && name.parse::<f64>().is_err());
+    let are_words = names[..named]
+        .iter()
+        .all(|name| !name.is_empty() && name.parse::<f64>().is_err());
     if width > 0 && named > 1 && named != width && are_words {
         return Err(RecordingError::CsvLine {
             line: line as u64 + 1,
@@ -155,14 +169,17 @@ fn check_header(lines: &[&str], line: usize, separator: u8, width: usize) -> Res
     Ok(())
 }
 
-/// Where no line of samples is found: the first line is the header, and what follows is refused by its line and column.
+/// Where no line of samples is found: the first line is the header, and what follows is refused by its line
+/// and column.
 fn unknown(lines: &[&str]) -> (u8, usize) {
     let first = lines.first().copied().unwrap_or_default();
     let separator = [b';', b'\t']
         .into_iter()
         .find(|&separator| first.contains(char::from(separator)))
         .unwrap_or(b',');
-    let is_header = fields(first, separator).iter().any(|field| field.parse::<f64>().is_err());
+    let is_header = fields(first, separator)
+        .iter()
+        .any(|field| field.parse::<f64>().is_err());
     (separator, usize::from(is_header))
 }
 
@@ -186,17 +203,25 @@ fn header(before: &[&str], separator: u8, width: usize) -> Header {
     let Some((at, last)) = rows.next().filter(|(_, row)| fits(row)) else {
         return (None, Vec::new(), before.len());
     };
-    let are_units = last.iter().all(|field| field.is_empty() || unit(field).is_some()) && last.iter().any(|field| !field.is_empty());
+    let are_units = last.iter().all(|field| field.is_empty() || unit(field).is_some())
+        && last.iter().any(|field| !field.is_empty());
     match rows.next().filter(|(_, row)| are_units && fits(row)) {
         Some((at, names)) => (Some(names), last.iter().map(|field| unit(field)).collect(), at),
         None => (Some(last), Vec::new(), at),
     }
 }
 
-fn columns(names: Option<&[String]>, units: &[Option<&'static str>], width: usize, line: usize) -> Result<Vec<Column>, RecordingError> {
+fn columns(
+    names: Option<&[String]>,
+    units: &[Option<&'static str>],
+    width: usize,
+    line: usize,
+) -> Result<Vec<Column>, RecordingError> {
     let mut columns: Vec<Column> = Vec::with_capacity(width);
     for at in 0..width {
-        let label = names.and_then(|names| names.get(at)).filter(|name| !name.is_empty());
+        let label = names
+            .and_then(|names| names.get(at))
+            .filter(|name| !name.is_empty());
         let label = label.cloned().unwrap_or_else(|| (at + 1).to_string());
         if label.len() > MAX_CHANNEL_BYTES || label.chars().any(char::is_control) {
             return Err(RecordingError::CsvLine {
@@ -209,7 +234,11 @@ fn columns(names: Option<&[String]>, units: &[Option<&'static str>], width: usiz
         }
         let (stem, of_name) = name_and_unit(&label);
         // A name that stands there twice would be one channel.
-        let name = match columns.iter().filter(|column| name_and_unit(&column.label).0 == stem).count() {
+        let name = match columns
+            .iter()
+            .filter(|column| name_and_unit(&column.label).0 == stem)
+            .count()
+        {
             0 => stem.to_owned(),
             count => format!("{stem}_{}", count + 1),
         };
@@ -222,11 +251,13 @@ fn columns(names: Option<&[String]>, units: &[Option<&'static str>], width: usiz
     Ok(columns)
 }
 
-/// Whether a column's name says that it holds the time, not a signal: `t`, `time (s)`, `Zeit [ms]`, `timestamp_ns`, but not `t_oil`; with the unit
-/// that the name itself ends in.
+/// Whether a column's name says that it holds the time, not a signal: `t`, `time (s)`, `Zeit [ms]`,
+/// `timestamp_ns`, but not `t_oil`; with the unit that the name itself ends in.
 fn time_name(name: &str) -> Option<Option<&'static str>> {
     let name = name.to_lowercase();
-    let mut words = name.split([' ', '(', '[', '_', ')', ']']).filter(|word| !word.is_empty());
+    let mut words = name
+        .split([' ', '(', '[', '_', ')', ']'])
+        .filter(|word| !word.is_empty());
     let stem = words.next().unwrap_or_default();
     let is_time = matches!(
         stem,
@@ -234,7 +265,12 @@ fn time_name(name: &str) -> Option<Option<&'static str>> {
     );
     let units: Vec<&str> = words.collect();
     let of_time = |word: &&str| unit(word).is_some_and(|unit| unit == "utc" || seconds_of(unit).is_some());
-    (is_time && units.iter().all(of_time)).then(|| units.iter().find_map(|word| unit(word)).filter(|unit| *unit != "utc"))
+    (is_time && units.iter().all(of_time)).then(|| {
+        units
+            .iter()
+            .find_map(|word| unit(word))
+            .filter(|unit| *unit != "utc")
+    })
 }
 
 fn clock(columns: &[Column], has_header: bool, samples: &[Vec<String>], separator: u8) -> Option<Clock> {
@@ -248,11 +284,20 @@ fn clock(columns: &[Column], has_header: bool, samples: &[Vec<String>], separato
         return Some(Clock::Moment(at));
     }
     let named = |column: &Column| has_header.then(|| time_name(&column.label)).flatten();
-    if let Some((at, of_name)) = columns.iter().enumerate().find_map(|(at, column)| Some((at, named(column)?))) {
+    if let Some((at, of_name)) = columns
+        .iter()
+        .enumerate()
+        .find_map(|(at, column)| Some((at, named(column)?)))
+    {
         let factor = columns[at].unit.or(of_name).and_then(seconds_of).unwrap_or(1.0);
         return Some(Clock::Seconds { column: at, factor });
     }
-    let hours = |column: &Column| matches!(column.name.to_lowercase().as_str(), "h" | "hour" | "hours" | "stunde" | "std");
+    let hours = |column: &Column| {
+        matches!(
+            column.name.to_lowercase().as_str(),
+            "h" | "hour" | "hours" | "stunde" | "std"
+        )
+    };
     let may_be = columns.len() > 4 && (!has_header || hours(&columns[0]));
     (may_be && Clock::Parts.rises(samples, separator)).then_some(Clock::Parts)
 }
@@ -263,7 +308,11 @@ fn stated_rate_hz(lines: &[&str]) -> Option<f64> {
         let at = line.find([':', '=', ';', '\t', ','])?;
         let (key, value) = (&line[..at], &line[at + 1..]);
         let (key, of_key) = name_and_unit(key.trim_matches(['#', '%', '"', ' ', '/']));
-        let key: String = key.to_lowercase().chars().filter(|c| c.is_alphanumeric()).collect();
+        let key: String = key
+            .to_lowercase()
+            .chars()
+            .filter(|c| c.is_alphanumeric())
+            .collect();
         let known = [
             "fs",
             "samplerate",

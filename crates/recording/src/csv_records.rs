@@ -9,7 +9,8 @@ use flankwatch_signal::Record;
 
 /// Reads a CSV file as one record a channel.
 ///
-/// The rate is that of the defaults, else the file's own; the time of a column with dates, and units of the header, count before the defaults.
+/// The rate is that of the defaults, else the file's own; the time of a column with dates, and units of the
+/// header, count before the defaults.
 pub fn decode_csv(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
@@ -23,7 +24,8 @@ pub fn decode_csv(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     CsvBlocks::with_plan(CsvFrames::new(bytes, &[])?, &timing, defaults, plan)?.collect()
 }
 
-/// Reads a CSV file of any length as consecutive records: all channels of one stretch, then those of the next.
+/// Reads a CSV file of any length as consecutive records: all channels of one stretch, then those of the
+/// next.
 pub struct CsvBlocks<R> {
     frames: CsvFrames<R>,
     cutter: Cutter,
@@ -35,16 +37,28 @@ pub struct CsvBlocks<R> {
 
 impl<R: Read> CsvBlocks<R> {
     /// Records of a file whose timing has been read.
-    pub fn new(frames: CsvFrames<R>, timing: &CsvTiming, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
+    pub fn new(
+        frames: CsvFrames<R>,
+        timing: &CsvTiming,
+        defaults: &RecordDefaults,
+        cut: Option<Cut>,
+    ) -> Result<Self, RecordingError> {
         let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
         let plan = CutPlan::new(cut, timing.frames, rate_hz, frames.channels().len())?;
         Self::with_plan(frames, timing, defaults, plan)
     }
 
-    fn with_plan(frames: CsvFrames<R>, timing: &CsvTiming, defaults: &RecordDefaults, plan: CutPlan) -> Result<Self, RecordingError> {
+    fn with_plan(
+        frames: CsvFrames<R>,
+        timing: &CsvTiming,
+        defaults: &RecordDefaults,
+        plan: CutPlan,
+    ) -> Result<Self, RecordingError> {
         let rate_hz = timing.sample_rate_hz(defaults.sample_rate_hz)?;
         let channels = frames.channels();
-        let names = if defaults.channel_names.len() == channels.len() || channels.len() == 1 && defaults.channel.is_some() {
+        let names = if defaults.channel_names.len() == channels.len()
+            || channels.len() == 1 && defaults.channel.is_some()
+        {
             defaults.names_of(channels.len())
         } else {
             channels.to_vec()
@@ -118,8 +132,7 @@ mod tests {
 
     #[test]
     fn a_german_file_with_preamble_units_and_decimal_comma_is_read() {
-        let text =
-            "Messung;Getriebe 7\nAbtastrate;12,8;kHz\n\nZeit [ms];Eingang;Ausgang\nms;m/s²;g\n0,000;1,5;\"2,25\"\n0,078125;-3e-1;4\n";
+        let text = "Messung;Getriebe 7\nAbtastrate;12,8;kHz\n\nZeit [ms];Eingang;Ausgang\nms;m/s²;g\n0,000;1,5;\"2,25\"\n0,078125;-3e-1;4\n";
         let records = read(text, None).unwrap();
         let found: Vec<_> = records
             .iter()
@@ -149,8 +162,15 @@ mod tests {
             "a,b,\n1,2.5,\n3,4,\n",
         ] {
             let records = read(text, Some(10.0)).unwrap_or_else(|error| panic!("{text:?}: {error}"));
-            let found: Vec<_> = records.iter().map(|record| (record.channel(), record.samples())).collect();
-            assert_eq!(found, [("a", &[1.0, 3.0][..]), ("b", &[2.5, 4.0][..])], "{text:?}");
+            let found: Vec<_> = records
+                .iter()
+                .map(|record| (record.channel(), record.samples()))
+                .collect();
+            assert_eq!(
+                found,
+                [("a", &[1.0, 3.0][..]), ("b", &[2.5, 4.0][..])],
+                "{text:?}"
+            );
         }
     }
 
@@ -174,12 +194,21 @@ mod tests {
         );
         assert_eq!(read(&text, Some(25_640.0)).unwrap()[0].sample_rate_hz(), 25_640.0);
         // Whole numbers that are no clock are samples.
-        assert_eq!(read("9,39,39,5,1\n3,70,2,1,4\n1,1,1,1,1\n", Some(1.0)).unwrap().len(), 5);
+        assert_eq!(
+            read("9,39,39,5,1\n3,70,2,1,4\n1,1,1,1,1\n", Some(1.0))
+                .unwrap()
+                .len(),
+            5
+        );
     }
 
     #[test]
     fn dates_give_the_start() {
-        for first in ["2026-03-01T08:00:00.0Z", "2026-03-01 08:00:00.0", "01.03.2026 08:00:00,0"] {
+        for first in [
+            "2026-03-01T08:00:00.0Z",
+            "2026-03-01 08:00:00.0",
+            "01.03.2026 08:00:00,0",
+        ] {
             let second = first.replacen(".0", ".5", 1).replace(",0", ",5");
             let second = if first.starts_with("01") {
                 "01.03.2026 08:00:00,5".to_owned()
@@ -193,7 +222,12 @@ mod tests {
                 "{first}"
             );
         }
-        assert_eq!(only("at,x\n08:00:00.1,1\n08:00:00.2,2\n", None).start_time().as_second(), 0);
+        assert_eq!(
+            only("at,x\n08:00:00.1,1\n08:00:00.2,2\n", None)
+                .start_time()
+                .as_second(),
+            0
+        );
     }
 
     #[test]
@@ -210,8 +244,16 @@ mod tests {
                 None,
                 "csv line 6: 3 s after the line above",
             ),
-            ("t,a\n0,1\n0.1,2\n", Some(10.02), "the sampling rate is 10.02 Hz, expected 10 Hz"),
-            ("fs=11\nt,a\n0,1\n0.1,2\n", None, "the sampling rate is 11 Hz, expected 10 Hz"),
+            (
+                "t,a\n0,1\n0.1,2\n",
+                Some(10.02),
+                "the sampling rate is 10.02 Hz, expected 10 Hz",
+            ),
+            (
+                "fs=11\nt,a\n0,1\n0.1,2\n",
+                None,
+                "the sampling rate is 11 Hz, expected 10 Hz",
+            ),
             (
                 "at,a\n08:00:00,1\n08:00:01,1\nnoon,1\n",
                 None,
@@ -227,7 +269,9 @@ mod tests {
 
     #[test]
     fn coarse_times_give_the_rate() {
-        let text: String = (0..20_000).map(|k| format!("{:.3},{k}\n", f64::from(k) / 12_800.0)).collect();
+        let text: String = (0..20_000)
+            .map(|k| format!("{:.3},{k}\n", f64::from(k) / 12_800.0))
+            .collect();
         let record = only(&format!("t,x\n{text}"), None);
         assert!(
             (record.sample_rate_hz() / 12_800.0 - 1.0).abs() < 1e-3,
@@ -261,7 +305,10 @@ mod tests {
             ..RecordDefaults::default()
         };
         let records = decode_csv(bytes, &defaults).unwrap();
-        assert_eq!(records.iter().map(Record::channel).collect::<Vec<_>>(), ["Größe", "Größe_2"]);
+        assert_eq!(
+            records.iter().map(Record::channel).collect::<Vec<_>>(),
+            ["Größe", "Größe_2"]
+        );
     }
 
     #[test]
@@ -274,7 +321,10 @@ mod tests {
         };
         let records = decode_csv(b"a [m/s2],b\n1,2\n", &defaults).unwrap();
         assert_eq!(
-            records.iter().map(|r| (r.channel(), r.unit())).collect::<Vec<_>>(),
+            records
+                .iter()
+                .map(|r| (r.channel(), r.unit()))
+                .collect::<Vec<_>>(),
             [("in", "m/s2"), ("out", "g")]
         );
     }

@@ -36,7 +36,11 @@ impl Clock {
     }
 
     /// The time in nanoseconds.
-    pub(super) fn read<'a>(self, field: impl Fn(usize) -> &'a str, decimals: &mut Decimals) -> Option<Moment> {
+    pub(super) fn read<'a>(
+        self,
+        field: impl Fn(usize) -> &'a str,
+        decimals: &mut Decimals,
+    ) -> Option<Moment> {
         match self {
             Self::Seconds { column, factor } => {
                 let seconds = decimals.parse::<f64>(field(column))? * factor;
@@ -45,7 +49,11 @@ impl Clock {
             }
             Self::Moment(column) => Moment::parse(field(column)),
             Self::Parts => {
-                let mut part = |at: usize, below: f64| decimals.parse::<f64>(field(at)).filter(|value| (0.0..below).contains(value));
+                let mut part = |at: usize, below: f64| {
+                    decimals
+                        .parse::<f64>(field(at))
+                        .filter(|value| (0.0..below).contains(value))
+                };
                 let [hour, minute, second] = [part(0, 24.0)?, part(1, 60.0)?, part(2, 61.0)?];
                 let microsecond = part(3, 1e6)?;
                 if hour.fract() != 0.0 || minute.fract() != 0.0 || second.fract() != 0.0 {
@@ -60,9 +68,15 @@ impl Clock {
     /// Whether lines, at least three, all have a time, each a later one.
     pub(super) fn rises(self, lines: &[Vec<String>], separator: u8) -> bool {
         let mut decimals = Decimals::separated_by(separator);
-        let read = |line: &Vec<String>| self.read(|at| line.get(at).map_or("", String::as_str), &mut decimals);
+        let read =
+            |line: &Vec<String>| self.read(|at| line.get(at).map_or("", String::as_str), &mut decimals);
         let times: Option<Vec<Moment>> = lines.iter().map(read).collect();
-        times.is_some_and(|times| times.len() > 2 && times.windows(2).all(|pair| pair[0].nanoseconds() < pair[1].nanoseconds()))
+        times.is_some_and(|times| {
+            times.len() > 2
+                && times
+                    .windows(2)
+                    .all(|pair| pair[0].nanoseconds() < pair[1].nanoseconds())
+        })
     }
 }
 
@@ -114,7 +128,8 @@ impl CsvTiming {
         })
     }
 
-    /// The sampling rate in hertz: the given one, else that of a line before the header, else that of the time columns.
+    /// The sampling rate in hertz: the given one, else that of a line before the header, else that of the
+    /// time columns.
     ///
     /// # Errors
     /// None of them is there, or the time columns say another one, by more than 0.1 %.
@@ -174,8 +189,13 @@ impl Steps {
         };
         let span = self.last.saturating_sub(first) as f64;
         let mean = span / self.count as f64;
-        // Times may be written coarser than the samples follow each other: then many steps are nothing, and some are one unit.
-        let resolution = if shortest as f64 > 1.5 * mean { shortest as f64 } else { 0.0 };
+        // Times may be written coarser than the samples follow each other: then many steps are nothing, and
+        // some are one unit.
+        let resolution = if shortest as f64 > 1.5 * mean {
+            shortest as f64
+        } else {
+            0.0
+        };
         let (longest, line) = self.longest;
         if longest as f64 > 1.5 * mean + resolution {
             return Err(RecordingError::CsvLine {

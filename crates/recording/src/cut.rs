@@ -5,8 +5,8 @@ use jiff::{SignedDuration, Timestamp};
 use super::{RecordDefaults, RecordingError};
 use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Record, RecordError};
 
-/// Longest recording that stays one record a channel where no cut is asked for, in seconds, and in samples of a channel: its analysis takes some
-/// 85 bytes a sample.
+/// Longest recording that stays one record a channel where no cut is asked for, in seconds, and in samples of
+/// a channel: its analysis takes some 85 bytes a sample.
 const WHOLE_SECONDS: f64 = 120.0;
 const WHOLE_SAMPLES: u64 = 1 << 22;
 
@@ -16,7 +16,8 @@ const DEFAULT_SECONDS: f64 = 10.0;
 /// Most samples held at a time over all channels: 256 MiB of `f32`.
 const MAX_HELD_SAMPLES: usize = 4 * MAX_RECORD_SAMPLES;
 
-/// How long the records of a cut recording are. What is left at the end is a record too if it is at least half as long.
+/// How long the records of a cut recording are. What is left at the end is a record too if it is at least
+/// half as long.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Cut {
     /// Seconds, rounded to whole samples.
@@ -39,7 +40,12 @@ impl CutPlan {
     ///
     /// # Errors
     /// A sampling rate that is not positive, records of no sample or of more than may be held.
-    pub fn new(cut: Option<Cut>, total_frames: u64, sample_rate_hz: f64, channels: usize) -> Result<Self, RecordingError> {
+    pub fn new(
+        cut: Option<Cut>,
+        total_frames: u64,
+        sample_rate_hz: f64,
+        channels: usize,
+    ) -> Result<Self, RecordingError> {
         if !(sample_rate_hz > 0.0 && sample_rate_hz.is_finite()) {
             return Err(RecordError::SampleRate(sample_rate_hz).into());
         }
@@ -47,7 +53,9 @@ impl CutPlan {
         let frames = match cut {
             Some(Cut::Samples(frames)) => frames as f64,
             Some(Cut::Seconds(seconds)) => (seconds * sample_rate_hz).round(),
-            None if total_frames <= WHOLE_SAMPLES.min(most as u64) && total_frames as f64 <= WHOLE_SECONDS * sample_rate_hz => {
+            None if total_frames <= WHOLE_SAMPLES.min(most as u64)
+                && total_frames as f64 <= WHOLE_SECONDS * sample_rate_hz =>
+            {
                 return Ok(Self {
                     frames: most,
                     default_seconds: None,
@@ -94,7 +102,10 @@ impl Cutter {
     pub fn new(channels: Vec<String>, sample_rate_hz: f64, defaults: &RecordDefaults, plan: CutPlan) -> Self {
         Self {
             columns: vec![Vec::new(); channels.len()],
-            units: channels.iter().map(|channel| defaults.unit_of(channel).to_owned()).collect(),
+            units: channels
+                .iter()
+                .map(|channel| defaults.unit_of(channel).to_owned())
+                .collect(),
             channels,
             sample_rate_hz,
             start_time: defaults.start_time,
@@ -109,11 +120,14 @@ impl Cutter {
         for (column, &sample) in self.columns.iter_mut().zip(frame) {
             column.push(sample);
         }
-        self.columns.first().is_some_and(|column| column.len() >= self.frames)
+        self.columns
+            .first()
+            .is_some_and(|column| column.len() >= self.frames)
     }
 
-    /// Takes the collected frames as one record a channel; nothing where there are none, unless there were none at all. Of a recording that was cut
-    /// a rest of less than half a record is none: it would stand among the others with features of another resolution.
+    /// Takes the collected frames as one record a channel; nothing where there are none, unless there were
+    /// none at all. Of a recording that was cut a rest of less than half a record is none: it would stand
+    /// among the others with features of another resolution.
     pub fn take(&mut self) -> Vec<Result<Record, RecordingError>> {
         let frames = self.columns.first().map_or(0, Vec::len);
         if self.first_frame > 0 && 2 * frames < self.frames {
@@ -133,7 +147,9 @@ impl Cutter {
                 .and_then(|record| record.with_operating_point(self.operating_point))
                 .map_err(|source| match (first_sample, source) {
                     (0, source) => RecordingError::Record(source),
-                    (first_sample, source @ RecordError::NotFinite { .. }) => RecordingError::Cut { first_sample, source },
+                    (first_sample, source @ RecordError::NotFinite { .. }) => {
+                        RecordingError::Cut { first_sample, source }
+                    }
                     (_, source) => RecordingError::Record(source),
                 })
         });
@@ -146,7 +162,13 @@ fn time_after(time: Timestamp, seconds: f64) -> Result<Timestamp, RecordingError
     SignedDuration::try_from_secs_f64(seconds)
         .ok()
         .and_then(|duration| time.checked_add(duration).ok())
-        .ok_or_else(|| RecordingError::field("start_time", time, "a time whose recording ends before the year 10000"))
+        .ok_or_else(|| {
+            RecordingError::field(
+                "start_time",
+                time,
+                "a time whose recording ends before the year 10000",
+            )
+        })
 }
 
 #[cfg(test)]
@@ -156,7 +178,12 @@ mod tests {
     #[test]
     fn records_follow_each_other_without_gap_or_overlap() {
         let plan = CutPlan::new(Some(Cut::Samples(4)), 10, 8.0, 2).unwrap();
-        let mut cutter = Cutter::new(vec!["a".into(), "b".into()], 8.0, &RecordDefaults::default(), plan);
+        let mut cutter = Cutter::new(
+            vec!["a".into(), "b".into()],
+            8.0,
+            &RecordDefaults::default(),
+            plan,
+        );
         let mut records = Vec::new();
         for k in 0..10 {
             if cutter.push(&[k as f32, -(k as f32)]) {
@@ -185,7 +212,10 @@ mod tests {
                 }
             }
             records.extend(cutter.take());
-            records.into_iter().map(|record| record.unwrap().samples().len()).collect()
+            records
+                .into_iter()
+                .map(|record| record.unwrap().samples().len())
+                .collect()
         };
         let five = Some(Cut::Samples(5));
         assert_eq!(lengths(12, five), [5, 5]);
@@ -204,8 +234,14 @@ mod tests {
         let cut = CutPlan::new(None, 120 * 20_000 + 1, 20_000.0, 1).unwrap();
         assert_eq!((cut.frames, cut.default_seconds), (200_000, Some(10.0)));
         // At a high rate it is the samples that are too many, and those of all channels.
-        assert_eq!(CutPlan::new(None, (1 << 22) + 1, 100_000.0, 1).unwrap().frames, 1_000_000);
-        assert_eq!(CutPlan::new(None, 1 << 22, 100_000.0, 17).unwrap().frames, 1_000_000);
+        assert_eq!(
+            CutPlan::new(None, (1 << 22) + 1, 100_000.0, 1).unwrap().frames,
+            1_000_000
+        );
+        assert_eq!(
+            CutPlan::new(None, 1 << 22, 100_000.0, 17).unwrap().frames,
+            1_000_000
+        );
     }
 
     #[test]
@@ -232,6 +268,9 @@ mod tests {
         assert!(cutter.take()[0].is_ok());
         cutter.push(&[f32::NAN]);
         let error = cutter.take().remove(0).unwrap_err().to_string();
-        assert!(error.starts_with("record from sample 2 of the recording"), "{error}");
+        assert!(
+            error.starts_with("record from sample 2 of the recording"),
+            "{error}"
+        );
     }
 }

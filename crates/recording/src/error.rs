@@ -9,7 +9,9 @@ impl RecordingError {
     /// Whether the disk that it is written to is full.
     pub fn is_full(&self) -> bool {
         match self {
-            Self::Io(error) | Self::McapWrite(McapError::Io(error)) => error.kind() == std::io::ErrorKind::StorageFull,
+            Self::Io(error) | Self::McapWrite(McapError::Io(error)) => {
+                error.kind() == std::io::ErrorKind::StorageFull
+            }
             _ => false,
         }
     }
@@ -43,7 +45,9 @@ pub enum RecordingError {
         hint: &'static str,
     },
     /// No format that is known.
-    #[error("the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP or CSV recording")]
+    #[error(
+        "the recording begins with the bytes {beginning}, expected a WAV (RIFF, RIFX or RF64), MCAP or CSV recording"
+    )]
     UnknownFormat {
         /// Its first bytes in hexadecimal.
         beginning: String,
@@ -132,7 +136,9 @@ pub enum RecordingError {
         part: &'static str,
     },
     /// An MCAP recording without a single waveform.
-    #[error("mcap: no vibration in it: expected messages of schema flankwatch.v1.WaveformBlock (protobuf or json), found {found}")]
+    #[error(
+        "mcap: no vibration in it: expected messages of schema flankwatch.v1.WaveformBlock (protobuf or json), found {found}"
+    )]
     NoVibration {
         /// Topics with their encoding and schema.
         found: String,
@@ -153,7 +159,9 @@ pub enum RecordingError {
         expected: &'static str,
     },
     /// A sampling rate that contradicts the time column of a CSV file.
-    #[error("the sampling rate is {said} Hz, expected {clock} Hz as in the column of times (at most 0.1 % apart)")]
+    #[error(
+        "the sampling rate is {said} Hz, expected {clock} Hz as in the column of times (at most 0.1 % apart)"
+    )]
     CsvRate {
         /// The rate that was given, or that a line before the header says.
         said: f64,

@@ -10,16 +10,19 @@ use flate2::read::MultiGzDecoder;
 
 use super::wav::WavBlocks;
 use super::{
-    BlockEncoding, CsvBlocks, CsvFrames, CsvTiming, Cut, Format, McapReader, RecordDefaults, Recorded, RecordingError, encode_block,
+    BlockEncoding, CsvBlocks, CsvFrames, CsvTiming, Cut, Format, McapReader, RecordDefaults, Recorded,
+    RecordingError, encode_block,
 };
 
 /// How a file that is compressed with gzip begins.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// The records of a WAV, MCAP or CSV file, read as they are asked for. CSV may be compressed with gzip; it is read twice, first for its time.
+/// The records of a WAV, MCAP or CSV file, read as they are asked for. CSV may be compressed with gzip; it is
+/// read twice, first for its time.
 ///
-/// A WAV or CSV file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut into records of 10 s, or as `cut` says, where a
-/// rest of less than half a record is left out. MCAP records come as they were recorded.
+/// A WAV or CSV file up to 2 minutes (and 4 194 304 samples) is one record a channel; a longer one is cut
+/// into records of 10 s, or as `cut` says, where a rest of less than half a record is left out. MCAP records
+/// come as they were recorded.
 pub struct RecordingFile {
     records: Records,
     read: Arc<AtomicU64>,
@@ -47,7 +50,11 @@ impl Read for CountedFile {
 
 impl RecordingFile {
     /// Opens a file and reads its header.
-    pub fn open(path: impl AsRef<Path>, defaults: RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
+    pub fn open(
+        path: impl AsRef<Path>,
+        defaults: RecordDefaults,
+        cut: Option<Cut>,
+    ) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         let cannot_open = |source| RecordingError::Open {
             path: path.to_owned(),
@@ -56,7 +63,10 @@ impl RecordingFile {
         let mut file = File::open(path).map_err(cannot_open)?;
         let bytes = file.metadata().map_err(cannot_open)?.len();
         let mut beginning = Vec::new();
-        file.by_ref().take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
+        file.by_ref()
+            .take(16)
+            .read_to_end(&mut beginning)
+            .map_err(cannot_open)?;
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         let read = Arc::new(AtomicU64::new(0));
         if let Some(zipped) = csv_of(&mut file, &beginning)? {
@@ -66,7 +76,10 @@ impl RecordingFile {
                 file: BufReader::with_capacity(1 << 16, file),
                 read: read.clone(),
             };
-            let frames = CsvFrames::new(Box::new(BufReader::new(unzipped(counted, zipped))) as Box<dyn Read + Send>, &[])?;
+            let frames = CsvFrames::new(
+                Box::new(BufReader::new(unzipped(counted, zipped))) as Box<dyn Read + Send>,
+                &[],
+            )?;
             let records = Records::Csv(Box::new(CsvBlocks::new(frames, &timing, &defaults, cut)?));
             return Ok(Self { records, read });
         }
@@ -75,7 +88,9 @@ impl RecordingFile {
             read: read.clone(),
         };
         let records = match Format::detect(&beginning)? {
-            Format::Csv | Format::Wav => Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?)),
+            Format::Csv | Format::Wav => {
+                Records::Wav(Box::new(WavBlocks::new(reader, bytes, &defaults, cut)?))
+            }
             Format::Mcap => Records::Mcap(Box::new(McapReader::with_defaults(reader, defaults))),
         };
         Ok(Self { records, read })
@@ -95,7 +110,8 @@ impl RecordingFile {
         }
     }
 
-    /// Length in seconds of the records into which a long WAV or CSV file is cut without having been asked to; none where it is not.
+    /// Length in seconds of the records into which a long WAV or CSV file is cut without having been asked
+    /// to; none where it is not.
     pub fn default_cut_seconds(&self) -> Option<f64> {
         match &self.records {
             Records::Wav(blocks) => blocks.default_cut_seconds(),

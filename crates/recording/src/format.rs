@@ -16,7 +16,8 @@ pub enum Format {
 /// What the Python package reads.
 const BY_PYTHON: &str = "`flankwatch.read` of the Python package reads it, and `flankwatch-import` sends it";
 
-/// Formats that recordings come in and that are not read here: how they begin, their names, and what reads them.
+/// Formats that recordings come in and that are not read here: how they begin, their names, and what reads
+/// them.
 const FOREIGN: [(&[u8], &str, &str); 12] = [
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", BY_PYTHON),
     (b"MATLAB 7.3 MAT-f", "an HDF5 file (MATLAB v7.3)", BY_PYTHON),
@@ -33,7 +34,11 @@ const FOREIGN: [(&[u8], &str, &str); 12] = [
         "unpack it, or save it as CSV",
     ),
     (b"\xff\xfe", "text in UTF-16", "save it in UTF-8"),
-    (b"\x1f\x8b", "compressed with gzip, without CSV in it", "decompress it"),
+    (
+        b"\x1f\x8b",
+        "compressed with gzip, without CSV in it",
+        "decompress it",
+    ),
 ];
 
 impl Format {
@@ -45,7 +50,10 @@ impl Format {
         if beginning.starts_with(mcap::MAGIC) {
             return Ok(Self::Mcap);
         }
-        if [b"RIFF", b"RIFX", b"RF64"].iter().any(|tag| beginning.starts_with(*tag)) {
+        if [b"RIFF", b"RIFX", b"RF64"]
+            .iter()
+            .any(|tag| beginning.starts_with(*tag))
+        {
             return Ok(Self::Wav);
         }
         if let Some((_, name, hint)) = FOREIGN.iter().find(|(magic, ..)| beginning.starts_with(magic)) {
@@ -53,9 +61,14 @@ impl Format {
         }
         let beginning = &beginning[..beginning.len().min(16)];
         // Text of any code page: control characters are what it does not have.
-        if beginning.iter().any(|&byte| byte < b' ' && !byte.is_ascii_whitespace()) {
+        if beginning
+            .iter()
+            .any(|&byte| byte < b' ' && !byte.is_ascii_whitespace())
+        {
             let hex: Vec<String> = beginning.iter().map(|byte| format!("{byte:02x}")).collect();
-            return Err(RecordingError::UnknownFormat { beginning: hex.join(" ") });
+            return Err(RecordingError::UnknownFormat {
+                beginning: hex.join(" "),
+            });
         }
         Ok(Self::Csv)
     }
@@ -70,9 +83,15 @@ mod tests {
         assert_eq!(Format::detect(mcap::MAGIC).unwrap(), Format::Mcap);
         assert_eq!(Format::detect(b"RF64....WAVE").unwrap(), Format::Wav);
         // 15 bytes and the first half of a letter.
-        assert_eq!(Format::detect("Beschleunigung ä".as_bytes()).unwrap(), Format::Csv);
+        assert_eq!(
+            Format::detect("Beschleunigung ä".as_bytes()).unwrap(),
+            Format::Csv
+        );
         assert_eq!(Format::detect(b"\xef\xbb\xbfa;b\n").unwrap(), Format::Csv);
-        assert!(matches!(Format::detect(b"\x7fELF\x02"), Err(RecordingError::UnknownFormat { .. })));
+        assert!(matches!(
+            Format::detect(b"\x7fELF\x02"),
+            Err(RecordingError::UnknownFormat { .. })
+        ));
         assert!(matches!(Format::detect(b""), Err(RecordingError::NoBytes)));
     }
 
@@ -87,7 +106,10 @@ mod tests {
             (b"\x93NUMPY\x01\0", "a NumPy file"),
         ] {
             let error = Format::detect(beginning).unwrap_err().to_string();
-            assert!(error.contains(name) && error.contains("Python package"), "{error}");
+            assert!(
+                error.contains(name) && error.contains("Python package"),
+                "{error}"
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! A `WaveformBlock` in JSON: the fields of the protobuf message, with `start_time` in RFC 3339 as the readable form of `start_time_ns`.
+//! A `WaveformBlock` in JSON: the fields of the protobuf message, with `start_time` in RFC 3339 as the
+//! readable form of `start_time_ns`.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -15,12 +16,16 @@ use flankwatch_signal::{MAX_RECORD_SAMPLES, OperatingPoint, Quality, Record};
 /// Longest text taken in a message, in bytes: errors quote it, each of its characters written with up to six.
 const MAX_TEXT_BYTES: usize = 1024;
 
-/// One stretch of vibration of one channel (`flankwatch.v1.WaveformBlock` as JSON); other fields are refused by name.
+/// One stretch of vibration of one channel (`flankwatch.v1.WaveformBlock` as JSON); other fields are refused
+/// by name.
 #[derive(Debug, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "openapi", schema(as = WaveformBlock))]
-#[cfg_attr(not(feature = "openapi"), expect(unreachable_pub, reason = "public as a schema"))]
+#[cfg_attr(
+    not(feature = "openapi"),
+    expect(unreachable_pub, reason = "public as a schema")
+)]
 pub struct JsonBlock {
     /// Time of the first sample; the time of receipt where nothing says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -188,10 +193,11 @@ impl JsonBlock {
                 ));
             }
             (Some(time), None) => Some(time),
-            (None, Some(nanoseconds)) => Some(
-                Timestamp::from_nanosecond(nanoseconds.into())
-                    .map_err(|_| RecordingError::field("start_time_ns", nanoseconds, "nanoseconds since 1970-01-01 UTC"))?,
-            ),
+            (None, Some(nanoseconds)) => {
+                Some(Timestamp::from_nanosecond(nanoseconds.into()).map_err(|_| {
+                    RecordingError::field("start_time_ns", nanoseconds, "nanoseconds since 1970-01-01 UTC")
+                })?)
+            }
             (None, None) => None,
         };
         Ok(DecodedBlock {
@@ -281,7 +287,10 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Numbers<T> {
         let mut numbers = Vec::new();
         while let Some(number) = list.next_element()? {
             if numbers.len() == self.most {
-                return Err(A::Error::custom(format_args!("more than {} {}", self.most, self.too_many)));
+                return Err(A::Error::custom(format_args!(
+                    "more than {} {}",
+                    self.most, self.too_many
+                )));
             }
             numbers.push(number);
         }
@@ -297,13 +306,16 @@ mod tests {
     use super::*;
 
     fn decode(json: &str) -> Result<flankwatch_signal::Record, String> {
-        decode_block(json.as_bytes(), BlockEncoding::Json, &RecordDefaults::default()).map_err(|error| error.to_string())
+        decode_block(json.as_bytes(), BlockEncoding::Json, &RecordDefaults::default())
+            .map_err(|error| error.to_string())
     }
 
     #[test]
     fn both_forms_of_the_time_mean_the_same() {
         let text = decode(r#"{"start_time": "2026-01-02T03:04:05.000000006Z", "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#).unwrap();
-        let number = decode(r#"{"start_time_ns": 1767323045000000006, "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#).unwrap();
+        let number =
+            decode(r#"{"start_time_ns": 1767323045000000006, "sample_rate_hz": 1e4, "samples": [1, -2.5]}"#)
+                .unwrap();
         assert_eq!(text, number);
         assert_eq!(text.samples(), [1.0, -2.5]);
     }
@@ -313,15 +325,27 @@ mod tests {
         for (json, expected) in [
             ("", "EOF"),
             ("[]", "invalid length"),
-            (r#"{"sample_rate_hz": 1, "samples": [1], "volume": 3}"#, "unknown field `volume`"),
+            (
+                r#"{"sample_rate_hz": 1, "samples": [1], "volume": 3}"#,
+                "unknown field `volume`",
+            ),
             (r#"{"samples": [1]}"#, "missing field `sample_rate_hz`"),
             (r#"{"sample_rate_hz": 1}"#, "missing field `samples`"),
             (r#"{"sample_rate_hz": 1, "samples": []}"#, "no samples"),
-            (r#"{"sample_rate_hz": 1, "samples": [NaN]}"#, "expected value at line 1"),
-            (r#"{"sample_rate_hz": 1, "samples": [null]}"#, "invalid type: null"),
+            (
+                r#"{"sample_rate_hz": 1, "samples": [NaN]}"#,
+                "expected value at line 1",
+            ),
+            (
+                r#"{"sample_rate_hz": 1, "samples": [null]}"#,
+                "invalid type: null",
+            ),
             (r#"{"sample_rate_hz": 1, "samples": [1, 1e39]}"#, "out of range"),
             (r#"{"sample_rate_hz": 1, "samples": [1e999]}"#, "out of range"),
-            (r#"{"sample_rate_hz": -1, "samples": [1]}"#, "sample_rate_hz is -1"),
+            (
+                r#"{"sample_rate_hz": -1, "samples": [1]}"#,
+                "sample_rate_hz is -1",
+            ),
             (
                 r#"{"sample_rate_hz": 1, "samples": [1], "start_time": "yesterday"}"#,
                 "failed to parse",
@@ -350,7 +374,8 @@ mod tests {
             let times = vec!["1"; pulses].join(",");
             format!(r#"{{"pulses_per_revolution": 1, "pulse_time_ns": [{times}]}}"#)
         };
-        let decode_tachometer = |pulses| JsonTachometer::decode(tachometer(pulses).as_bytes()).map_err(|error| error.to_string());
+        let decode_tachometer =
+            |pulses| JsonTachometer::decode(tachometer(pulses).as_bytes()).map_err(|error| error.to_string());
         assert_eq!(decode_tachometer(MOST_PULSES).unwrap().time_ns.len(), MOST_PULSES);
         let refused = "more than 4194304 pulses, send them in shorter messages";
         assert!(decode_tachometer(MOST_PULSES + 1).unwrap_err().contains(refused));
@@ -367,10 +392,16 @@ mod tests {
         for json in [
             format!(r#"{{"{long}": 1}}"#),
             format!(r#"{{"sample_rate_hz": "{long}", "samples": [1]}}"#),
-            format!(r#"{{"sample_rate_hz": 1, "samples": [1], "unit": "\"{}"#, &long[2..]),
+            format!(
+                r#"{{"sample_rate_hz": 1, "samples": [1], "unit": "\"{}"#,
+                &long[2..]
+            ),
         ] {
             let error = decode(&json).unwrap_err();
-            assert_eq!(error, "the length of a text in the message is 1025, expected at most 1024 bytes");
+            assert_eq!(
+                error,
+                "the length of a text in the message is 1025, expected at most 1024 bytes"
+            );
         }
         let quoted = r#"{"sample_rate_hz": 1, "samples": [1], "unit": "\\", "channel": "\"x\""}"#;
         assert_eq!(decode(quoted).unwrap().channel(), "\"x\"");

@@ -33,8 +33,9 @@
 //! # Ok::<(), flankwatch_recording::RecordingError>(())
 //! ```
 //!
-//! Nothing read here is trusted: a length is checked against the bytes that are there before memory is taken for it, and what cannot be used is refused
-//! with its place, its value and what was expected ([`RecordingError`]).
+//! Nothing read here is trusted: a length is checked against the bytes that are there before memory is taken
+//! for it, and what cannot be used is refused with its place, its value and what was expected
+//! ([`RecordingError`]).
 //!
 //! # Features
 //! - `files`: `RecordingFile`, a recording of any format by its path; without it nothing here opens a file.

@@ -1,4 +1,5 @@
-//! The records of an MCAP file in order, those in chunks included, in bounded memory and with the byte where each stands.
+//! The records of an MCAP file in order, those in chunks included, in bounded memory and with the byte where
+//! each stands.
 
 use std::io::{self, Read};
 
@@ -14,10 +15,12 @@ const MAX_RECORD_BYTES: usize = 80 << 20;
 /// Longest of the other records taken, in bytes.
 const MAX_SMALL_RECORD_BYTES: usize = 8 << 20;
 
-/// How much is read at a time, so that memory grows with the bytes that are there and not with those declared.
+/// How much is read at a time, so that memory grows with the bytes that are there and not with those
+/// declared.
 const READ_BYTES: usize = 1 << 16;
 
-/// Walks over the records of an MCAP file up to the end of its data; what no reader of vibration needs (indexes, attachments) is skipped.
+/// Walks over the records of an MCAP file up to the end of its data; what no reader of vibration needs
+/// (indexes, attachments) is skipped.
 pub(crate) struct McapFrames {
     reader: Box<dyn Read + Send>,
     position: u64,
@@ -56,8 +59,12 @@ impl McapFrames {
         self.record_start
     }
 
-    /// Hands the next record's opcode and bytes to `handle`; none at the end of the data. After an error there is nothing more.
-    pub(crate) fn next_record<T>(&mut self, handle: impl FnOnce(u8, &[u8]) -> T) -> Result<Option<T>, RecordingError> {
+    /// Hands the next record's opcode and bytes to `handle`; none at the end of the data. After an error
+    /// there is nothing more.
+    pub(crate) fn next_record<T>(
+        &mut self,
+        handle: impl FnOnce(u8, &[u8]) -> T,
+    ) -> Result<Option<T>, RecordingError> {
         if self.ended {
             return Ok(None);
         }
@@ -89,7 +96,9 @@ impl McapFrames {
                         self.decoder.notify_read(piece.len());
                         *fed += piece.len();
                     }
-                    Some(Ok(LinearReadEvent::Record { opcode, data })) => return Ok(Some(handle(opcode, data))),
+                    Some(Ok(LinearReadEvent::Record { opcode, data })) => {
+                        return Ok(Some(handle(opcode, data)));
+                    }
                     Some(Err(source)) => {
                         return Err(RecordingError::Mcap {
                             byte: self.record_start,
@@ -128,7 +137,9 @@ impl McapFrames {
     /// Reads a record's body; memory grows with what is there.
     fn load(&mut self, length: u64, limit: usize) -> Result<(), RecordingError> {
         if length > limit as u64 {
-            return Err(self.damaged(format!("a record declares {length} bytes, expected at most {limit}")));
+            return Err(self.damaged(format!(
+                "a record declares {length} bytes, expected at most {limit}"
+            )));
         }
         self.record.clear();
         while (self.record.len() as u64) < length {
@@ -178,6 +189,9 @@ impl McapFrames {
     }
 
     fn ends(&self, part: &'static str) -> RecordingError {
-        RecordingError::McapEnds { byte: self.position, part }
+        RecordingError::McapEnds {
+            byte: self.position,
+            part,
+        }
     }
 }

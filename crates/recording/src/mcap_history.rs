@@ -69,7 +69,8 @@ impl<W: Write + Seek> HistoryWriter<W> {
         })
     }
 
-    /// Writes what was computed from the record that began at `start_time` and came at `received_at`. `base` is `/{asset}/{channel}`.
+    /// Writes what was computed from the record that began at `start_time` and came at `received_at`. `base`
+    /// is `/{asset}/{channel}`.
     pub fn write(
         &mut self,
         base: &str,
@@ -78,14 +79,19 @@ impl<W: Write + Seek> HistoryWriter<W> {
         received_at: Timestamp,
         message: &impl Message,
     ) -> Result<(), RecordingError> {
-        let (publish_time, log_time) = (mcap_time("start_time", start_time)?, mcap_time("received_at", received_at)?);
+        let (publish_time, log_time) = (
+            mcap_time("start_time", start_time)?,
+            mcap_time("received_at", received_at)?,
+        );
         let topic = kind.topic(base);
         let (channel_id, sequence) = match self.topics.get_mut(&topic) {
             Some(known) => known,
             None => {
                 let schema = self.inner.add_schema(kind.schema(), "protobuf", DESCRIPTOR_SET);
                 let schema = schema.map_err(RecordingError::McapWrite)?;
-                let channel = self.inner.add_channel(schema, &topic, "protobuf", &BTreeMap::new());
+                let channel = self
+                    .inner
+                    .add_channel(schema, &topic, "protobuf", &BTreeMap::new());
                 let channel = channel.map_err(RecordingError::McapWrite)?;
                 self.topics.entry(topic).or_insert((channel, 0))
             }
@@ -108,11 +114,19 @@ impl<W: Write + Seek> HistoryWriter<W> {
             name: name.to_owned(),
             metadata: entries,
         };
-        self.inner.write_metadata(&record).map_err(RecordingError::McapWrite)
+        self.inner
+            .write_metadata(&record)
+            .map_err(RecordingError::McapWrite)
     }
 
     /// Writes an attachment: a file of its own within the recording.
-    pub fn attach(&mut self, name: &str, media_type: &str, made_at: Timestamp, data: &[u8]) -> Result<(), RecordingError> {
+    pub fn attach(
+        &mut self,
+        name: &str,
+        media_type: &str,
+        made_at: Timestamp,
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
         let time = mcap_time("the attachment's time", made_at)?;
         let attachment = Attachment {
             log_time: time,

@@ -16,7 +16,8 @@ use super::pulses::{PulseTrains, Pulses, end_ns};
 use super::{BlockEncoding, RecordDefaults, RecordingError, pulse_count};
 use flankwatch_signal::{OperatingPoint, Record};
 
-/// Name of the metadata record with the wear that is known from elsewhere: start time in nanoseconds → wear depth in µm.
+/// Name of the metadata record with the wear that is known from elsewhere: start time in nanoseconds → wear
+/// depth in µm.
 pub const REFERENCE_WEAR: &str = "reference_wear";
 
 /// Most schemas and channels taken, each.
@@ -25,7 +26,8 @@ const MAX_DECLARATIONS: usize = 4096;
 /// Most entries of reference wear taken.
 const MAX_REFERENCES: usize = 1 << 20;
 
-/// Samples held while their tachometer's pulses are waited for, beyond which the earliest record goes without the missing ones.
+/// Samples held while their tachometer's pulses are waited for, beyond which the earliest record goes without
+/// the missing ones.
 const MAX_HELD_SAMPLES: usize = 1 << 22;
 
 /// Records held at most for the same reason.
@@ -42,8 +44,8 @@ const NAMED_TOPICS: usize = 20;
 pub struct Recorded {
     /// The record.
     pub record: Record,
-    /// The block's bytes as they came, followed by the pulses of tachometer messages where they belong to it; a cut of a WAV recording is
-    /// encoded anew.
+    /// The block's bytes as they came, followed by the pulses of tachometer messages where they belong to it;
+    /// a cut of a WAV recording is encoded anew.
     pub raw: Vec<u8>,
     /// How `raw` is encoded.
     pub encoding: BlockEncoding,
@@ -54,23 +56,29 @@ pub struct Recorded {
 impl Recorded {
     /// Bytes of memory that it takes.
     pub fn bytes(&self) -> usize {
-        let pulses = self.record.tachometer().map_or(0, |tachometer| tachometer.pulse_times_s.len());
+        let pulses = self
+            .record
+            .tachometer()
+            .map_or(0, |tachometer| tachometer.pulse_times_s.len());
         self.raw.capacity() + size_of_val(self.record.samples()) + pulses * size_of::<f64>()
     }
 }
 
 /// Reads the waveforms of an MCAP recording in the order of the file, in bounded memory.
 ///
-/// A waveform is a message of schema `flankwatch.v1.WaveformBlock` in protobuf or JSON, or any JSON message on a topic that ends in `/waveform`. The
-/// record's channel is the topic `/{asset}/{channel}/waveform` without its first and last part, so `/pump/gearbox/x/waveform` is
-/// `gearbox/x`; another topic is taken whole. Messages on `/{asset}/operating_point` hold for the asset's following waveforms where these say nothing themselves.
-/// Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same time, before or after them in the file, where these bring none
-/// of their own; a waveform waits for pulses past its end while no more than 64 records, 4 million samples or 128 MiB wait. A message on
-/// `/{asset}/driven/tachometer` that names no shaft is of the driven one, and not used; other words there are the name of a place.
-/// A start time of 0 stands for the message's publish time.
+/// A waveform is a message of schema `flankwatch.v1.WaveformBlock` in protobuf or JSON, or any JSON message
+/// on a topic that ends in `/waveform`. The record's channel is the topic `/{asset}/{channel}/waveform`
+/// without its first and last part, so `/pump/gearbox/x/waveform` is `gearbox/x`; another topic is taken
+/// whole. Messages on `/{asset}/operating_point` hold for the asset's following waveforms where these say
+/// nothing themselves. Pulses on `/{asset}/tachometer` belong to the asset's waveforms of the same time,
+/// before or after them in the file, where these bring none of their own; a waveform waits for pulses past
+/// its end while no more than 64 records, 4 million samples or 128 MiB wait. A message on
+/// `/{asset}/driven/tachometer` that names no shaft is of the driven one, and not used; other words there are
+/// the name of a place. A start time of 0 stands for the message's publish time.
 ///
-/// A bad message is an `Err` and reading goes on. Damage is an `Err` that says at which byte, and the last item: the records before it are whole, those
-/// of a chunk whose checksum is wrong are not used. A recording without any waveform is an `Err` that names what is in it.
+/// A bad message is an `Err` and reading goes on. Damage is an `Err` that says at which byte, and the last
+/// item: the records before it are whole, those of a chunk whose checksum is wrong are not used. A recording
+/// without any waveform is an `Err` that names what is in it.
 pub struct McapReader {
     frames: McapFrames,
     contents: Contents,
@@ -151,7 +159,8 @@ impl McapReader {
             let (samples, bytes) = held.fold((0, 0), |(samples, bytes), held| {
                 (samples + held.record.samples().len(), bytes + held.raw.len())
             });
-            let full = self.held.len() > MAX_HELD_RECORDS || samples > MAX_HELD_SAMPLES || bytes > MAX_HELD_BYTES;
+            let full =
+                self.held.len() > MAX_HELD_RECORDS || samples > MAX_HELD_SAMPLES || bytes > MAX_HELD_BYTES;
             if !(complete || full || self.ended) {
                 return None;
             }
@@ -180,7 +189,10 @@ impl Iterator for McapReader {
                 return None;
             }
             let contents = &mut self.contents;
-            match self.frames.next_record(|opcode, data| contents.take(opcode, data)) {
+            match self
+                .frames
+                .next_record(|opcode, data| contents.take(opcode, data))
+            {
                 Ok(Some(Outcome::Nothing)) => {}
                 Ok(Some(Outcome::Item(item))) => self.hold(item, None),
                 Ok(Some(Outcome::Waiting(recorded, asset))) => self.hold(Ok(recorded), Some(asset)),
@@ -243,11 +255,14 @@ impl Contents {
             ("json", OPERATING_POINT_SCHEMA) => Kind::OperatingPoint(BlockEncoding::Json),
             ("json", TACHOMETER_SCHEMA) => Kind::Tachometer(BlockEncoding::Json),
             ("json", _) if channel.topic.ends_with("/waveform") => Kind::Waveform(BlockEncoding::Json),
-            ("json", _) if channel.topic.ends_with("/operating_point") => Kind::OperatingPoint(BlockEncoding::Json),
+            ("json", _) if channel.topic.ends_with("/operating_point") => {
+                Kind::OperatingPoint(BlockEncoding::Json)
+            }
             ("json", _) if channel.topic.ends_with("/tachometer") => Kind::Tachometer(BlockEncoding::Json),
             (encoding, schema) => {
                 let schema = if schema.is_empty() { "no schema" } else { schema };
-                self.other_topics.insert(format!("{} ({encoding}, {schema})", channel.topic));
+                self.other_topics
+                    .insert(format!("{} ({encoding}, {schema})", channel.topic));
                 Kind::Other
             }
         };
@@ -257,8 +272,15 @@ impl Contents {
         }
         self.channels.insert(channel.id, Channel { topic, kind });
         // A channel declared again under another topic leaves something behind in these.
-        let others = [self.other_topics.len(), self.tachometers.len(), self.operating_points.len()];
-        limited("channels", others.into_iter().fold(self.channels.len(), usize::max))
+        let others = [
+            self.other_topics.len(),
+            self.tachometers.len(),
+            self.operating_points.len(),
+        ];
+        limited(
+            "channels",
+            others.into_iter().fold(self.channels.len(), usize::max),
+        )
     }
 
     /// Keeps reference wear; an entry that is none is an error of its own.
@@ -310,7 +332,10 @@ impl Contents {
             Kind::Waveform(encoding) => {
                 self.waveforms += 1;
                 match self.waveform(&channel.topic, encoding, message).map_err(failed) {
-                    Ok(recorded) if recorded.record.tachometer().is_none() && self.tachometers.contains(asset_of(&channel.topic)) => {
+                    Ok(recorded)
+                        if recorded.record.tachometer().is_none()
+                            && self.tachometers.contains(asset_of(&channel.topic)) =>
+                    {
                         Outcome::Waiting(recorded, asset_of(&channel.topic).to_owned())
                     }
                     item => Outcome::Item(item),
@@ -328,7 +353,8 @@ impl Contents {
             },
             Kind::OperatingPoint(encoding) => match decode_operating_point(message.data, encoding) {
                 Ok(point) => {
-                    self.operating_points.insert(asset_of(&channel.topic).to_owned(), point);
+                    self.operating_points
+                        .insert(asset_of(&channel.topic).to_owned(), point);
                     Outcome::Nothing
                 }
                 Err(error) => Outcome::Item(Err(failed(error))),
@@ -336,13 +362,23 @@ impl Contents {
         }
     }
 
-    fn waveform(&self, topic: &str, encoding: BlockEncoding, message: &MessageView<'_>) -> Result<Recorded, RecordingError> {
+    fn waveform(
+        &self,
+        topic: &str,
+        encoding: BlockEncoding,
+        message: &MessageView<'_>,
+    ) -> Result<Recorded, RecordingError> {
         let mut block = decode_message(message.data, encoding)?;
         if block.start_time.is_none() && message.publish_time > 0 {
-            block.start_time = Some(
-                Timestamp::from_nanosecond(message.publish_time.into())
-                    .map_err(|_| RecordingError::field("publish_time", message.publish_time, "nanoseconds since 1970-01-01 UTC"))?,
-            );
+            block.start_time = Some(Timestamp::from_nanosecond(message.publish_time.into()).map_err(
+                |_| {
+                    RecordingError::field(
+                        "publish_time",
+                        message.publish_time,
+                        "nanoseconds since 1970-01-01 UTC",
+                    )
+                },
+            )?);
         }
         if let Some(&point) = self.operating_points.get(asset_of(topic)) {
             block.operating_point = filled(block.operating_point, point);
@@ -372,7 +408,12 @@ impl Contents {
     }
 
     fn no_vibration(&self) -> RecordingError {
-        let mut named: Vec<&str> = self.other_topics.iter().take(NAMED_TOPICS).map(String::as_str).collect();
+        let mut named: Vec<&str> = self
+            .other_topics
+            .iter()
+            .take(NAMED_TOPICS)
+            .map(String::as_str)
+            .collect();
         let more = self.other_topics.len().saturating_sub(NAMED_TOPICS);
         let more = format!("{more} more");
         if self.other_topics.len() > NAMED_TOPICS {
@@ -411,7 +452,8 @@ fn decode_tachometer(bytes: &[u8], encoding: BlockEncoding) -> Result<Pulses, Re
     })
 }
 
-/// Adds pulses to the bytes of a block that was read from them and has none, so that they are kept together; gives them back.
+/// Adds pulses to the bytes of a block that was read from them and has none, so that they are kept together;
+/// gives them back.
 fn append_pulses(raw: &mut Vec<u8>, encoding: BlockEncoding, pulses: Pulses) -> Pulses {
     match encoding {
         // Messages in protobuf are merged by writing one after the other.

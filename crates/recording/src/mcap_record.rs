@@ -1,4 +1,5 @@
-//! The few MCAP records that a reader of vibration needs, as borrowed views. Every length is checked against the bytes that are there before it is used.
+//! The few MCAP records that a reader of vibration needs, as borrowed views. Every length is checked against
+//! the bytes that are there before it is used.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +32,10 @@ impl<'a> Fields<'a> {
                 self.rest = rest;
                 Ok(taken)
             }
-            None => Err(format!("{what} needs {length} bytes, the record has {} left", self.rest.len())),
+            None => Err(format!(
+                "{what} needs {length} bytes, the record has {} left",
+                self.rest.len()
+            )),
         }
     }
 
@@ -55,7 +59,9 @@ impl<'a> Fields<'a> {
     fn text(&mut self, what: &str) -> Result<&'a str, Damage> {
         let length = self.u32(what)? as usize;
         if length > MAX_NAME_BYTES {
-            return Err(format!("{what} has {length} bytes, expected at most {MAX_NAME_BYTES}"));
+            return Err(format!(
+                "{what} has {length} bytes, expected at most {MAX_NAME_BYTES}"
+            ));
         }
         let bytes = self.take(what, length)?;
         std::str::from_utf8(bytes).map_err(|_| format!("{what} is not UTF-8"))
@@ -152,7 +158,8 @@ impl<'a> MetadataView<'a> {
 
 /// Checks a chunk record before it is decompressed.
 ///
-/// A decoder that trusts an uncompressed chunk's inner lengths runs past its end, so they are walked over here; of a compressed one the declared size is limited.
+/// A decoder that trusts an uncompressed chunk's inner lengths runs past its end, so they are walked over
+/// here; of a compressed one the declared size is limited.
 pub(crate) fn check_chunk(bytes: &[u8], limit: usize) -> Result<(), Damage> {
     let mut fields = Fields { rest: bytes };
     fields.take("a chunk's times", 16)?;
@@ -174,7 +181,8 @@ pub(crate) fn check_chunk(bytes: &[u8], limit: usize) -> Result<(), Damage> {
         while !fields.rest.is_empty() {
             fields.take("a record's opcode in a chunk", 1)?;
             let length = fields.u64("a record's length in a chunk")?;
-            let length = usize::try_from(length).map_err(|_| format!("a record in a chunk declares {length} bytes"))?;
+            let length = usize::try_from(length)
+                .map_err(|_| format!("a record in a chunk declares {length} bytes"))?;
             fields.take("a record in a chunk", length)?;
         }
     }

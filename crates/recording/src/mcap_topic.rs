@@ -17,8 +17,8 @@ pub(super) fn channel_of(topic: &str) -> &str {
     }
 }
 
-/// The shaft of a tachometer that does not say it itself: `driven` where that stands before `tachometer`, else the driving one, for other words are
-/// the name of a place.
+/// The shaft of a tachometer that does not say it itself: `driven` where that stands before `tachometer`,
+/// else the driving one, for other words are the name of a place.
 pub(super) fn shaft_of(topic: &str) -> &str {
     let topic = topic.strip_prefix('/').unwrap_or(topic);
     let path = topic.strip_suffix("/tachometer").unwrap_or_default();

@@ -76,8 +76,14 @@ impl<W: Write + Seek> McapWriter<W> {
 
     /// Writes a record received at `log_time`.
     ///
-    /// The block's `first_sample_index` counts sample intervals since the topic's first record, so a gap shows as a jump.
-    pub fn write_received(&mut self, topic: &str, record: &Record, log_time: Timestamp) -> Result<(), RecordingError> {
+    /// The block's `first_sample_index` counts sample intervals since the topic's first record, so a gap
+    /// shows as a jump.
+    pub fn write_received(
+        &mut self,
+        topic: &str,
+        record: &Record,
+        log_time: Timestamp,
+    ) -> Result<(), RecordingError> {
         let publish_time = mcap_time("start_time", record.start_time())?;
         let log_time = mcap_time("log_time", log_time)?;
         let state = match self.topics.get_mut(topic) {
@@ -99,7 +105,10 @@ impl<W: Write + Seek> McapWriter<W> {
                 })
             }
         };
-        let since_first = record.start_time().duration_since(state.first_start).as_secs_f64();
+        let since_first = record
+            .start_time()
+            .duration_since(state.first_start)
+            .as_secs_f64();
         let mut block = message_of(record);
         block.first_sample_index = (since_first * record.sample_rate_hz()).round().max(0.0) as u64;
         if block.first_sample_index != state.next_sample_index {
@@ -118,7 +127,8 @@ impl<W: Write + Seek> McapWriter<W> {
             .map_err(RecordingError::McapWrite)
     }
 
-    /// Writes a metadata record. [`McapReader`](super::McapReader) takes up to 8 MiB of it and adds up several of one name.
+    /// Writes a metadata record. [`McapReader`](super::McapReader) takes up to 8 MiB of it and adds up
+    /// several of one name.
     pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>) -> Result<(), RecordingError> {
         self.inner
             .write_metadata(&Metadata {
@@ -137,5 +147,6 @@ impl<W: Write + Seek> McapWriter<W> {
 
 /// A time as MCAP writes it.
 pub(super) fn mcap_time(field: &'static str, time: Timestamp) -> Result<u64, RecordingError> {
-    u64::try_from(time.as_nanosecond()).map_err(|_| RecordingError::field(field, time, "a time from 1970 to 2554, the range of MCAP"))
+    u64::try_from(time.as_nanosecond())
+        .map_err(|_| RecordingError::field(field, time, "a time from 1970 to 2554, the range of MCAP"))
 }

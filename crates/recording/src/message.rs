@@ -19,4 +19,6 @@ mod generated {
     include!("message/vibration.rs");
 }
 
-pub use generated::{AlarmState, Indicators, OperatingPoint, Quality, Spectrum, Tachometer, WaveformBlock, WearEstimate};
+pub use generated::{
+    AlarmState, Indicators, OperatingPoint, Quality, Spectrum, Tachometer, WaveformBlock, WearEstimate,
+};

@@ -10,8 +10,9 @@ const MOST_OTHER_BYTES: usize = 1 << 16;
 
 /// Samples of a `WaveformBlock` message that are packed, and the bytes of its other fields in their order.
 ///
-/// The generated decoder takes packed samples one after the other, which costs several times as much as to copy them. `None` where samples are not
-/// packed, or something is wrong or large: then that decoder says what it is.
+/// The generated decoder takes packed samples one after the other, which costs several times as much as to
+/// copy them. `None` where samples are not packed, or something is wrong or large: then that decoder says
+/// what it is.
 pub(super) fn split(bytes: &[u8]) -> Option<(Vec<f32>, Vec<u8>)> {
     let (mut samples, mut others) = (Vec::new(), Vec::new());
     let mut left = bytes;
@@ -77,7 +78,13 @@ mod tests {
         let unpacked = [&[0x2d_u8][..], &1.5_f32.to_le_bytes()].concat();
         let whole = [&[0x2a_u8, 8][..], &[0; 8]].concat();
         assert_eq!(split(&whole), Some((vec![0.0; 2], Vec::new())));
-        for bytes in [&unpacked[..], &whole[..9], &[0x2a, 3, 0, 0, 0], &[0x2a, 0xff], &[0x0f]] {
+        for bytes in [
+            &unpacked[..],
+            &whole[..9],
+            &[0x2a, 3, 0, 0, 0],
+            &[0x2a, 0xff],
+            &[0x0f],
+        ] {
             assert_eq!(split(bytes), None);
         }
         let long = WaveformBlock {

@@ -1,4 +1,5 @@
-//! How many tachometer pulses a protobuf message has, counted before it is decoded: what takes one byte there takes eight in memory.
+//! How many tachometer pulses a protobuf message has, counted before it is decoded: what takes one byte there
+//! takes eight in memory.
 
 use prost::encoding::{DecodeContext, WireType, decode_key, decode_varint, skip_field};
 
@@ -34,7 +35,11 @@ fn check(pulses: usize) -> Result<(), RecordingError> {
 
 /// Pulses in a `WaveformBlock` message. Several tachometers in it are merged, and so count together.
 fn pulses_in_block(message: &[u8]) -> usize {
-    let tachometers = Fields { left: message, after: 0 }.filter(|(tag, _)| *tag == TACHOMETER);
+    let tachometers = Fields {
+        left: message,
+        after: 0,
+    }
+    .filter(|(tag, _)| *tag == TACHOMETER);
     let lengths = tachometers.filter_map(|(_, content)| content);
     lengths.map(|(bytes, length)| pulses_in(bytes, length)).sum()
 }
@@ -47,18 +52,21 @@ fn pulses_in(bytes: &[u8], length: usize) -> usize {
         .map(|(_, content)| match content {
             Some((bytes, length)) => {
                 let packed = &bytes[..length];
-                // Of each number only the last byte is below 128; one that goes on behind the end is decoded before that is noticed.
-                packed.iter().filter(|byte| **byte < 0x80).count() + usize::from(packed.last().is_some_and(|last| *last >= 0x80))
+                // Of each number only the last byte is below 128; one that goes on behind the end is decoded
+                // before that is noticed.
+                packed.iter().filter(|byte| **byte < 0x80).count()
+                    + usize::from(packed.last().is_some_and(|last| *last >= 0x80))
             }
             None => 1,
         })
         .sum()
 }
 
-/// The fields of a message: number and, where a length stands before it, the bytes from its content on and that length.
+/// The fields of a message: number and, where a length stands before it, the bytes from its content on and
+/// that length.
 ///
-/// It goes wherever the generated decoder does: that notices only behind a field that the field ends after its message, and so decodes it whole. Where
-/// anything else is wrong both end.
+/// It goes wherever the generated decoder does: that notices only behind a field that the field ends after
+/// its message, and so decodes it whole. Where anything else is wrong both end.
 struct Fields<'a> {
     left: &'a [u8],
     /// How many bytes are left at the message's end.
@@ -108,11 +116,14 @@ mod tests {
         (prop::collection::vec(any::<i64>(), 0..40), any::<bool>()).prop_map(tachometer)
     }
 
-    /// Pulses that the generated decoder takes of a block before it ends, whether it finds something wrong or not.
+    /// Pulses that the generated decoder takes of a block before it ends, whether it finds something wrong or
+    /// not.
     fn decoded(block: &[u8]) -> usize {
         let mut decoded = WaveformBlock::default();
         let _ = decoded.merge(block);
-        decoded.tachometer.map_or(0, |tachometer| tachometer.pulse_time_ns.len())
+        decoded
+            .tachometer
+            .map_or(0, |tachometer| tachometer.pulse_time_ns.len())
     }
 
     fn block_of(tachometers: &[Vec<u8>]) -> Vec<u8> {
@@ -173,12 +184,16 @@ mod tests {
         };
         let (most, block) = (most.encode_to_vec(), block.encode_to_vec());
         assert!(check_tachometer(&most).is_ok() && check_block(&block).is_ok());
-        let refused = check_tachometer(&[most, vec![0x08, 1]].concat()).unwrap_err().to_string();
+        let refused = check_tachometer(&[most, vec![0x08, 1]].concat())
+            .unwrap_err()
+            .to_string();
         assert_eq!(
             refused,
             "the number of tachometer pulses is 4194305, expected at most 4194304: send them in shorter messages"
         );
-        let refused = check_block(&[block, vec![0x4a, 2, 0x08, 1]].concat()).unwrap_err().to_string();
+        let refused = check_block(&[block, vec![0x4a, 2, 0x08, 1]].concat())
+            .unwrap_err()
+            .to_string();
         assert!(refused.contains("is 4194305"), "{refused}");
     }
 }

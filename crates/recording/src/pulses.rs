@@ -71,7 +71,9 @@ impl Pulses {
         let time_ns = tachometer.pulse_times_s.iter();
         Some(Self {
             // A pulse so far away that its time does not exist stays at the end of all times.
-            time_ns: time_ns.map(|time| start_ns.saturating_add((time * 1e9).round() as i64)).collect(),
+            time_ns: time_ns
+                .map(|time| start_ns.saturating_add((time * 1e9).round() as i64))
+                .collect(),
             per_revolution: tachometer.pulses_per_revolution,
             shaft: String::new(),
         })
@@ -86,8 +88,8 @@ pub(crate) struct PulseTrain {
 }
 
 impl PulseTrain {
-    /// Takes one message of this shaft and keeps the latest `most` pulses. Those at or before the latest one are left out; another number of
-    /// pulses a turn begins anew.
+    /// Takes one message of this shaft and keeps the latest `most` pulses. Those at or before the latest one
+    /// are left out; another number of pulses a turn begins anew.
     fn take(&mut self, pulses: &Pulses, most: usize) {
         if pulses.per_revolution != self.per_revolution {
             self.time_ns.clear();
@@ -116,11 +118,15 @@ impl PulseTrain {
         self.time_ns.back().is_some_and(|last| *last > time_ns)
     }
 
-    /// The pulses from the last one before a record to the first one after it; none where there are fewer than two.
+    /// The pulses from the last one before a record to the first one after it; none where there are fewer
+    /// than two.
     pub(crate) fn during(&self, record: &Record) -> Option<Pulses> {
         let start_ns = nanoseconds(record.start_time());
         let end_ns = end_ns(record);
-        let first = self.time_ns.partition_point(|time| *time <= start_ns).saturating_sub(1);
+        let first = self
+            .time_ns
+            .partition_point(|time| *time <= start_ns)
+            .saturating_sub(1);
         let past = (self.time_ns.partition_point(|time| *time < end_ns) + 1).min(self.time_ns.len());
         (past >= first + 2).then(|| Pulses {
             time_ns: self.time_ns.range(first..past).copied().collect(),
@@ -160,7 +166,10 @@ impl PulseTrains {
                 train.keep_latest(most);
             }
         }
-        self.by_asset.entry(asset.to_owned()).or_default().take(pulses, most);
+        self.by_asset
+            .entry(asset.to_owned())
+            .or_default()
+            .take(pulses, most);
     }
 
     /// The train of an asset.
@@ -184,7 +193,14 @@ mod tests {
     use super::*;
 
     fn second(start_s: i64) -> Record {
-        Record::new("1", Timestamp::from_second(start_s).unwrap(), 100.0, "g", vec![0.5; 100]).unwrap()
+        Record::new(
+            "1",
+            Timestamp::from_second(start_s).unwrap(),
+            100.0,
+            "g",
+            vec![0.5; 100],
+        )
+        .unwrap()
     }
 
     fn pulses(time_ns: Vec<i64>) -> Pulses {
@@ -198,7 +214,10 @@ mod tests {
     #[test]
     fn a_record_gets_the_pulses_around_it() {
         let mut train = PulseTrain::default();
-        train.take(&pulses((0..40).map(|k| k * 100_000_000 + 50_000_000).collect()), 100);
+        train.take(
+            &pulses((0..40).map(|k| k * 100_000_000 + 50_000_000).collect()),
+            100,
+        );
         let got = train.during(&second(2)).unwrap();
         assert_eq!(
             (got.time_ns.len(), got.time_ns[0], got.time_ns[11]),
@@ -240,7 +259,12 @@ mod tests {
         assert_eq!(kept(&trains), [MOST_PULSES, MOST_PULSES]);
         trains.take("c", &pulses((0..most).collect()));
         assert_eq!(kept(&trains), [MOST_OF_ALL / 3; 3]);
-        assert!(trains.by_asset.values().all(|train| train.time_ns.capacity() <= MOST_PULSES));
+        assert!(
+            trains
+                .by_asset
+                .values()
+                .all(|train| train.time_ns.capacity() <= MOST_PULSES)
+        );
         assert_eq!(trains.of("a").unwrap().time_ns.back(), Some(&(most + 9)));
     }
 

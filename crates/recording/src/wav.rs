@@ -1,7 +1,8 @@
 //! WAV recordings: read into records, written as 32-bit floating point.
 //!
-//! Floating-point samples are taken as they stand, in the unit given by the defaults. Integers are scaled to a full scale of −1…1, whatever their
-//! number of bits; a sensor's sensitivity then belongs into the unit. Without a unit it is `"1"`. WAV has no time: the defaults say when it began.
+//! Floating-point samples are taken as they stand, in the unit given by the defaults. Integers are scaled to
+//! a full scale of −1…1, whatever their number of bits; a sensor's sensitivity then belongs into the unit.
+//! Without a unit it is `"1"`. WAV has no time: the defaults say when it began.
 
 use std::collections::VecDeque;
 use std::io::{Cursor, Read, Seek, Write};
@@ -17,8 +18,9 @@ const MAX_DATA_BYTES: u64 = u32::MAX as u64 - 128;
 
 /// Reads a WAV recording as one record a channel.
 ///
-/// Channels are named `"1"`, `"2"`, …; a single one takes the name of the defaults. Refused are recordings longer than one record may be, those
-/// that end before their declared length, and those with a sample that is not finite.
+/// Channels are named `"1"`, `"2"`, …; a single one takes the name of the defaults. Refused are recordings
+/// longer than one record may be, those that end before their declared length, and those with a sample that
+/// is not finite.
 pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
     if bytes.is_empty() {
         return Err(RecordingError::NoBytes);
@@ -34,10 +36,11 @@ pub fn decode_wav(bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>
     WavBlocks::with_plan(frames, defaults, plan).collect()
 }
 
-/// Reads a WAV recording of any length as consecutive records: all channels of one stretch, then those of the next.
+/// Reads a WAV recording of any length as consecutive records: all channels of one stretch, then those of the
+/// next.
 ///
-/// Only one stretch is held at a time. A stretch with a bad sample is an error and reading goes on after it; an early end of the file
-/// is an error and the last item.
+/// Only one stretch is held at a time. A stretch with a bad sample is an error and reading goes on after it;
+/// an early end of the file is an error and the last item.
 #[derive(Debug)]
 pub struct WavBlocks<R> {
     frames: WavFrames<R>,
@@ -51,8 +54,14 @@ pub struct WavBlocks<R> {
 impl<R: Read> WavBlocks<R> {
     /// Reads the header of a file of `file_bytes` bytes.
     ///
-    /// Without a cut, up to 2 minutes (and 4 194 304 samples) are one record a channel, and more is cut into records of 10 s.
-    pub fn new(reader: R, file_bytes: u64, defaults: &RecordDefaults, cut: Option<Cut>) -> Result<Self, RecordingError> {
+    /// Without a cut, up to 2 minutes (and 4 194 304 samples) are one record a channel, and more is cut into
+    /// records of 10 s.
+    pub fn new(
+        reader: R,
+        file_bytes: u64,
+        defaults: &RecordDefaults,
+        cut: Option<Cut>,
+    ) -> Result<Self, RecordingError> {
         let frames = WavFrames::new(reader)?;
         let format = frames.format();
         let plan = CutPlan::new(
@@ -144,7 +153,11 @@ impl<W: Write + Seek> WavWriter<W> {
     /// Adds one sample of every channel.
     pub fn write_frame(&mut self, frame: &[f32]) -> Result<(), RecordingError> {
         if frame.len() != self.channels {
-            return Err(RecordingError::wav("frame length", frame.len(), "one sample a channel"));
+            return Err(RecordingError::wav(
+                "frame length",
+                frame.len(),
+                "one sample a channel",
+            ));
         }
         self.bytes += 4 * frame.len() as u64;
         if self.bytes > MAX_DATA_BYTES {

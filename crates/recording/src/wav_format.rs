@@ -1,7 +1,8 @@
-//! The header of a WAV recording: RIFF, RIFX (big endian) and RF64 (64-bit lengths), up to the first byte of the data.
+//! The header of a WAV recording: RIFF, RIFX (big endian) and RF64 (64-bit lengths), up to the first byte of
+//! the data.
 //!
-//! Read here and not by hound, which refuses RIFX, RF64, 64-bit samples and odd bit depths without saying what is wrong. Declared lengths are
-//! never allocated: what is skipped is read and counted.
+//! Read here and not by hound, which refuses RIFX, RF64, 64-bit samples and odd bit depths without saying
+//! what is wrong. Declared lengths are never allocated: what is skipped is read and counted.
 
 use std::io::{self, Read};
 
@@ -49,7 +50,8 @@ impl WavFormat {
 pub(crate) struct WavHeader {
     /// How samples are stored.
     pub(crate) format: WavFormat,
-    /// Length of the data as declared, a multiple of the frame; none where the writer left it open (then it goes to the end).
+    /// Length of the data as declared, a multiple of the frame; none where the writer left it open (then it
+    /// goes to the end).
     pub(crate) data_bytes: Option<u64>,
     /// Position of the data's first byte.
     pub(crate) data_start: u64,
@@ -71,8 +73,9 @@ impl WavHeader {
                 }
                 b"fmt " => format = Some(chunks.format(declared.into())?),
                 b"data" => {
-                    let format: WavFormat =
-                        format.ok_or_else(|| RecordingError::wav("fmt chunk", "missing", "one before the data chunk"))?;
+                    let format: WavFormat = format.ok_or_else(|| {
+                        RecordingError::wav("fmt chunk", "missing", "one before the data chunk")
+                    })?;
                     let data_bytes = match (declared, long_data_bytes) {
                         (UNKNOWN_LENGTH, Some(long)) if chunks.is_rf64 => Some(long),
                         (UNKNOWN_LENGTH, _) => None,
@@ -93,7 +96,10 @@ impl WavHeader {
                         data_start: chunks.position,
                     });
                 }
-                _ => chunks.skip("a chunk before the data", u64::from(declared) + u64::from(declared % 2))?,
+                _ => chunks.skip(
+                    "a chunk before the data",
+                    u64::from(declared) + u64::from(declared % 2),
+                )?,
             }
         }
     }
@@ -147,7 +153,11 @@ impl<'a, R: Read> Chunks<'a, R> {
 
     fn format(&mut self, declared: u64) -> Result<WavFormat, RecordingError> {
         if declared < FMT_BASIC {
-            return Err(RecordingError::wav("fmt chunk length", declared, "at least 16 bytes"));
+            return Err(RecordingError::wav(
+                "fmt chunk length",
+                declared,
+                "at least 16 bytes",
+            ));
         }
         let (basic, extension): ([u8; 16], Option<[u8; 24]>) = if declared >= FMT_EXTENSIBLE {
             let all: [u8; 40] = self.body("the fmt chunk", declared)?;
@@ -175,7 +185,8 @@ impl<'a, R: Read> Chunks<'a, R> {
                 ));
             };
             let valid = self.u16([extension[2], extension[3]]);
-            // Writers exist that leave the valid bits at 0 or beyond the container's: the container's count then.
+            // Writers exist that leave the valid bits at 0 or beyond the container's: the container's count
+            // then.
             if valid > 0 && valid < bits {
                 bits = valid;
             }
@@ -209,7 +220,11 @@ impl<'a, R: Read> Chunks<'a, R> {
             return Err(RecordingError::wav("sample rate", 0, "a rate above 0 Hz"));
         }
         let container = block_align / channels;
-        if !block_align.is_multiple_of(channels) || !(1..=8).contains(&container) || bits == 0 || container_bits > 8 * container {
+        if !block_align.is_multiple_of(channels)
+            || !(1..=8).contains(&container)
+            || bits == 0
+            || container_bits > 8 * container
+        {
             return Err(RecordingError::wav(
                 "block align",
                 format!("{block_align} bytes with {channels} channels of {container_bits} bits"),
@@ -236,7 +251,11 @@ impl<'a, R: Read> Chunks<'a, R> {
     /// The first `N` bytes of a chunk's body; the rest of it is skipped.
     fn body<const N: usize>(&mut self, part: &'static str, declared: u64) -> Result<[u8; N], RecordingError> {
         if declared < N as u64 {
-            return Err(RecordingError::wav(part, format!("{declared} bytes long"), "a longer one"));
+            return Err(RecordingError::wav(
+                part,
+                format!("{declared} bytes long"),
+                "a longer one",
+            ));
         }
         let bytes = self.bytes(part, declared)?;
         let rest = declared - N as u64;
@@ -244,7 +263,11 @@ impl<'a, R: Read> Chunks<'a, R> {
         Ok(bytes)
     }
 
-    fn bytes<const N: usize>(&mut self, part: &'static str, declared: u64) -> Result<[u8; N], RecordingError> {
+    fn bytes<const N: usize>(
+        &mut self,
+        part: &'static str,
+        declared: u64,
+    ) -> Result<[u8; N], RecordingError> {
         let mut bytes = [0; N];
         let mut filled = 0;
         while filled < N {

@@ -19,7 +19,8 @@ enum Justification {
 
 /// Reads frames (one sample of every channel) in bounded memory.
 ///
-/// Integers are scaled to a full scale of −1…1, that is by two to the number of bits less one; floating-point samples are as they stand.
+/// Integers are scaled to a full scale of −1…1, that is by two to the number of bits less one; floating-point
+/// samples are as they stand.
 #[derive(Debug)]
 pub struct WavFrames<R> {
     reader: R,
@@ -139,7 +140,8 @@ impl<R: Read> WavFrames<R> {
         self.check_padding()
     }
 
-    /// Finds where the valid bits stand, from the samples themselves, and refuses samples that stand in neither place.
+    /// Finds where the valid bits stand, from the samples themselves, and refuses samples that stand in
+    /// neither place.
     fn check_padding(&mut self) -> Result<(), RecordingError> {
         let padding = self.format.container - self.format.bits.div_ceil(8);
         if padding == 0 || self.format.float {
@@ -149,7 +151,9 @@ impl<R: Read> WavFrames<R> {
         if samples.clone().all(|bytes| bytes.iter().all(|&byte| byte == 0)) {
             return Ok(());
         }
-        let mut left = samples.clone().all(|bytes| low_bytes(bytes, &self.format, padding) == 0);
+        let mut left = samples
+            .clone()
+            .all(|bytes| low_bytes(bytes, &self.format, padding) == 0);
         let mut right = samples.clone().all(|bytes| {
             let high = most_significant_first(bytes, &self.format) >> (64 - 8 * padding);
             high == 0 || high == (1 << (8 * padding)) - 1
@@ -203,7 +207,11 @@ fn decode(bytes: &[u8], format: &WavFormat, justification: Option<Justification>
         _ => word,
     };
     // Samples of up to 8 bits are unsigned around 128: the sign bit turned over makes them signed.
-    let word = if format.container == 1 { word ^ (1 << 63) } else { word };
+    let word = if format.container == 1 {
+        word ^ (1 << 63)
+    } else {
+        word
+    };
     const FULL_SCALE: f64 = 9_223_372_036_854_775_808.0;
     (word.cast_signed() as f64 / FULL_SCALE) as f32
 }

@@ -1,6 +1,7 @@
 //! The Rust types and the descriptor set that are generated from `proto/` say what `proto/` says.
 //!
-//! After a change of a schema, `FLANKWATCH_GENERATE=1 cargo test -p flankwatch-recording --test generated` writes them anew.
+//! After a change of a schema, `FLANKWATCH_GENERATE=1 cargo test -p flankwatch-recording --test generated`
+//! writes them anew.
 
 #![cfg(test)]
 
@@ -45,7 +46,10 @@ fn check(file: &str, fresh: &[u8]) {
         return fs::write(path, fresh).unwrap();
     }
     let kept = fs::read(path).unwrap_or_default();
-    assert!(kept == fresh, "{file} is stale: run this test with FLANKWATCH_GENERATE=1");
+    assert!(
+        kept == fresh,
+        "{file} is stale: run this test with FLANKWATCH_GENERATE=1"
+    );
 }
 
 fn root() -> PathBuf {

@@ -1,5 +1,6 @@
-//! What a record of 10 s at 20 kHz costs, against one real Fourier transform of the same length: `cargo bench --bench signal`. And how often
-//! memory is taken for it. `-- condition` times only what has that word in its name.
+//! What a record of 10 s at 20 kHz costs, against one real Fourier transform of the same length:
+//! `cargo bench --bench signal`. And how often memory is taken for it. `-- condition` times only what has
+//! that word in its name.
 //!
 //! `scipy_signal.py` beside it does in SciPy a part of what `condition` does.
 
@@ -49,9 +50,14 @@ fn main() {
         others: OtherMeshes::NONE,
     };
     let analyzer = || Analyzer::new(AnalysisSettings::default());
-    let (mut analyzing, mut tracking, mut of_prime, mut impulsive) = (analyzer(), analyzer(), analyzer(), analyzer());
+    let (mut analyzing, mut tracking, mut of_prime, mut impulsive) =
+        (analyzer(), analyzer(), analyzer(), analyzer());
     let plan = RealFftPlanner::<f64>::new().plan_fft_forward(SAMPLES);
-    let (mut input, mut output, mut scratch) = (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
+    let (mut input, mut output, mut scratch) = (
+        plan.make_input_vec(),
+        plan.make_output_vec(),
+        plan.make_scratch_vec(),
+    );
     let samples: Vec<f64> = record.samples().iter().map(|&x| f64::from(x)).collect();
 
     let settings = ConditionSettings {
@@ -93,7 +99,10 @@ fn main() {
             black_box(impulsive.kurtogram(&record).is_ok());
         }),
     ));
-    let asked: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let asked: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|word| !word.starts_with('-'))
+        .collect();
     let is_wanted = |name: &str| asked.is_empty() || asked.iter().any(|word| name.contains(word.as_str()));
     tasks.retain(|(name, _)| *name == TRANSFORM || is_wanted(name));
     // The least of many rounds, taken in turn, so that other work on the machine touches all alike.

@@ -16,7 +16,8 @@ fn in_m_s2(unit: &str) -> Option<f64> {
     }
 }
 
-/// By what values in one unit are multiplied to be in another one; none where neither is known to be the same quantity.
+/// By what values in one unit are multiplied to be in another one; none where neither is known to be the same
+/// quantity.
 pub fn unit_factor(from: &str, to: &str) -> Option<f64> {
     if from == to {
         return Some(1.0);
@@ -73,6 +74,9 @@ mod tests {
             assert!(error.contains(from) && error.contains(to), "{error}");
         }
         let great = Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", vec![f32::MAX]).unwrap();
-        assert!(matches!(great.in_unit("m/s2"), Err(RecordError::NotFinite { .. })));
+        assert!(matches!(
+            great.in_unit("m/s2"),
+            Err(RecordError::NotFinite { .. })
+        ));
     }
 }

@@ -21,7 +21,8 @@ use super::transform::spectrum_length;
 /// The default envelope band's reach around a mesh harmonic in mesh frequencies.
 const DEFAULT_BAND_MESHES: f64 = 1.5;
 
-/// Work space for records above this length is given back after use: one long record must not hold its memory for ever.
+/// Work space for records above this length is given back after use: one long record must not hold its memory
+/// for ever.
 const KEPT_SAMPLES: usize = 1 << 22;
 
 /// Mesh harmonics that are features.
@@ -53,8 +54,8 @@ pub struct Analysis {
     pub mesh_lines: Vec<MeshLine>,
 }
 
-/// Turns records into spectra, indicators and features. Keeps its transform plans and work space from record to record, so one
-/// belongs to each worker thread.
+/// Turns records into spectra, indicators and features. Keeps its transform plans and work space from record
+/// to record, so one belongs to each worker thread.
 pub struct Analyzer {
     pub(super) settings: AnalysisSettings,
     pub(super) work: RecordSpectrum,
@@ -73,8 +74,9 @@ impl Analyzer {
         }
     }
 
-    /// Indicators and features of a record. Its shaft speed is that of its operating point, else that of its tachometer, else the
-    /// asset's where that is exact, else the one found from the mesh comb. What cannot be computed is absent with its reason.
+    /// Indicators and features of a record. Its shaft speed is that of its operating point, else that of its
+    /// tachometer, else the asset's where that is exact, else the one found from the mesh comb. What cannot
+    /// be computed is absent with its reason.
     pub fn analyze(&mut self, record: &Record, mesh: &MeshContext) -> Analysis {
         self.analyze_with_bands(record, mesh, &[])
     }
@@ -98,7 +100,14 @@ impl Analyzer {
         let moments = work.transform(record);
         let resolution_hz = work.resolution_hz(record);
         let given = given_speed(record);
-        let located = locate(&work.amplitude, resolution_hz, given, mesh, moments.constant, &mut work.sorting);
+        let located = locate(
+            &work.amplitude,
+            resolution_hz,
+            given,
+            mesh,
+            moments.constant,
+            &mut work.sorting,
+        );
         (moments, located)
     }
 
@@ -130,7 +139,13 @@ impl Analyzer {
         for order in 1..=self.settings.harmonics {
             let line = lines.and_then(|lines| lines.read(work, order as f64).ok_or(Absence::AboveNyquist));
             let is_own = lines.is_ok_and(|lines| lines.is_own(order as f64, 0.0));
-            let amplitude = line.and_then(|(line, _)| if is_own { Ok(line.amplitude) } else { Err(Absence::OtherMesh) });
+            let amplitude = line.and_then(|(line, _)| {
+                if is_own {
+                    Ok(line.amplitude)
+                } else {
+                    Err(Absence::OtherMesh)
+                }
+            });
             indicators.insert(format!("mesh_{order}"), amplitude);
             if order == 1 {
                 indicators.insert("omx", amplitude);
@@ -164,7 +179,10 @@ impl Analyzer {
                 found.mesh_frequency_hz = steadied.mesh_bins * resolution_hz;
                 found.shaft_speed_hz = found.mesh_frequency_hz / f64::from(mesh.teeth);
             }
-            let lines = MeshPositions::new(steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins), mesh);
+            let lines = MeshPositions::new(
+                steadied.as_ref().map_or(mesh_bins, |steadied| steadied.mesh_bins),
+                mesh,
+            );
             for order in (1..=harmonics).filter(|order| lines.is_own(*order as f64, 0.0)) {
                 if let Some((line, noise)) = lines.read(work, order as f64) {
                     features.insert_line(format!("ln_mesh_{order}"), line.amplitude, noise, deviation);
@@ -198,7 +216,11 @@ impl Analyzer {
     /// The Hann amplitude spectrum of a record with its mean removed.
     pub fn amplitude_spectrum(&mut self, record: &Record) -> Spectrum {
         self.work.transform(record);
-        let spectrum = Spectrum::hann(record.unit(), self.work.resolution_hz(record), self.work.amplitude.clone());
+        let spectrum = Spectrum::hann(
+            record.unit(),
+            self.work.resolution_hz(record),
+            self.work.amplitude.clone(),
+        );
         self.give_back(record);
         spectrum
     }
@@ -209,22 +231,37 @@ impl Analyzer {
             .into_density(spectrum_length(record.samples().len()))
     }
 
-    /// The Hann amplitude spectrum of the envelope of a band `[low, high]` in hertz: the modulus, mean removed, of the analytic
-    /// signal of the band's bins. It reaches up to the band's width.
+    /// The Hann amplitude spectrum of the envelope of a band `[low, high]` in hertz: the modulus, mean
+    /// removed, of the analytic signal of the band's bins. It reaches up to the band's width.
     pub fn envelope_spectrum(&mut self, record: &Record, band_hz: [f64; 2]) -> Result<Spectrum, BandError> {
-        let band = band_bins(band_hz, spectrum_length(record.samples().len()), record.sample_rate_hz())?;
+        let band = band_bins(
+            band_hz,
+            spectrum_length(record.samples().len()),
+            record.sample_rate_hz(),
+        )?;
         let work = &mut self.work;
         work.transform(record);
-        work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
-        let spectrum = Spectrum::hann(record.unit(), work.resolution_hz(record), work.envelope.amplitude.clone());
+        work.envelope
+            .compute(&work.bins, work.length, band, &mut work.transforms);
+        let spectrum = Spectrum::hann(
+            record.unit(),
+            work.resolution_hz(record),
+            work.envelope.amplitude.clone(),
+        );
         self.give_back(record);
         Ok(spectrum)
     }
 
-    /// The envelope's band where none is given. By the mesh: one and a half mesh frequencies to either side of the strongest mesh harmonic
-    /// (not below half the mesh frequency), so that lines at the shaft rates and at the mesh frequency show; the whole spectrum where
-    /// there is no shaft speed or no harmonic to be read. By the kurtogram: its best band; the whole spectrum where there is none.
-    pub fn envelope_band(&mut self, record: &Record, speed: Option<&ShaftSpeed>, search: EnvelopeSearch) -> EnvelopeBand {
+    /// The envelope's band where none is given. By the mesh: one and a half mesh frequencies to either side
+    /// of the strongest mesh harmonic (not below half the mesh frequency), so that lines at the shaft rates
+    /// and at the mesh frequency show; the whole spectrum where there is no shaft speed or no harmonic to be
+    /// read. By the kurtogram: its best band; the whole spectrum where there is none.
+    pub fn envelope_band(
+        &mut self,
+        record: &Record,
+        speed: Option<&ShaftSpeed>,
+        search: EnvelopeSearch,
+    ) -> EnvelopeBand {
         let whole = EnvelopeBand::given([0.0, 0.5 * record.sample_rate_hz()], BandSource::Whole);
         match search {
             EnvelopeSearch::Kurtogram => self.kurtogram(record).map_or(whole, |kurtogram| EnvelopeBand {
@@ -247,11 +284,17 @@ impl Analyzer {
         let mesh_hz = speed.mesh_frequency_hz;
         let mesh_bins = mesh_hz / self.work.resolution_hz(record);
         let (order, _) = (1..=self.settings.harmonics)
-            .filter_map(|order| read_line(&self.work.amplitude, order as f64 * mesh_bins).map(|line| (order as f64, line.amplitude)))
+            .filter_map(|order| {
+                read_line(&self.work.amplitude, order as f64 * mesh_bins)
+                    .map(|line| (order as f64, line.amplitude))
+            })
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
         let low = (order - DEFAULT_BAND_MESHES).max(0.5) * mesh_hz;
         let high = ((order + DEFAULT_BAND_MESHES) * mesh_hz).min(0.5 * record.sample_rate_hz());
-        Some(EnvelopeBand::given([low, high], BandSource::StrongestMeshHarmonic))
+        Some(EnvelopeBand::given(
+            [low, high],
+            BandSource::StrongestMeshHarmonic,
+        ))
     }
 
     /// Drops work space that only a very long record needs.
@@ -289,13 +332,17 @@ mod tests {
         others: OtherMeshes::NONE,
     };
 
-    /// Harmonics of amplitude 1/h, once-per-turn amplitude modulation of depth 0.2, and white noise of this deviation.
+    /// Harmonics of amplitude 1/h, once-per-turn amplitude modulation of depth 0.2, and white noise of this
+    /// deviation.
     fn gear(samples: usize, noise: f64, offset: f64) -> Record {
         let mut random = ChaCha8Rng::seed_from_u64(11);
         let signal = (0..samples).map(|i| {
             let turn = 2.0 * PI * SHAFT_HZ * i as f64 / RATE_HZ;
             let lines: f64 = (1..=10)
-                .map(|h| (1.0 + 0.2 * turn.cos()) / f64::from(h) * (24.0 * f64::from(h) * turn + f64::from(h * h)).sin())
+                .map(|h| {
+                    (1.0 + 0.2 * turn.cos()) / f64::from(h)
+                        * (24.0 * f64::from(h) * turn + f64::from(h * h)).sin()
+                })
                 .sum();
             let normal: f64 = StandardNormal.sample(&mut random);
             (offset + lines + noise * normal) as f32
@@ -320,7 +367,8 @@ mod tests {
         Analyzer::new(AnalysisSettings::default()).analyze(record, &mesh)
     }
 
-    /// The amplitudes put in: A_h = 1/h; each sideband 0.1/h, two of them; the envelope's shaft line 0.2/h. With and without noise.
+    /// The amplitudes put in: A_h = 1/h; each sideband 0.1/h, two of them; the envelope's shaft line 0.2/h.
+    /// With and without noise.
     #[test]
     fn lines_put_in_come_out() {
         for noise in [0.0, 0.05] {
@@ -352,7 +400,8 @@ mod tests {
         }
     }
 
-    /// White noise of deviation s: root-mean-square amplitude s·√(4·1.5/N) in a Hann bin, twice that in four sidebands.
+    /// White noise of deviation s: root-mean-square amplitude s·√(4·1.5/N) in a Hann bin, twice that in four
+    /// sidebands.
     #[test]
     fn backgrounds_are_those_of_the_noise_put_in() {
         let got = analyze(&gear(40_000, 0.05, 0.0), MESH);
@@ -360,17 +409,30 @@ mod tests {
         for order in 1..=4 {
             for (name, want) in [("ln_mesh", bin), ("ln_sideband", 2.0 * bin)] {
                 let background = got.features.background[&format!("{name}_{order}")];
-                assert!((background - want.ln()).abs() < 0.3, "{name} {order}: {background} {}", want.ln());
+                assert!(
+                    (background - want.ln()).abs() < 0.3,
+                    "{name} {order}: {background} {}",
+                    want.ln()
+                );
             }
         }
-        assert!(got.features.background.keys().all(|name| got.features.values.contains_key(name)));
+        assert!(
+            got.features
+                .background
+                .keys()
+                .all(|name| got.features.values.contains_key(name))
+        );
     }
 
     /// A gain shifts every feature but the kurtosis by its logarithm; an offset changes none.
     #[test]
     fn gain_is_an_offset_and_offset_nothing() {
         let plain = analyze(&gear(20_000, 0.05, 0.0), MESH).features;
-        let record_with_gain = gear(20_000, 0.05, 0.0).samples().iter().map(|x| 8.0 * x).collect();
+        let record_with_gain = gear(20_000, 0.05, 0.0)
+            .samples()
+            .iter()
+            .map(|x| 8.0 * x)
+            .collect();
         let gained = analyze(&record(record_with_gain), MESH).features;
         let moved = analyze(&gear(20_000, 0.05, 3.0), MESH).features;
         assert_eq!(plain.values.len(), 16 + 4 + 4 + 2);
@@ -393,7 +455,10 @@ mod tests {
             ..MESH
         };
         assert_eq!(
-            analyze(&gear(20_000, 0.05, 0.0), exact).shaft_speed.unwrap().source,
+            analyze(&gear(20_000, 0.05, 0.0), exact)
+                .shaft_speed
+                .unwrap()
+                .source,
             SpeedSource::Asset
         );
     }
@@ -405,7 +470,10 @@ mod tests {
         let got = analyze(&noise, MESH);
         assert_eq!((got.shaft_speed, got.mesh_lines.len()), (None, 0));
         assert_eq!(got.indicators.absent["omx"], Absence::NoSpeed);
-        assert_eq!(got.features.values.keys().collect::<Vec<_>>(), ["ln_kurtosis", "ln_rms"]);
+        assert_eq!(
+            got.features.values.keys().collect::<Vec<_>>(),
+            ["ln_kurtosis", "ln_rms"]
+        );
 
         for (samples, reason) in [
             (vec![0.0; 20_000], Absence::Constant),
@@ -427,7 +495,10 @@ mod tests {
         assert_eq!(got.indicators.absent["mesh_5"], Absence::AboveNyquist);
         assert!(got.indicators.get("mesh_4").is_some());
         for shaft_speed_hz in [1e5, 1e6, 1e-300] {
-            assert_eq!(analyze(&at_speed(gear(2000, 0.05, 0.0), shaft_speed_hz), MESH).mesh_lines, []);
+            assert_eq!(
+                analyze(&at_speed(gear(2000, 0.05, 0.0), shaft_speed_hz), MESH).mesh_lines,
+                []
+            );
         }
         for nominal_shaft_speed_hz in [0.0, -5.0, f64::NAN, f64::INFINITY] {
             for nominal_is_exact in [false, true] {
@@ -449,11 +520,17 @@ mod tests {
             let record = at_speed(record(long.samples()[..length].to_vec()), SHAFT_HZ);
             let got = analyzer.analyze(&record, &MESH);
             let numbers = got.indicators.values.values().chain(got.features.values.values());
-            assert!(numbers.chain(got.features.background.values()).all(|x| x.is_finite()), "{length}");
+            assert!(
+                numbers
+                    .chain(got.features.background.values())
+                    .all(|x| x.is_finite()),
+                "{length}"
+            );
             assert_eq!(got.indicators.values.len() + got.indicators.absent.len(), 15);
             let spectrum = analyzer.amplitude_spectrum(&record);
             assert_eq!(spectrum.amplitude.len(), length / 2 + 1);
-            let band = analyzer.envelope_band(&record, got.shaft_speed.as_ref(), EnvelopeSearch::MeshHarmonic);
+            let band =
+                analyzer.envelope_band(&record, got.shaft_speed.as_ref(), EnvelopeSearch::MeshHarmonic);
             let envelope = analyzer.envelope_spectrum(&record, band.band_hz);
             let too_short = length < 60 && matches!(envelope, Err(BandError::TooNarrow { .. }));
             assert!(envelope.is_ok() || too_short, "{length}: {envelope:?}");
@@ -488,6 +565,9 @@ mod tests {
             band(Some(&speed)),
             EnvelopeBand::given([0.5 * mesh_hz, 2.5 * mesh_hz], BandSource::StrongestMeshHarmonic)
         );
-        assert_eq!(band(None), EnvelopeBand::given([0.0, 10_000.0], BandSource::Whole));
+        assert_eq!(
+            band(None),
+            EnvelopeBand::given([0.0, 10_000.0], BandSource::Whole)
+        );
     }
 }

@@ -55,24 +55,32 @@ impl AngleRecord {
     pub fn synchronous_average(&self) -> Vec<f64> {
         let [mut average, odd] = self.sums(0..self.turns);
         let scale = 1.0 / self.turns as f64;
-        average.iter_mut().zip(&odd).for_each(|(sum, odd)| *sum = (*sum + odd) * scale);
+        average
+            .iter_mut()
+            .zip(&odd)
+            .for_each(|(sum, odd)| *sum = (*sum + odd) * scale);
         average
     }
 
-    /// The sums over the even and over the odd ones of some turns, counted from the first of them, at each angle.
+    /// The sums over the even and over the odd ones of some turns, counted from the first of them, at each
+    /// angle.
     pub(super) fn sums(&self, turns: Range<usize>) -> [Vec<f64>; 2] {
         let mut sums = [vec![0.0; self.samples_per_turn], vec![0.0; self.samples_per_turn]];
         let chosen = &self.samples[turns.start * self.samples_per_turn..turns.end * self.samples_per_turn];
         for (number, turn) in chosen.chunks_exact(self.samples_per_turn).enumerate() {
-            sums[number % 2].iter_mut().zip(turn).for_each(|(sum, sample)| *sum += sample);
+            sums[number % 2]
+                .iter_mut()
+                .zip(turn)
+                .for_each(|(sum, sample)| *sum += sample);
         }
         sums
     }
 
-    /// The line at order `teeth` of the Hann amplitude spectrum over orders, as [`read_line`] finds it there; its position in bins.
+    /// The line at order `teeth` of the Hann amplitude spectrum over orders, as [`read_line`] finds it there;
+    /// its position in bins.
     ///
-    /// Only the bins around it are summed up: the number of samples, another one in each record, may have factors that make its whole
-    /// transform slow, and the plan for it would serve this record alone.
+    /// Only the bins around it are summed up: the number of samples, another one in each record, may have
+    /// factors that make its whole transform slow, and the plan for it would serve this record alone.
     pub(super) fn mesh_line(&self, teeth: u32, transforms: &mut Transforms) -> Option<LineReading> {
         let position = teeth as usize * self.turns;
         let half = self.samples.len() / 2;
@@ -94,15 +102,18 @@ impl AngleRecord {
         Some(read_line_in(&amplitude, first + 1, position as f64))
     }
 
-    /// `count` bins of the unwindowed transform from `first` on, summed term by term: exp(−2πikn/N) at sample j of turn t is
-    /// exp(−2πikt/turns)·exp(−2πikj/N).
+    /// `count` bins of the unwindowed transform from `first` on, summed term by term: exp(−2πikn/N) at sample
+    /// j of turn t is exp(−2πikt/turns)·exp(−2πikj/N).
     fn bins(&self, first: usize, count: usize) -> Vec<Complex<f64>> {
         let arch = Arch::new();
         let (total, per_turn) = (self.samples.len(), self.samples_per_turn);
-        let wave = |k: usize, j: usize, period: usize| Complex::from_polar(1.0, -TAU * ((k * j) % period) as f64 / period as f64);
+        let wave = |k: usize, j: usize, period: usize| {
+            Complex::from_polar(1.0, -TAU * ((k * j) % period) as f64 / period as f64)
+        };
         let step: Vec<Complex<f64>> = (0..per_turn).map(|j| wave(1, j, total)).collect();
         let mut current: Vec<Complex<f64>> = (0..per_turn).map(|j| wave(first, j, total)).collect();
-        let mut waves: [[Vec<f64>; 2]; BINS_AT_ONCE] = std::array::from_fn(|_| [vec![0.0; per_turn], vec![0.0; per_turn]]);
+        let mut waves: [[Vec<f64>; 2]; BINS_AT_ONCE] =
+            std::array::from_fn(|_| [vec![0.0; per_turn], vec![0.0; per_turn]]);
         let mut bins = Vec::with_capacity(count + BINS_AT_ONCE);
         while bins.len() < count {
             for [cos, sin] in &mut waves {
@@ -114,7 +125,9 @@ impl AngleRecord {
             let mut sums = vec![[Complex::<f64>::default(); BINS_AT_ONCE]; self.turns];
             for begin in (0..per_turn).step_by(COLUMNS) {
                 let columns = begin..per_turn.min(begin + COLUMNS);
-                let waves = waves.each_ref().map(|wave| wave.each_ref().map(|part| &part[columns.clone()]));
+                let waves = waves
+                    .each_ref()
+                    .map(|wave| wave.each_ref().map(|part| &part[columns.clone()]));
                 for (turn, sums) in self.samples.chunks_exact(per_turn).zip(&mut sums) {
                     let turn = &turn[columns.clone()];
                     let parts = arch.dispatch(TurnBins { turn, waves });
@@ -123,7 +136,10 @@ impl AngleRecord {
             }
             let k = first + bins.len();
             for bin in 0..BINS_AT_ONCE {
-                let of_turns = sums.iter().enumerate().map(|(t, sums)| sums[bin] * wave(k + bin, t, self.turns));
+                let of_turns = sums
+                    .iter()
+                    .enumerate()
+                    .map(|(t, sums)| sums[bin] * wave(k + bin, t, self.turns));
                 bins.push(of_turns.sum::<Complex<f64>>());
             }
         }
@@ -175,7 +191,9 @@ impl WithSimd for TurnBins<'_> {
             let [(_, cos), (_, sin)] = waves[bin];
             let [re, im] = [sums[2 * bin], sums[2 * bin + 1]].map(|sum| simd.reduce_sum_f64s(sum));
             let left = rest.iter().zip(cos).zip(sin);
-            left.fold(Complex::new(re, im), |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
+            left.fold(Complex::new(re, im), |sum, ((&x, &cos), &sin)| {
+                sum + Complex::new(x * cos, x * sin)
+            })
         })
     }
 }
@@ -190,7 +208,9 @@ mod tests {
         for (turns, samples_per_turn, teeth) in [(4, 120, 20), (37, 210, 24), (163, 96, 17)] {
             let samples = (0..turns * samples_per_turn).map(|n| {
                 let turn = TAU * n as f64 / samples_per_turn as f64;
-                0.7 + (f64::from(teeth) * 1.0007 * turn).sin() + 0.4 * (3.3 * turn).cos() + 0.1 * ((n * n % 17) as f64)
+                0.7 + (f64::from(teeth) * 1.0007 * turn).sin()
+                    + 0.4 * (3.3 * turn).cos()
+                    + 0.1 * ((n * n % 17) as f64)
             });
             let turned = AngleRecord {
                 unit: "g".to_owned(),
@@ -202,7 +222,10 @@ mod tests {
             let spectrum = turned.order_spectrum(&mut Transforms::default());
             let want = read_line(&spectrum.amplitude, f64::from(teeth) * turns as f64).unwrap();
             let got = turned.mesh_line(teeth, &mut Transforms::default()).unwrap();
-            assert!((got.amplitude / want.amplitude - 1.0).abs() < 1e-11, "{got:?} {want:?}");
+            assert!(
+                (got.amplitude / want.amplitude - 1.0).abs() < 1e-11,
+                "{got:?} {want:?}"
+            );
             assert!((got.position - want.position).abs() < 1e-9, "{got:?} {want:?}");
         }
     }

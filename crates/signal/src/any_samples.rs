@@ -4,7 +4,8 @@ use jiff::Timestamp;
 use proptest::prelude::*;
 
 use super::{
-    AnalysisSettings, Analyzer, ConditionSettings, EnvelopeSearch, MeshContext, OtherMeshes, Quality, Record, RunMeans, Tachometer,
+    AnalysisSettings, Analyzer, ConditionSettings, EnvelopeSearch, MeshContext, OtherMeshes, Quality, Record,
+    RunMeans, Tachometer,
 };
 
 const RATE_HZ: f64 = 1000.0;
@@ -32,9 +33,17 @@ fn analyse_everything(record: &Record, mesh: MeshContext) {
     };
     let condition = analyzer.condition(record, &settings);
     let indicators = &condition.analysis.indicators;
-    assert!(indicators.values.values().all(|x| x.is_finite()), "{indicators:?}");
+    assert!(
+        indicators.values.values().all(|x| x.is_finite()),
+        "{indicators:?}"
+    );
     assert!(condition.analysis.features.values.values().all(|x| x.is_finite()));
-    assert!(indicators.values.keys().all(|name| !indicators.absent.contains_key(name)));
+    assert!(
+        indicators
+            .values
+            .keys()
+            .all(|name| !indicators.absent.contains_key(name))
+    );
     assert_eq!(indicators.values.len() + indicators.absent.len(), 15 + 12);
     let run = RunMeans::default().update(indicators);
     assert!(run.values.values().all(|x| x.is_finite()));
@@ -52,7 +61,12 @@ fn analyse_everything(record: &Record, mesh: MeshContext) {
     if let Ok(kurtogram) = analyzer.kurtogram(record) {
         kurtogram.levels.iter().for_each(|level| finite(&level.kurtosis));
         // The band that was found can be used.
-        finite(&analyzer.envelope_spectrum(record, kurtogram.best.band_hz).unwrap().amplitude);
+        finite(
+            &analyzer
+                .envelope_spectrum(record, kurtogram.best.band_hz)
+                .unwrap()
+                .amplitude,
+        );
     }
     for search in [EnvelopeSearch::MeshHarmonic, EnvelopeSearch::Kurtogram] {
         let band = analyzer.envelope_band(record, condition.analysis.shaft_speed.as_ref(), search);
@@ -81,7 +95,8 @@ proptest! {
         analyse_everything(&record(samples).with_quality(Quality { clipped, gap: false }), mesh);
     }
 
-    /// Lengths, offsets, trends, levels of a converter, its limit, and stretches of one value, in all mixtures.
+    /// Lengths, offsets, trends, levels of a converter, its limit, and stretches of one value, in all
+    /// mixtures.
     #[test]
     fn any_disturbance_of_a_mesh_is_analysed(
         length in 1_usize..3000,
@@ -148,7 +163,11 @@ fn ten_million_samples_read_as_few_do() {
     for length in [20_000, 199_999, 9_999_991] {
         let got = analyzer.analyze(&sine(length), &mesh);
         let value = |name| got.indicators.get(name).unwrap();
-        assert!((value("omx") / 2.0 - 1.0).abs() < 1e-3, "{length}: {}", value("omx"));
+        assert!(
+            (value("omx") / 2.0 - 1.0).abs() < 1e-3,
+            "{length}: {}",
+            value("omx")
+        );
         assert!((value("kurtosis") - 1.5).abs() < 1e-3);
         assert!((got.shaft_speed.unwrap().mesh_frequency_hz - 123.4).abs() < 1e-3);
     }

@@ -20,7 +20,8 @@ pub enum BandQuantity {
     Velocity,
 }
 
-/// A band that becomes the indicator `band_` and its name, for example velocity from 10 to 1000 Hz as in ISO 20816.
+/// A band that becomes the indicator `band_` and its name, for example velocity from 10 to 1000 Hz as in
+/// ISO 20816.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
@@ -39,7 +40,9 @@ impl Band {
     pub fn is_usable(&self) -> bool {
         let [low, high] = self.band_hz;
         let name = &self.name;
-        let letters = name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+        let letters = name
+            .chars()
+            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
         letters && (1..=32).contains(&name.len()) && low >= 0.0 && low < high && high.is_finite()
     }
 
@@ -48,9 +51,15 @@ impl Band {
         format!("band_{}", self.name)
     }
 
-    /// √(Σ P(f)·Δf) over the bins of the Hann power spectral density P from the lowest to the highest frequency, both included and zero
-    /// left out; for velocity each divided by (2πf)².
-    pub(super) fn rms(&self, amplitude: &[f64], samples: usize, resolution_hz: f64, unit: &str) -> Result<f64, Absence> {
+    /// √(Σ P(f)·Δf) over the bins of the Hann power spectral density P from the lowest to the highest
+    /// frequency, both included and zero left out; for velocity each divided by (2πf)².
+    pub(super) fn rms(
+        &self,
+        amplitude: &[f64],
+        samples: usize,
+        resolution_hz: f64,
+        unit: &str,
+    ) -> Result<f64, Absence> {
         let factor = match self.quantity {
             BandQuantity::Record => 1.0,
             BandQuantity::Velocity => 1e3 * acceleration_m_per_s2(unit).ok_or(Absence::NotAcceleration)?,
@@ -103,11 +112,18 @@ mod tests {
             band_hz,
             quantity,
         };
-        let got = Analyzer::new(AnalysisSettings::default()).analyze_with_bands(&record, &MeshContext::unknown(), &[band]);
-        got.indicators.get("band_b").ok_or_else(|| got.indicators.absent["band_b"])
+        let got = Analyzer::new(AnalysisSettings::default()).analyze_with_bands(
+            &record,
+            &MeshContext::unknown(),
+            &[band],
+        );
+        got.indicators
+            .get("band_b")
+            .ok_or_else(|| got.indicators.absent["band_b"])
     }
 
-    /// Closed form: a sine of amplitude 2 has a root mean square of √2, and of √2·1000/(2π·159.3) mm/s as velocity, the offset left out.
+    /// Closed form: a sine of amplitude 2 has a root mean square of √2, and of √2·1000/(2π·159.3) mm/s as
+    /// velocity, the offset left out.
     #[test]
     fn a_sine_reads_its_root_mean_square() {
         let rms = value([10.0, 1000.0], BandQuantity::Record, "m/s2").unwrap();
@@ -122,8 +138,17 @@ mod tests {
 
     #[test]
     fn bands_that_have_no_value_say_why() {
-        assert_eq!(value([10.0, 1000.0], BandQuantity::Velocity, "V"), Err(Absence::NotAcceleration));
-        assert_eq!(value([10.0, 4001.0], BandQuantity::Record, "V"), Err(Absence::AboveNyquist));
-        assert_eq!(value([10.2, 10.4], BandQuantity::Record, "V"), Err(Absence::TooShort));
+        assert_eq!(
+            value([10.0, 1000.0], BandQuantity::Velocity, "V"),
+            Err(Absence::NotAcceleration)
+        );
+        assert_eq!(
+            value([10.0, 4001.0], BandQuantity::Record, "V"),
+            Err(Absence::AboveNyquist)
+        );
+        assert_eq!(
+            value([10.2, 10.4], BandQuantity::Record, "V"),
+            Err(Absence::TooShort)
+        );
     }
 }

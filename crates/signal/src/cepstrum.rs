@@ -20,8 +20,9 @@ pub struct Cepstrum {
 }
 
 impl Analyzer {
-    /// The inverse transform of the natural logarithm of a record's Hann amplitude spectrum, amplitudes below 10⁻⁹ of the highest raised to
-    /// it. Sidebands one shaft rate apart show as a peak at the time of one turn.
+    /// The inverse transform of the natural logarithm of a record's Hann amplitude spectrum, amplitudes below
+    /// 10⁻⁹ of the highest raised to it. Sidebands one shaft rate apart show as a peak at the time of one
+    /// turn.
     ///
     /// # Errors
     /// [`Absence::Constant`] where there is no amplitude to take the logarithm of.
@@ -33,7 +34,11 @@ impl Analyzer {
             Err(Absence::Constant)
         } else {
             let floor = AMPLITUDE_FLOOR * highest;
-            let mut logarithms: Vec<Complex<f64>> = work.amplitude.iter().map(|a| Complex::new(a.max(floor).ln(), 0.0)).collect();
+            let mut logarithms: Vec<Complex<f64>> = work
+                .amplitude
+                .iter()
+                .map(|a| Complex::new(a.max(floor).ln(), 0.0))
+                .collect();
             let mut value = vec![0.0; work.length];
             work.transforms.inverse(&mut logarithms, &mut value);
             value.truncate(work.length / 2 + 1);
@@ -58,17 +63,26 @@ mod tests {
     /// An impulse train with a period of 50 samples has its first rahmonic there.
     #[test]
     fn a_family_of_lines_is_a_peak_at_its_period() {
-        let samples = (0..5000).map(|i| if i % 50 == 7 { 1.0 } else { 0.001 * (i % 13) as f32 }).collect();
+        let samples = (0..5000)
+            .map(|i| if i % 50 == 7 { 1.0 } else { 0.001 * (i % 13) as f32 })
+            .collect();
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", samples).unwrap();
-        let got = Analyzer::new(AnalysisSettings::default()).cepstrum(&record).unwrap();
+        let got = Analyzer::new(AnalysisSettings::default())
+            .cepstrum(&record)
+            .unwrap();
         assert_eq!((got.value.len(), got.resolution_s), (2501, 1e-3));
-        let highest = (20..100).max_by(|&a, &b| got.value[a].total_cmp(&got.value[b])).unwrap();
+        let highest = (20..100)
+            .max_by(|&a, &b| got.value[a].total_cmp(&got.value[b]))
+            .unwrap();
         assert_eq!(highest, 50);
     }
 
     #[test]
     fn a_constant_has_no_cepstrum() {
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 1000.0, "g", vec![2.0; 100]).unwrap();
-        assert_eq!(Analyzer::new(AnalysisSettings::default()).cepstrum(&record), Err(Absence::Constant));
+        assert_eq!(
+            Analyzer::new(AnalysisSettings::default()).cepstrum(&record),
+            Err(Absence::Constant)
+        );
     }
 }

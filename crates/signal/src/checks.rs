@@ -1,4 +1,5 @@
-//! Values of a record that wear of the mesh hardly moves: they tell wear from other faults and from faults of the sensor.
+//! Values of a record that wear of the mesh hardly moves: they tell wear from other faults and from faults of
+//! the sensor.
 
 use std::f64::consts::SQRT_2;
 
@@ -8,12 +9,12 @@ use super::mesh_comb::SHAFT_RESOLVED_BINS;
 use super::record_spectrum::RecordSpectrum;
 use super::speed::MeshContext;
 
-/// So many octaves are read, counted from the highest one that fits below half the sampling rate. They are those of IEC 61260 with base 2,
-/// so that records with other sampling rates share them.
+/// So many octaves are read, counted from the highest one that fits below half the sampling rate. They are
+/// those of IEC 61260 with base 2, so that records with other sampling rates share them.
 const OCTAVES: usize = 6;
 
-/// Of a gear, octaves below its mesh frequency are not read, but so many are: what is there is the shaft's own, and what little noise there is
-/// moves with everything.
+/// Of a gear, octaves below its mesh frequency are not read, but so many are: what is there is the shaft's
+/// own, and what little noise there is moves with everything.
 const LEAST_OCTAVES: usize = 3;
 
 /// The upper end leaves out where anti-aliasing filters act.
@@ -28,22 +29,25 @@ const FLOOR_BINS: usize = 400;
 /// Orders of the shaft that are read.
 const SHAFT_ORDERS: usize = 3;
 
-/// A shaft line is all that lies within this part of the shaft rate to either side: the noise in it does not depend on the record's length.
+/// A shaft line is all that lies within this part of the shaft rate to either side: the noise in it does not
+/// depend on the record's length.
 const SHAFT_REACH: f64 = 0.3;
 
-/// It is read on top of so many times the noise that is expected there: what noise does to a line that is not there says nothing.
+/// It is read on top of so many times the noise that is expected there: what noise does to a line that is not
+/// there says nothing.
 const SHAFT_FLOOR: f64 = 2.0;
 
-/// Equivalent noise bandwidth of the Hann window in bins: what a line's bins add up to by squares, over its own square.
+/// Equivalent noise bandwidth of the Hann window in bins: what a line's bins add up to by squares, over its
+/// own square.
 const NOISE_BANDWIDTH_BINS: f64 = 1.5;
 
 /// What belongs to a mesh harmonic, in shaft rates, and as a part of its frequency where the speed wanders.
 const COMB_SHAFTS: f64 = 3.5;
 const COMB_WANDER: f64 = 0.006;
 
-/// Puts down the noise floors, the energy beside the combs of this mesh and of others, and the shaft's own lines; of a record without a `mesh`
-/// (its place in bins and what is known of it) the floors and all energy of the octaves. Noise is a density, so that it does not depend on
-/// how long the record is.
+/// Puts down the noise floors, the energy beside the combs of this mesh and of others, and the shaft's own
+/// lines; of a record without a `mesh` (its place in bins and what is known of it) the floors and all energy
+/// of the octaves. Noise is a density, so that it does not depend on how long the record is.
 pub(super) fn insert_checks(
     work: &mut RecordSpectrum,
     resolution_hz: f64,
@@ -51,12 +55,18 @@ pub(super) fn insert_checks(
     deviation: f64,
     features: &mut Features,
 ) {
-    let RecordSpectrum { amplitude, sorting, .. } = work;
+    let RecordSpectrum {
+        amplitude, sorting, ..
+    } = work;
     // The square of an amplitude over this is a density: half of it is a mean square, in 1.5 bins.
     let to_density = (2.0 * NOISE_BANDWIDTH_BINS * resolution_hz).sqrt().recip();
     let lowest_hz = mesh.map_or(0.0, |(mesh_bins, mesh)| {
         let nominal_hz = f64::from(mesh.teeth) * mesh.nominal_shaft_speed_hz;
-        if nominal_hz > 0.0 { nominal_hz } else { mesh_bins * resolution_hz }
+        if nominal_hz > 0.0 {
+            nominal_hz
+        } else {
+            mesh_bins * resolution_hz
+        }
     });
     for Octave {
         centre_hz,
@@ -67,7 +77,11 @@ pub(super) fn insert_checks(
         sorting.clear();
         sorting.extend(bins.iter().step_by(bins.len().div_ceil(FLOOR_BINS)));
         if let Some(floor) = noise_amplitude(sorting) {
-            features.insert_check(format!("ln_floor_{centre_hz:.0}hz"), floor * to_density, deviation);
+            features.insert_check(
+                format!("ln_floor_{centre_hz:.0}hz"),
+                floor * to_density,
+                deviation,
+            );
         }
         let Some((mesh_bins, mesh)) = mesh else {
             let energy: f64 = bins.iter().map(|a| a * a).sum();
@@ -87,11 +101,19 @@ pub(super) fn insert_checks(
     for order in 1..=SHAFT_ORDERS {
         let position = order as f64 * shaft_bins;
         let reach = SHAFT_REACH * shaft_bins;
-        if mesh.others.lie_at(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins) {
+        if mesh
+            .others
+            .lie_at(order as f64, SHAFT_REACH + 2.0 * MAIN_LOBE_BINS / shaft_bins)
+        {
             continue;
         }
-        let (first, last) = ((position - reach).ceil() as usize, (position + reach).floor() as usize);
-        let Some(bins) = amplitude.get(first..=last) else { return };
+        let (first, last) = (
+            (position - reach).ceil() as usize,
+            (position + reach).floor() as usize,
+        );
+        let Some(bins) = amplitude.get(first..=last) else {
+            return;
+        };
         let squares: f64 = bins.iter().map(|a| a * a).sum();
         let count = bins.len() as f64;
         let Some(noise) = background(amplitude, position, Some(shaft_bins), 2.0 * shaft_bins, sorting) else {
@@ -132,8 +154,14 @@ fn octaves(bins: usize, resolution_hz: f64, lowest_hz: f64) -> impl Iterator<Ite
     (0..OCTAVES).filter_map(octave)
 }
 
-/// Root mean square of the bins between what belongs to harmonics of any mesh; `None` where the band has too few of them.
-fn beside_combs(amplitude: &[f64], [first, last]: [usize; 2], mesh_bins: f64, mesh: &MeshContext) -> Option<f64> {
+/// Root mean square of the bins between what belongs to harmonics of any mesh; `None` where the band has too
+/// few of them.
+fn beside_combs(
+    amplitude: &[f64],
+    [first, last]: [usize; 2],
+    mesh_bins: f64,
+    mesh: &MeshContext,
+) -> Option<f64> {
     let shaft_bins = mesh_bins / f64::from(mesh.teeth);
     let (mut energy, mut count) = (0.0, 0_usize);
     let first_order = (first as f64 / mesh_bins).floor() as usize;

@@ -1,4 +1,5 @@
-//! How well the lines of a spectrum support a mesh comb, and whether they support another one better. Positions are in bins.
+//! How well the lines of a spectrum support a mesh comb, and whether they support another one better.
+//! Positions are in bins.
 
 use super::line::{fits, noise_amplitude};
 use super::mesh_comb::SHAFT_RESOLVED_BINS;
@@ -7,7 +8,8 @@ use super::speed::MeshContext;
 /// Harmonics that are looked at.
 const ORDERS: usize = 10;
 
-/// A line counts where it stands this far above the noise beside it: noise alone does so in one bin of e¹⁶ = 9 million.
+/// A line counts where it stands this far above the noise beside it: noise alone does so in one bin of e¹⁶ =
+/// 9 million.
 const STANDS_OUT: f64 = 4.0;
 
 /// A line's ratio to the noise counts up to this one: one strong line is no comb.
@@ -20,7 +22,8 @@ const REACH_BINS: f64 = 1.0;
 /// The noise is the median over so many bins, and as many around them.
 const NOISE_BINS: usize = 128;
 
-/// The least noise, as a part of the highest line: below it stand the skirts of lines in a record that has hardly any noise.
+/// The least noise, as a part of the highest line: below it stand the skirts of lines in a record that has
+/// hardly any noise.
 const NOISE_FLOOR: f64 = 1e-3;
 
 /// What a harmonic without a line takes off, beside what a position anywhere has by chance.
@@ -39,7 +42,8 @@ const BETTER_BY: f64 = 2.0;
 /// Fewest harmonics of a comb.
 const FEWEST_HARMONICS: u32 = 2;
 
-/// Shaft rates around the mesh harmonics are looked for up to this order of sideband, around so many harmonics.
+/// Shaft rates around the mesh harmonics are looked for up to this order of sideband, around so many
+/// harmonics.
 const SIDEBANDS: u32 = 4;
 const SIDEBAND_HARMONICS: u32 = 3;
 
@@ -76,8 +80,8 @@ pub(super) enum CombDoubt {
     OtherShaft(f64),
 }
 
-/// The lines of a spectrum up to a frequency: for each bin the logarithm of how far a line within its reach stands above the noise, 0 where
-/// there is none.
+/// The lines of a spectrum up to a frequency: for each bin the logarithm of how far a line within its reach
+/// stands above the noise, 0 where there is none.
 struct Lines {
     says: Vec<f64>,
     /// What a position has on the mean, and what a missing line takes off.
@@ -85,12 +89,21 @@ struct Lines {
 }
 
 /// What the lines of `amplitude` say of the comb with this mesh frequency.
-pub(super) fn support(amplitude: &[f64], mesh: f64, context: &MeshContext, scratch: &mut Vec<f64>) -> Support {
-    let sought = (1..=ORDERS).take_while(|order| fits(*order as f64 * mesh, amplitude.len())).count() as u32;
+pub(super) fn support(
+    amplitude: &[f64],
+    mesh: f64,
+    context: &MeshContext,
+    scratch: &mut Vec<f64>,
+) -> Support {
+    let sought = (1..=ORDERS)
+        .take_while(|order| fits(*order as f64 * mesh, amplitude.len()))
+        .count() as u32;
     let top = ((ORDERS as f64 + 0.5) * mesh).min(amplitude.len() as f64 - 1.0) as usize;
     let mut lines = Lines::of(&amplitude[..=top], scratch);
     lines.without(mesh, context);
-    let found = (1..=sought).filter(|order| lines.at(f64::from(*order) * mesh) > 0.0).count() as u32;
+    let found = (1..=sought)
+        .filter(|order| lines.at(f64::from(*order) * mesh) > 0.0)
+        .count() as u32;
     let slower_shaft = mesh / f64::from(context.teeth.max(context.mate_teeth).max(1));
     let doubt = if slower_shaft < SHAFT_RESOLVED_BINS {
         // No noise is seen between the sidebands.
@@ -113,8 +126,13 @@ impl Lines {
         for start in (0..length).step_by(NOISE_BINS) {
             let end = (start + NOISE_BINS).min(length);
             scratch.clear();
-            scratch.extend_from_slice(&amplitude[start.saturating_sub(NOISE_BINS / 2)..(end + NOISE_BINS / 2).min(length)]);
-            let Some(noise) = noise_amplitude(scratch).map(|noise| noise.max(least)).filter(|noise| *noise > 0.0) else {
+            scratch.extend_from_slice(
+                &amplitude[start.saturating_sub(NOISE_BINS / 2)..(end + NOISE_BINS / 2).min(length)],
+            );
+            let Some(noise) = noise_amplitude(scratch)
+                .map(|noise| noise.max(least))
+                .filter(|noise| *noise > 0.0)
+            else {
                 continue;
             };
             for bin in start.max(1)..end.min(length - 1) {
@@ -182,7 +200,9 @@ impl Lines {
     fn multiple(&self, mesh: f64, sought: u32) -> Option<f64> {
         let has_line = |order: &u32| self.at(f64::from(*order) * mesh) > 0.0;
         [2, 3].into_iter().find_map(|factor| {
-            let (of, beside): (Vec<u32>, Vec<u32>) = (1..=sought).filter(has_line).partition(|order| order % factor == 0);
+            let (of, beside): (Vec<u32>, Vec<u32>) = (1..=sought)
+                .filter(has_line)
+                .partition(|order| order % factor == 0);
             (of.len() >= 2 && 3 * beside.len() < of.len()).then_some(f64::from(factor))
         })
     }
@@ -191,7 +211,10 @@ impl Lines {
     fn stands_between(&self, mesh: f64, sought: u32) -> bool {
         let says = |shift: f64| -> Vec<f64> {
             let positions = (1..=sought).map(|order| (f64::from(order) - shift) * mesh);
-            positions.map(|position| self.at(position)).filter(|line| *line > 0.0).collect()
+            positions
+                .map(|position| self.at(position))
+                .filter(|line| *line > 0.0)
+                .collect()
         };
         let (between, on) = (says(0.5), says(0.0));
         between.len() >= 2 && between.iter().sum::<f64>() > 0.5 * on.iter().sum::<f64>()
@@ -221,7 +244,10 @@ impl Lines {
             }
             sum
         };
-        let own = known.iter().map(|shaft| lines_of(*shaft).1).fold(f64::NEG_INFINITY, f64::max);
+        let own = known
+            .iter()
+            .map(|shaft| lines_of(*shaft).1)
+            .fold(f64::NEG_INFINITY, f64::max);
         let step = REACH_BINS / f64::from(SIDEBANDS);
         let steps = ((OTHER_SHAFTS[1] - OTHER_SHAFTS[0]) * shaft / step) as usize;
         let (other, (count, sum)) = (0..=steps)
@@ -260,7 +286,8 @@ mod tests {
         }
     }
 
-    /// The support of a mesh in white noise with lines at these positions in bins, each as strong as the noise.
+    /// The support of a mesh in white noise with lines at these positions in bins, each as strong as the
+    /// noise.
     fn support_of(mesh: f64, positions: impl IntoIterator<Item = f64>, context: &MeshContext) -> Support {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         let mut samples: Vec<f64> = (0..LENGTH).map(|_| StandardNormal.sample(&mut random)).collect();
@@ -304,7 +331,10 @@ mod tests {
     fn one_line_is_no_comb() {
         let support = support_of(MESH, [MESH], &context());
         assert_eq!((support.found, support.doubt), (1, Some(CombDoubt::FewHarmonics)));
-        assert_eq!(support_of(MESH, [], &context()).doubt, Some(CombDoubt::FewHarmonics));
+        assert_eq!(
+            support_of(MESH, [], &context()).doubt,
+            Some(CombDoubt::FewHarmonics)
+        );
     }
 
     /// 4 × 480.3 is a harmonic of either, and so on; the truth lies within a bin.
@@ -313,7 +343,9 @@ mod tests {
         for part in [4.0 / 3.0, 0.75, 2.0, 0.5, 0.83] {
             let truth = part * MESH;
             match support_of(MESH, comb(truth), &context()).doubt {
-                Some(CombDoubt::OtherMesh(other)) => assert!((other - truth).abs() < 1.5, "{part}: {other} against {truth}"),
+                Some(CombDoubt::OtherMesh(other)) => {
+                    assert!((other - truth).abs() < 1.5, "{part}: {other} against {truth}")
+                }
                 doubt => panic!("{part}: {doubt:?}"),
             }
         }
@@ -324,7 +356,9 @@ mod tests {
         let truth = MESH / 25.0;
         let positions = || comb(MESH).take(4).chain(shaft_lines(truth));
         match support_of(MESH, positions(), &context()).doubt {
-            Some(CombDoubt::OtherShaft(other)) => assert!((other - truth).abs() < 0.5, "{other} against {truth}"),
+            Some(CombDoubt::OtherShaft(other)) => {
+                assert!((other - truth).abs() < 0.5, "{other} against {truth}")
+            }
             doubt => panic!("{doubt:?}"),
         }
         // The shafts of the mate and of other meshes are no reason for a doubt.
@@ -337,7 +371,10 @@ mod tests {
             mesh_orders: 31.0,
             shaft_orders: [f64::from(TEETH) / 25.0, 0.4],
         }]);
-        assert_eq!(support_of(MESH, positions(), &MeshContext { others, ..context() }).doubt, None);
+        assert_eq!(
+            support_of(MESH, positions(), &MeshContext { others, ..context() }).doubt,
+            None
+        );
     }
 
     #[test]

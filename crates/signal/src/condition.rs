@@ -1,4 +1,5 @@
-//! Everything that is kept of one record: indicators of its spectrum and over the shaft's angle, features, and what they rest on.
+//! Everything that is kept of one record: indicators of its spectrum and over the shaft's angle, features,
+//! and what they rest on.
 
 use serde::{Deserialize, Serialize};
 
@@ -70,7 +71,11 @@ impl Analyzer {
         let mut clipped = record.quality().clipped;
         if settings.gear_indicators {
             let gear = self.gear_indicators_turned(mesh, &turned);
-            clipped |= gear.indicators.absent.values().any(|reason| *reason == Absence::Clipped);
+            clipped |= gear
+                .indicators
+                .absent
+                .values()
+                .any(|reason| *reason == Absence::Clipped);
             analysis.indicators.extend(gear.indicators);
             basis.preprocessing = format!("{PREPROCESSING}+{GEAR_PREPROCESSING}");
             basis.shaft_angle = gear.angle;

@@ -7,8 +7,8 @@ use thiserror::Error;
 use super::spectrum::hann_amplitude;
 use super::transform::Transforms;
 
-/// The envelope has this many times as many samples as the band has bins. The modulus of a signal of B bins is not limited to B bins
-/// itself: what lies above folds back, the less the more samples there are.
+/// The envelope has this many times as many samples as the band has bins. The modulus of a signal of B bins
+/// is not limited to B bins itself: what lies above folds back, the less the more samples there are.
 const OVERSAMPLING: usize = 4;
 
 /// The fewest bins in a band.
@@ -111,15 +111,23 @@ pub enum BandError {
     },
 }
 
-/// The first and the last bin of a band of a spectrum of `length` samples. The bins at zero and at half the sampling rate are
-/// never part of it: they have no phase.
-pub(super) fn band_bins([low, high]: [f64; 2], length: usize, sample_rate_hz: f64) -> Result<[usize; 2], BandError> {
+/// The first and the last bin of a band of a spectrum of `length` samples. The bins at zero and at half the
+/// sampling rate are never part of it: they have no phase.
+pub(super) fn band_bins(
+    [low, high]: [f64; 2],
+    length: usize,
+    sample_rate_hz: f64,
+) -> Result<[usize; 2], BandError> {
     if !(low >= 0.0 && high > low && high.is_finite()) {
         return Err(BandError::Order { low, high });
     }
     let nyquist_hz = 0.5 * sample_rate_hz;
     if high > nyquist_hz {
-        return Err(BandError::AboveNyquist { low, high, nyquist_hz });
+        return Err(BandError::AboveNyquist {
+            low,
+            high,
+            nyquist_hz,
+        });
     }
     let resolution_hz = sample_rate_hz / length as f64;
     let first = ((low / resolution_hz).ceil() as usize).max(1);
@@ -148,16 +156,24 @@ pub(super) struct Envelope {
 }
 
 impl Envelope {
-    /// Hann amplitude spectrum of the modulus, mean removed, of the analytic signal made of the bins `first` to `last` of the
-    /// unwindowed transform of `length` samples.
+    /// Hann amplitude spectrum of the modulus, mean removed, of the analytic signal made of the bins `first`
+    /// to `last` of the unwindowed transform of `length` samples.
     ///
-    /// The band is moved down to begin at bin 1, which leaves the modulus as it is, and transformed back with no more samples
-    /// than its width asks for: 4 samples a bin, rounded up to a power of two, or `length` where that is less.
-    pub(super) fn compute(&mut self, bins: &[Complex<f64>], length: usize, [first, last]: [usize; 2], transforms: &mut Transforms) {
+    /// The band is moved down to begin at bin 1, which leaves the modulus as it is, and transformed back with
+    /// no more samples than its width asks for: 4 samples a bin, rounded up to a power of two, or `length`
+    /// where that is less.
+    pub(super) fn compute(
+        &mut self,
+        bins: &[Complex<f64>],
+        length: usize,
+        [first, last]: [usize; 2],
+        transforms: &mut Transforms,
+    ) {
         let width = last - first + 1;
         let samples = (OVERSAMPLING * width).next_power_of_two().min(length);
         let scale = 1.0 / length as f64;
-        // The analytic signal's real and imaginary parts are two real signals, the second a quarter period behind.
+        // The analytic signal's real and imaginary parts are two real signals, the second a quarter period
+        // behind.
         for (output, factor) in [
             (&mut self.real, Complex::new(scale, 0.0)),
             (&mut self.imaginary, Complex::new(0.0, -scale)),
@@ -195,25 +211,38 @@ mod tests {
         let (length, mut bins, mut transforms) = (x.len(), Vec::new(), Transforms::default());
         transforms.forward(&mut x, &mut bins);
         let mut envelope = Envelope::default();
-        envelope.compute(&bins, length, band_bins(band, length, rate).unwrap(), &mut transforms);
+        envelope.compute(
+            &bins,
+            length,
+            band_bins(band, length, rate).unwrap(),
+            &mut transforms,
+        );
         envelope.amplitude
     }
 
-    /// Closed form: x = (1 + m·cos Ωt)·a·cos ωt has the envelope a·(1 + m·cos Ωt), a line of m·a at Ω. The rest is outside the band.
+    /// Closed form: x = (1 + m·cos Ωt)·a·cos ωt has the envelope a·(1 + m·cos Ωt), a line of m·a at Ω. The
+    /// rest is outside the band.
     #[test]
     fn amplitude_modulation_reads_its_depth() {
         for length in [4096, 5000, 4999] {
             let x: Vec<f64> = (0..length)
                 .map(|i| {
                     let turn = 2.0 * PI * i as f64 / length as f64;
-                    2.0 * (1.0 + 0.4 * (12.0 * turn).cos()) * (600.0 * turn + 0.4).cos() + 7.0 * (900.0 * turn).sin() + 3.0
+                    2.0 * (1.0 + 0.4 * (12.0 * turn).cos()) * (600.0 * turn + 0.4).cos()
+                        + 7.0 * (900.0 * turn).sin()
+                        + 3.0
                 })
                 .collect();
             let amplitude = envelope(x, [560.0, 640.0], length as f64);
             assert_eq!(amplitude.len(), 81);
             assert!((amplitude[12] - 0.8).abs() < 1e-12, "{}", amplitude[12]);
             assert!((amplitude[11] - 0.4).abs() < 1e-12 && (amplitude[13] - 0.4).abs() < 1e-12);
-            assert!(amplitude.iter().enumerate().all(|(k, a)| (11..=13).contains(&k) || *a < 1e-12));
+            assert!(
+                amplitude
+                    .iter()
+                    .enumerate()
+                    .all(|(k, a)| (11..=13).contains(&k) || *a < 1e-12)
+            );
         }
     }
 
@@ -221,16 +250,31 @@ mod tests {
     fn the_widest_band_of_the_shortest_record_works() {
         assert_eq!(band_bins([0.0, 4.0], 8, 8.0), Ok([1, 3]));
         assert_eq!(band_bins([0.0, 3.5], 7, 7.0), Ok([1, 3]));
-        assert_eq!(envelope(vec![1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 4.0], 8.0).len(), 3);
+        assert_eq!(
+            envelope(vec![1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 4.0], 8.0).len(),
+            3
+        );
         assert_eq!(envelope(vec![0.0; 7], [0.0, 3.5], 7.0), [0.0; 3]);
     }
 
     #[test]
     fn unusable_bands_are_refused() {
-        assert_eq!(band_bins([5.0, 2.0], 100, 100.0), Err(BandError::Order { low: 5.0, high: 2.0 }));
-        assert!(matches!(band_bins([f64::NAN, 2.0], 100, 100.0), Err(BandError::Order { .. })));
-        assert!(matches!(band_bins([0.0, f64::INFINITY], 100, 100.0), Err(BandError::Order { .. })));
-        assert!(matches!(band_bins([0.0, 50.5], 100, 100.0), Err(BandError::AboveNyquist { .. })));
+        assert_eq!(
+            band_bins([5.0, 2.0], 100, 100.0),
+            Err(BandError::Order { low: 5.0, high: 2.0 })
+        );
+        assert!(matches!(
+            band_bins([f64::NAN, 2.0], 100, 100.0),
+            Err(BandError::Order { .. })
+        ));
+        assert!(matches!(
+            band_bins([0.0, f64::INFINITY], 100, 100.0),
+            Err(BandError::Order { .. })
+        ));
+        assert!(matches!(
+            band_bins([0.0, 50.5], 100, 100.0),
+            Err(BandError::AboveNyquist { .. })
+        ));
         assert!(matches!(
             band_bins([10.0, 11.5], 100, 100.0),
             Err(BandError::TooNarrow { bins: 2, .. })
@@ -239,6 +283,9 @@ mod tests {
             band_bins([10.2, 10.4], 100, 100.0),
             Err(BandError::TooNarrow { bins: 0, .. })
         ));
-        assert!(matches!(band_bins([0.0, 0.5], 1, 1.0), Err(BandError::TooNarrow { bins: 0, .. })));
+        assert!(matches!(
+            band_bins([0.0, 0.5], 1, 1.0),
+            Err(BandError::TooNarrow { bins: 0, .. })
+        ));
     }
 }

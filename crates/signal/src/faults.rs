@@ -8,24 +8,24 @@ const GAP_SAMPLES: usize = 64;
 /// This many in a row at the highest or lowest value are clipped ...
 const CLIPPED_SAMPLES: usize = 3;
 
-/// ... where the samples beside them lie this part of the range below on average: the slow crest of a low tone stays flat without a
-/// converter's limit.
+/// ... where the samples beside them lie this part of the range below on average: the slow crest of a low
+/// tone stays flat without a converter's limit.
 const STEEP_PART: f64 = 0.01;
 
 /// So many samples at the highest or lowest value are clipped whatever lies between them ...
 const PILED_UP_SAMPLES: usize = 8;
 
-/// ... where they are so many times as many as those next to it: within this part of the range, or at the next value. The density of a
-/// vibration falls towards its limits, and even that of a pure tone, which rises, has at most 2.4 times as many there as one step of
-/// the converter before.
+/// ... where they are so many times as many as those next to it: within this part of the range, or at the
+/// next value. The density of a vibration falls towards its limits, and even that of a pure tone, which
+/// rises, has at most 2.4 times as many there as one step of the converter before.
 const PILED_UP_TIMES: usize = 3;
 const NEXT_PART: f32 = 0.01;
 
 /// This many neighbours are compared at once: equal ones are rare.
 const STRIDE: usize = 64;
 
-/// What makes indicators of a record's shape meaningless: a gap filled with one value, or clipping. `low` and `high` are the samples'
-/// lowest and highest value.
+/// What makes indicators of a record's shape meaningless: a gap filled with one value, or clipping. `low` and
+/// `high` are the samples' lowest and highest value.
 pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     if low >= high {
         return Some(Absence::Constant);
@@ -34,7 +34,10 @@ pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     let mut first = 0;
     while first < samples.len() {
         if let Some(stride) = samples.get(first..=first + STRIDE)
-            && !stride.iter().zip(&stride[1..]).fold(false, |equal, (a, b)| equal | (a == b))
+            && !stride
+                .iter()
+                .zip(&stride[1..])
+                .fold(false, |equal, (a, b)| equal | (a == b))
         {
             first += STRIDE;
             continue;
@@ -47,7 +50,10 @@ pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
         }
         for (side, limit) in [low, high].into_iter().enumerate() {
             if value == limit && run >= CLIPPED_SAMPLES {
-                let beside = [first.checked_sub(1), Some(past).filter(|&past| past < samples.len())];
+                let beside = [
+                    first.checked_sub(1),
+                    Some(past).filter(|&past| past < samples.len()),
+                ];
                 for index in beside.into_iter().flatten() {
                     clipped[side].0 += 1;
                     clipped[side].1 += (f64::from(samples[index]) - f64::from(limit)).abs();
@@ -58,7 +64,10 @@ pub(super) fn fault(samples: &[f32], [low, high]: [f32; 2]) -> Option<Absence> {
     }
     let range = f64::from(high) - f64::from(low);
     let steep = |(count, fall): (usize, f64)| count > 0 && fall / count as f64 >= STEEP_PART * range;
-    let cut = clipped.into_iter().any(steep) || [low, high].into_iter().any(|limit| piled_up(samples, limit, high - low));
+    let cut = clipped.into_iter().any(steep)
+        || [low, high]
+            .into_iter()
+            .any(|limit| piled_up(samples, limit, high - low));
     cut.then_some(Absence::Clipped)
 }
 
@@ -75,7 +84,10 @@ fn piled_up(samples: &[f32], limit: f32, range: f32) -> bool {
         .map(|&x| apart(x))
         .fold(f32::INFINITY, f32::min);
     let reach = nearest.max(NEXT_PART * range);
-    let next = samples.iter().filter(|&&x| x != limit && apart(x) <= reach).count();
+    let next = samples
+        .iter()
+        .filter(|&&x| x != limit && apart(x) <= reach)
+        .count();
     at_limit >= PILED_UP_TIMES * next
 }
 
@@ -96,7 +108,10 @@ mod tests {
     fn sine(period: f64, limit: f32) -> Vec<f32> {
         let levels = 32_767.0;
         (0..5000)
-            .map(|i| ((std::f64::consts::TAU * f64::from(i) / period).sin() * levels).round() as f32 / levels as f32)
+            .map(|i| {
+                ((std::f64::consts::TAU * f64::from(i) / period).sin() * levels).round() as f32
+                    / levels as f32
+            })
             .map(|x| x.clamp(-1.0, limit))
             .collect()
     }

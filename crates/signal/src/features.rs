@@ -10,8 +10,8 @@ use super::record::OperatingPoint;
 /// Identifier of what the features are made by. Values are comparable only where it is the same.
 pub const PREPROCESSING: &str = "steadied-lines-6";
 
-/// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of amplitudes)
-/// and changes relative to a healthy baseline are differences.
+/// Features of one record by name, each on a scale where an unknown gain is an offset (natural logarithms of
+/// amplitudes) and changes relative to a healthy baseline are differences.
 ///
 /// | name | natural logarithm of |
 /// | --- | --- |
@@ -21,28 +21,32 @@ pub const PREPROCESSING: &str = "steadied-lines-6";
 /// | `ln_rms` | the root mean square, mean removed |
 /// | `ln_kurtosis` | the kurtosis |
 ///
-/// Where the speed wanders within the record, lines are read after the mesh phase's wander is taken out of the bins around each mesh
-/// harmonic: a line that is smeared over many bins reads as at a constant speed.
+/// Where the speed wanders within the record, lines are read after the mesh phase's wander is taken out of
+/// the bins around each mesh harmonic: a line that is smeared over many bins reads as at a constant speed.
 ///
-/// All lines are narrow against what a transmission path does to a spectrum, so that the path's gain at that frequency is an offset
-/// too. That is why the envelopes are those of single harmonics: a band over several has lines that depend on the path's phase
-/// between them. `ln_rms` and `ln_kurtosis` mix all frequencies and keep this property only for a path without colour.
+/// All lines are narrow against what a transmission path does to a spectrum, so that the path's gain at that
+/// frequency is an offset too. That is why the envelopes are those of single harmonics: a band over several
+/// has lines that depend on the path's phase between them. `ln_rms` and `ln_kurtosis` mix all frequencies and
+/// keep this property only for a path without colour.
 ///
-/// A feature that the record cannot give (a harmonic above half the sampling rate, sidebands closer than 8 bins, a line where one of another
-/// mesh lies) is missing from the map.
+/// A feature that the record cannot give (a harmonic above half the sampling rate, sidebands closer than 8
+/// bins, a line where one of another mesh lies) is missing from the map.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Features {
     /// Value by feature name, for example `ln_mesh_1`.
     pub values: BTreeMap<String, f64>,
-    /// For each line feature (`ln_mesh_h`, `ln_sideband_h`, `ln_env_h`) the natural logarithm of what local noise alone would read on average:
-    /// the root-mean-square amplitude of noise in as many bins as the feature adds up, from the median of the bins between the lines
-    /// beside it. Missing where too few such bins are there.
+    /// For each line feature (`ln_mesh_h`, `ln_sideband_h`, `ln_env_h`) the natural logarithm of what local
+    /// noise alone would read on average: the root-mean-square amplitude of noise in as many bins as the
+    /// feature adds up, from the median of the bins between the lines beside it. Missing where too few such
+    /// bins are there.
     ///
-    /// A line is read at the highest peak within 1.5 bins, so that in pure noise the value lies some tenths above this.
+    /// A line is read at the highest peak within 1.5 bins, so that in pure noise the value lies some tenths
+    /// above this.
     #[serde(default)]
     pub background: BTreeMap<String, f64>,
-    /// Values that wear of the mesh hardly moves, by name, as natural logarithms too: they tell wear from what is not wear.
+    /// Values that wear of the mesh hardly moves, by name, as natural logarithms too: they tell wear from
+    /// what is not wear.
     ///
     /// | name | natural logarithm of |
     /// | --- | --- |
@@ -81,18 +85,20 @@ pub struct Extent {
     pub sample_rate_hz: f64,
 }
 
-/// Under the Hann window two lines are read apart where they are so many bins from each other: their main lobes and a bin between.
+/// Under the Hann window two lines are read apart where they are so many bins from each other: their main
+/// lobes and a bin between.
 const LINES_APART_BINS: f64 = 5.0;
 
 impl Extent {
-    /// How long a record has to be for the mesh lines of a shaft at this speed in hertz to be read apart from their sidebands.
+    /// How long a record has to be for the mesh lines of a shaft at this speed in hertz to be read apart from
+    /// their sidebands.
     pub fn seconds_apart(shaft_speed_hz: f64) -> f64 {
         LINES_APART_BINS / shaft_speed_hz
     }
 }
 
-/// The least amplitude as a part of the record's deviation: rounding of 32-bit samples lies above it, and no logarithm of
-/// zero comes out.
+/// The least amplitude as a part of the record's deviation: rounding of 32-bit samples lies above it, and no
+/// logarithm of zero comes out.
 const AMPLITUDE_FLOOR: f64 = 1e-9;
 
 impl Features {
@@ -101,7 +107,8 @@ impl Features {
         self.values.keys().any(|name| name.starts_with("ln_mesh_"))
     }
 
-    /// Puts down one line feature: its `amplitude` and that of the noise in it, for a record of this `deviation`.
+    /// Puts down one line feature: its `amplitude` and that of the noise in it, for a record of this
+    /// `deviation`.
     pub(super) fn insert_line(&mut self, name: String, amplitude: f64, noise: Option<f64>, deviation: f64) {
         let floor = AMPLITUDE_FLOOR * deviation;
         if let Some(noise) = noise {
@@ -112,6 +119,7 @@ impl Features {
 
     /// Puts down one value that wear hardly moves.
     pub(super) fn insert_check(&mut self, name: String, amplitude: f64, deviation: f64) {
-        self.checks.insert(name, amplitude.max(AMPLITUDE_FLOOR * deviation).ln());
+        self.checks
+            .insert(name, amplitude.max(AMPLITUDE_FLOOR * deviation).ln());
     }
 }

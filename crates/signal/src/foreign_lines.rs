@@ -1,7 +1,8 @@
 //! Taking the lines of other meshes out of a record over a shaft's angle.
 //!
-//! Their orders are known exactly, their amplitudes and phases are read under Hann's window over the turns. Left in, a line between two whole
-//! orders would leave a rest in the mean turn that jumps from its end to its beginning, as if one tooth were different.
+//! Their orders are known exactly, their amplitudes and phases are read under Hann's window over the turns.
+//! Left in, a line between two whole orders would leave a rest in the mean turn that jumps from its end to
+//! its beginning, as if one tooth were different.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +12,8 @@ use realfft::num_complex::Complex;
 use super::angle_record::AngleRecord;
 use super::speed::MeshContext;
 
-/// A line within so many bins (one over the turns) of a whole order of the shaft cannot be told from the shaft's own.
+/// A line within so many bins (one over the turns) of a whole order of the shaft cannot be told from the
+/// shaft's own.
 pub(super) const NEAR_ORDER_BINS: f64 = 2.0;
 
 /// Mesh harmonics of the own mesh up to which lines are taken out: nothing is read above them.
@@ -85,7 +87,9 @@ impl WithSimd for Turn<'_> {
         }
         let sum = Complex::new(simd.reduce_sum_f64s(re), simd.reduce_sum_f64s(im));
         let rest = samples_rest.iter().zip(cos_rest).zip(sin_rest);
-        rest.fold(sum, |sum, ((&x, &cos), &sin)| sum + Complex::new(x * cos, x * sin))
+        rest.fold(sum, |sum, ((&x, &cos), &sin)| {
+            sum + Complex::new(x * cos, x * sin)
+        })
     }
 }
 
@@ -115,7 +119,12 @@ mod tests {
             ..MeshContext::unknown()
         };
         let own = [(1.0, 0.3), (10.0, 1.0), (20.0, 0.5), (33.0, 0.2)];
-        let foreign = [(17.54, 2.0), (17.54 - 0.9, 0.4), (3.0 * 17.54, 0.7), (2.0 * 17.54 + 0.7, 0.1)];
+        let foreign = [
+            (17.54, 2.0),
+            (17.54 - 0.9, 0.4),
+            (3.0 * 17.54, 0.7),
+            (2.0 * 17.54 + 0.7, 0.1),
+        ];
         let record = AngleRecord {
             unit: "g".to_owned(),
             samples_per_turn: per_turn,

@@ -59,7 +59,12 @@ impl GearAnalysis {
     }
 
     /// The indicators of a split average and of the mesh line of all turns, H mesh harmonics in FM0.
-    pub(super) fn of(signals: &GearSignals, tracked: Result<f64, Absence>, angle: AngleUsed, harmonics: usize) -> Self {
+    pub(super) fn of(
+        signals: &GearSignals,
+        tracked: Result<f64, Absence>,
+        angle: AngleUsed,
+        harmonics: usize,
+    ) -> Self {
         let mut indicators = Indicators::default();
         indicators.insert("omx_tracked", tracked);
         let deviation = mean_power(&signals.average, 2).sqrt();
@@ -70,11 +75,16 @@ impl GearAnalysis {
         };
         let first = signals.mesh_line(1);
         indicators.insert("sideband_energy_ratio", ratio(signals.sideband_sum(), first));
-        indicators.insert("sideband_level_factor", ratio(signals.first_sidebands(), Some(deviation)));
+        indicators.insert(
+            "sideband_level_factor",
+            ratio(signals.first_sidebands(), Some(deviation)),
+        );
         let (low, high) = signals
             .average
             .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)));
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| {
+                (low.min(x), high.max(x))
+            });
         let lines: f64 = (1..=harmonics).map_while(|order| signals.mesh_line(order)).sum();
         indicators.insert("fm0", ratio(Some(high - low), Some(lines)));
         let difference = mean_power(&signals.difference, 2);
@@ -90,8 +100,14 @@ impl GearAnalysis {
         indicators.insert("energy_ratio", ratio(Some(difference.sqrt()), Some(regular)));
         indicators.insert("residual_variance", Ok(mean_power(&signals.residual, 2)));
         indicators.insert("residual_fourth_moment", Ok(mean_power(&signals.residual, 4)));
-        indicators.insert("mesh_envelope_variance", Ok(mean_power(&signals.mesh_envelope, 2)));
-        indicators.insert("mesh_envelope_fourth_moment", Ok(mean_power(&signals.mesh_envelope, 4)));
+        indicators.insert(
+            "mesh_envelope_variance",
+            Ok(mean_power(&signals.mesh_envelope, 2)),
+        );
+        indicators.insert(
+            "mesh_envelope_fourth_moment",
+            Ok(mean_power(&signals.mesh_envelope, 4)),
+        );
         Self {
             indicators,
             angle: Some(angle),
@@ -104,8 +120,8 @@ impl GearAnalysis {
     }
 }
 
-/// The mean over a run so far of a signal's variance: the state of NA4 (Zakrajsek 1994) and of NB4, one for each channel. An exact copy
-/// in JSON continues with the same bits.
+/// The mean over a run so far of a signal's variance: the state of NA4 (Zakrajsek 1994) and of NB4, one for
+/// each channel. An exact copy in JSON continues with the same bits.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunMean {
     records: u64,
@@ -113,8 +129,9 @@ pub struct RunMean {
 }
 
 impl RunMean {
-    /// Takes one more record with E\[r²\] and E\[r⁴\] of its signal, in time order: E\[r⁴\] / (mean of E\[r²\] over the run, this record among
-    /// it)², which is N·Σr⁴/(mean of Σr²)² where records have as many samples a turn. Numbers that are not finite do not count.
+    /// Takes one more record with E\[r²\] and E\[r⁴\] of its signal, in time order: E\[r⁴\] / (mean of
+    /// E\[r²\] over the run, this record among it)², which is N·Σr⁴/(mean of Σr²)² where records have as many
+    /// samples a turn. Numbers that are not finite do not count.
     pub fn update(&mut self, variance: f64, fourth_moment: f64) -> Result<f64, Absence> {
         let usable = variance >= 0.0 && variance.is_finite() && fourth_moment.is_finite();
         if !usable {
@@ -124,7 +141,11 @@ impl RunMean {
         self.variances += variance;
         let mean = self.variances / self.records as f64;
         let value = fourth_moment / (mean * mean);
-        if value.is_finite() { Ok(value) } else { Err(Absence::NoSignal) }
+        if value.is_finite() {
+            Ok(value)
+        } else {
+            Err(Absence::NoSignal)
+        }
     }
 
     /// Records so far.
@@ -141,8 +162,8 @@ pub struct RunMeans {
 }
 
 impl RunMeans {
-    /// `na4` and `nb4` after one more record with these indicators, in time order, or why there are none; nothing at all where no indicators
-    /// over the shaft's angle were asked for.
+    /// `na4` and `nb4` after one more record with these indicators, in time order, or why there are none;
+    /// nothing at all where no indicators over the shaft's angle were asked for.
     pub fn update(&mut self, indicators: &Indicators) -> Indicators {
         let mut answer = Indicators::default();
         for (name, run, signal) in [
@@ -150,7 +171,11 @@ impl RunMeans {
             ("nb4", &mut self.mesh_envelope, "mesh_envelope"),
         ] {
             let (variance, fourth) = (format!("{signal}_variance"), format!("{signal}_fourth_moment"));
-            match (indicators.get(&variance), indicators.get(&fourth), indicators.absent.get(&variance)) {
+            match (
+                indicators.get(&variance),
+                indicators.get(&fourth),
+                indicators.absent.get(&variance),
+            ) {
                 (Some(variance), Some(fourth), _) => answer.insert(name, run.update(variance, fourth)),
                 (_, _, Some(&reason)) => answer.insert(name, Err(reason)),
                 _ => {}
@@ -162,6 +187,8 @@ impl RunMeans {
 
 /// Mean of an even power of a signal without a mean, in a sum whose partial sums stay short.
 fn mean_power(signal: &[f64], power: i32) -> f64 {
-    let sums = signal.chunks(64).map(|chunk| chunk.iter().map(|x| x.powi(power)).sum::<f64>());
+    let sums = signal
+        .chunks(64)
+        .map(|chunk| chunk.iter().map(|x| x.powi(power)).sum::<f64>());
     sums.sum::<f64>() / signal.len() as f64
 }

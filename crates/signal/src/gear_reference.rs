@@ -1,4 +1,5 @@
-//! Comparison with NumPy and SciPy on `fixtures/reference/signal/gear_vectors.json`, written by the script beside it.
+//! Comparison with NumPy and SciPy on `fixtures/reference/signal/gear_vectors.json`, written by the script
+//! beside it.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +9,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::Deserialize;
 
-use super::{AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, OtherMeshes, Record, RunMean, RunMeans, ShaftAngle};
+use super::{
+    AnalysisSettings, Analyzer, Band, BandQuantity, MeshContext, OtherMeshes, Record, RunMean, RunMeans,
+    ShaftAngle,
+};
 
 #[derive(Deserialize)]
 struct Vectors {
@@ -37,7 +41,14 @@ struct Case {
 
 impl Case {
     fn record(&self) -> Record {
-        Record::new("1", Timestamp::UNIX_EPOCH, self.sample_rate_hz, "m/s2", self.samples.clone()).unwrap()
+        Record::new(
+            "1",
+            Timestamp::UNIX_EPOCH,
+            self.sample_rate_hz,
+            "m/s2",
+            self.samples.clone(),
+        )
+        .unwrap()
     }
 
     fn angle(&self) -> ShaftAngle {
@@ -57,7 +68,10 @@ impl Case {
 }
 
 fn cases() -> Vec<Case> {
-    let vectors: Vectors = serde_json::from_str(include_str!("../../../fixtures/reference/signal/gear_vectors.json")).unwrap();
+    let vectors: Vectors = serde_json::from_str(include_str!(
+        "../../../fixtures/reference/signal/gear_vectors.json"
+    ))
+    .unwrap();
     vectors.cases
 }
 
@@ -65,13 +79,17 @@ fn analyzer() -> Analyzer {
     Analyzer::new(AnalysisSettings::default())
 }
 
-/// Each value relative to itself, or to 10⁻³ of the largest where it is less: cancellation leaves no more digits there.
+/// Each value relative to itself, or to 10⁻³ of the largest where it is less: cancellation leaves no more
+/// digits there.
 fn assert_close(name: &str, got: &[f64], want: &[f64]) {
     assert_eq!(got.len(), want.len(), "{name}");
     let largest = want.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
     for (k, (got, want)) in got.iter().zip(want).enumerate() {
         let scale = want.abs().max(1e-3 * largest);
-        assert!((got - want).abs() <= 1e-9 * scale, "{name}, {k}: {got}, SciPy has {want}");
+        assert!(
+            (got - want).abs() <= 1e-9 * scale,
+            "{name}, {k}: {got}, SciPy has {want}"
+        );
     }
 }
 
@@ -98,8 +116,13 @@ fn gear_indicators_and_signals_equal_scipy() {
         ] {
             assert_close(&format!("{}, {part}", case.name), got, &case.signals[part]);
         }
-        let got = analyzer().gear_indicators(&record, &mesh, Some(&angle)).indicators;
-        assert_eq!(got.values.keys().collect::<Vec<_>>(), case.indicators.keys().collect::<Vec<_>>());
+        let got = analyzer()
+            .gear_indicators(&record, &mesh, Some(&angle))
+            .indicators;
+        assert_eq!(
+            got.values.keys().collect::<Vec<_>>(),
+            case.indicators.keys().collect::<Vec<_>>()
+        );
         for (name, want) in &case.indicators {
             assert_close(&format!("{}, {name}", case.name), &[got.values[name]], &[*want]);
         }
@@ -113,16 +136,26 @@ fn spectra_and_bands_equal_scipy() {
         let density = analyzer().power_spectral_density(&record);
         assert_eq!((density.quantity, density.unit.as_str()), ("psd", "(m/s2)^2/Hz"));
         assert_close(&case.name, &density.amplitude, &case.psd);
-        assert_close(&case.name, &analyzer().cepstrum(&record).unwrap().value, &case.cepstrum);
+        assert_close(
+            &case.name,
+            &analyzer().cepstrum(&record).unwrap().value,
+            &case.cepstrum,
+        );
         let band = |name: &str, quantity| Band {
             name: name.to_owned(),
             band_hz: case.band_hz,
             quantity,
         };
         let bands = [band("a", BandQuantity::Record), band("v", BandQuantity::Velocity)];
-        let got = analyzer().analyze_with_bands(&record, &case.mesh(), &bands).indicators;
+        let got = analyzer()
+            .analyze_with_bands(&record, &case.mesh(), &bands)
+            .indicators;
         assert_close(&case.name, &[got.values["band_a"]], &[case.band_rms]);
-        assert_close(&case.name, &[got.values["band_v"]], &[case.band_velocity_mm_per_s]);
+        assert_close(
+            &case.name,
+            &[got.values["band_v"]],
+            &[case.band_velocity_mm_per_s],
+        );
     }
 }
 
@@ -137,7 +170,10 @@ fn na4_and_nb4_are_their_definition_after_a_restart() {
         let samples = case.samples_per_turn as f64;
         let sum = |part: &str, power: i32| case.signals[part].iter().map(|x| x.powi(power)).sum::<f64>();
         sums.push([sum("residual", 2) / samples, sum("mesh_envelope", 2) / samples]);
-        for (part, index, na4) in [("residual", 0, run.values["na4"]), ("mesh_envelope", 1, run.values["nb4"])] {
+        for (part, index, na4) in [
+            ("residual", 0, run.values["na4"]),
+            ("mesh_envelope", 1, run.values["nb4"]),
+        ] {
             let mean = sums.iter().map(|sum| sum[index]).sum::<f64>() / sums.len() as f64;
             assert_close(part, &[na4], &[sum(part, 4) / samples / (mean * mean)]);
         }
@@ -148,7 +184,8 @@ fn na4_and_nb4_are_their_definition_after_a_restart() {
     assert!(state.update(f64::NAN, 1.0).is_err() && state.records() == 1);
 }
 
-/// Gaussian noise: 3, 15 and 105, within three standard errors √(96/n), √(9720/n) and √(1 929 312/n), n the samples of all averages.
+/// Gaussian noise: 3, 15 and 105, within three standard errors √(96/n), √(9720/n) and √(1 929 312/n), n the
+/// samples of all averages.
 #[test]
 fn gaussian_noise_has_its_normal_moments() {
     let mesh = MeshContext {
@@ -167,15 +204,26 @@ fn gaussian_noise_has_its_normal_moments() {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let samples = (0..44_000).map(|_| StandardNormal.sample(&mut random)).collect();
         let record = Record::new("1", Timestamp::UNIX_EPOCH, 20_000.0, "g", samples).unwrap();
-        per_turn = analyzer().angle_record(&record, &mesh, Some(&angle)).unwrap().samples_per_turn;
-        let got = analyzer().gear_indicators(&record, &mesh, Some(&angle)).indicators;
+        per_turn = analyzer()
+            .angle_record(&record, &mesh, Some(&angle))
+            .unwrap()
+            .samples_per_turn;
+        let got = analyzer()
+            .gear_indicators(&record, &mesh, Some(&angle))
+            .indicators;
         for (sum, name) in sums.iter_mut().zip(["fm4", "m6a", "m8a"]) {
             *sum += got.values[name] / records as f64;
         }
     }
     let n = (records as usize * per_turn) as f64;
-    for (mean, (want, variance)) in sums.into_iter().zip([(3.0, 96.0), (15.0, 9720.0), (105.0, 1_929_312.0)]) {
+    for (mean, (want, variance)) in sums
+        .into_iter()
+        .zip([(3.0, 96.0), (15.0, 9720.0), (105.0, 1_929_312.0)])
+    {
         let standard_error = f64::sqrt(variance / n);
-        assert!((mean - want).abs() < 3.0 * standard_error, "{mean} {want} ± {standard_error}");
+        assert!(
+            (mean - want).abs() < 3.0 * standard_error,
+            "{mean} {want} ± {standard_error}"
+        );
     }
 }

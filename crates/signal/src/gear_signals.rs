@@ -10,19 +10,21 @@ const SHAFT_ORDERS: usize = 2;
 /// Sidebands on each side of the mesh line in sideband energy and in the envelope band of NB4.
 const SIDEBANDS: usize = 6;
 
-/// The synchronous average of one shaft over one turn, and its parts. Bins of its transform are whole orders of the shaft, so that the
-/// parts are exact: no window, no leakage.
+/// The synchronous average of one shaft over one turn, and its parts. Bins of its transform are whole orders
+/// of the shaft, so that the parts are exact: no window, no leakage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GearSignals {
     /// The average, its mean removed.
     pub average: Vec<f64>,
-    /// Shaft orders 1 and 2, all mesh harmonics below half the sampling rate, and the orders of other meshes that are known of.
+    /// Shaft orders 1 and 2, all mesh harmonics below half the sampling rate, and the orders of other meshes
+    /// that are known of.
     pub regular: Vec<f64>,
     /// The average without the regular signal.
     pub residual: Vec<f64>,
     /// The residual without the first-order sidebands of every mesh harmonic.
     pub difference: Vec<f64>,
-    /// The modulus of the analytic signal of the orders teeth − 6 to teeth + 6 (of 1 and above, below 2 × teeth), mean removed.
+    /// The modulus of the analytic signal of the orders teeth − 6 to teeth + 6 (of 1 and above, below 2 ×
+    /// teeth), mean removed.
     pub mesh_envelope: Vec<f64>,
     /// Amplitude (peak) at each order.
     amplitude: Vec<f64>,
@@ -30,9 +32,14 @@ pub struct GearSignals {
 }
 
 impl GearSignals {
-    /// Splits `average`, one turn of a shaft with this many teeth; `None` unless order `teeth` + 1 lies below half its samples. Orders that are
-    /// foreign, those of other meshes, count as regular.
-    pub(super) fn split(average: &[f64], teeth: u32, is_foreign: &dyn Fn(usize) -> bool, transforms: &mut Transforms) -> Option<Self> {
+    /// Splits `average`, one turn of a shaft with this many teeth; `None` unless order `teeth` + 1 lies below
+    /// half its samples. Orders that are foreign, those of other meshes, count as regular.
+    pub(super) fn split(
+        average: &[f64],
+        teeth: u32,
+        is_foreign: &dyn Fn(usize) -> bool,
+        transforms: &mut Transforms,
+    ) -> Option<Self> {
         let (samples, teeth) = (average.len(), teeth as usize);
         if teeth == 0 || 2 * (teeth + 1) >= samples {
             return None;
@@ -60,10 +67,15 @@ impl GearSignals {
         let one = Complex::new(1.0, 0.0);
         let regular = |k: usize| k <= SHAFT_ORDERS || k.is_multiple_of(teeth) || is_foreign(k);
         let sideband = |k: usize| k > teeth / 2 && (k % teeth == 1 || k % teeth == teeth - 1);
-        let band = teeth.saturating_sub(SIDEBANDS).max(1)..=(teeth + SIDEBANDS).min(2 * teeth - 1).min((samples - 1) / 2);
+        let band = teeth.saturating_sub(SIDEBANDS).max(1)
+            ..=(teeth + SIDEBANDS).min(2 * teeth - 1).min((samples - 1) / 2);
         let real = signal(&|k| band.contains(&k), one);
         let imaginary = signal(&|k| band.contains(&k), Complex::new(0.0, -1.0));
-        let mut mesh_envelope: Vec<f64> = real.iter().zip(&imaginary).map(|(re, im)| (re * re + im * im).sqrt()).collect();
+        let mut mesh_envelope: Vec<f64> = real
+            .iter()
+            .zip(&imaginary)
+            .map(|(re, im)| (re * re + im * im).sqrt())
+            .collect();
         let mean = mesh_envelope.iter().sum::<f64>() * scale;
         mesh_envelope.iter_mut().for_each(|modulus| *modulus -= mean);
         Some(Self {
@@ -82,7 +94,8 @@ impl GearSignals {
         self.below_half(order * self.teeth)
     }
 
-    /// Σ of the amplitudes at teeth ± k shaft orders, k = 1 … 6, where all of them are there and belong to the first mesh line.
+    /// Σ of the amplitudes at teeth ± k shaft orders, k = 1 … 6, where all of them are there and belong to
+    /// the first mesh line.
     pub(super) fn sideband_sum(&self) -> Option<f64> {
         if self.teeth <= SIDEBANDS {
             return None;
@@ -119,7 +132,10 @@ mod tests {
     }
 
     fn assert_equal(got: &[f64], want: &[f64]) {
-        assert!(got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-12), "{got:?} {want:?}");
+        assert!(
+            got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-12),
+            "{got:?} {want:?}"
+        );
     }
 
     /// What is put in at each order comes out in its part, and nowhere else.
@@ -136,7 +152,8 @@ mod tests {
         assert_equal(&got.average, &turn(&[&regular[..], &sidebands, &others].concat()));
         assert!((got.mesh_line(2).unwrap() - 0.5).abs() < 1e-12);
         assert_eq!(got.mesh_line(6), None);
-        let of_another = GearSignals::split(&average, 20, &|k| k == 18 || k == 55, &mut Transforms::default()).unwrap();
+        let of_another =
+            GearSignals::split(&average, 20, &|k| k == 18 || k == 55, &mut Transforms::default()).unwrap();
         assert_equal(&of_another.difference, &turn(&[others[0], others[3]]));
         assert!((got.sideband_sum().unwrap() - (0.2 + 0.25 + 0.06)).abs() < 1e-12);
         assert!((got.first_sidebands().unwrap() - 0.45).abs() < 1e-12);

@@ -18,7 +18,10 @@ impl Indicators {
     /// The names of all indicators there can be; `bands` are those that the user defined.
     pub fn names(bands: &[Band]) -> Vec<String> {
         let harmonics = AnalysisSettings::default().harmonics;
-        let fixed = OF_THE_RECORD.into_iter().chain(gear_indicators::NAMES).chain(OF_THE_RUN);
+        let fixed = OF_THE_RECORD
+            .into_iter()
+            .chain(gear_indicators::NAMES)
+            .chain(OF_THE_RUN);
         let lines = (1..=harmonics).map(|order| format!("mesh_{order}"));
         fixed
             .map(str::to_owned)
@@ -30,13 +33,17 @@ impl Indicators {
     /// The names nearest to one, the nearest first; of equally near ones in the order given.
     pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
         let name = name.to_lowercase();
-        let mut far: Vec<(usize, &str)> = known.into_iter().map(|known| (edits(&name, known), known)).collect();
+        let mut far: Vec<(usize, &str)> = known
+            .into_iter()
+            .map(|known| (edits(&name, known), known))
+            .collect();
         far.sort_by_key(|(edits, _)| *edits);
         far.into_iter().take(NEAREST).map(|(_, known)| known).collect()
     }
 }
 
-/// Letters to insert, delete, replace, or exchange with the one beside (Damerau 1964, optimal string alignment).
+/// Letters to insert, delete, replace, or exchange with the one beside (Damerau 1964, optimal string
+/// alignment).
 fn edits(from: &str, to: &str) -> usize {
     // Longer than any name; the cost grows with the product of both lengths.
     let from: Vec<char> = from.chars().take(64).collect();
@@ -46,7 +53,9 @@ fn edits(from: &str, to: &str) -> usize {
         let mut row = vec![i];
         for j in 1..=to.len() {
             let is_other = usize::from(from[i - 1] != to[j - 1]);
-            let mut least = (rows[i - 1][j] + 1).min(row[j - 1] + 1).min(rows[i - 1][j - 1] + is_other);
+            let mut least = (rows[i - 1][j] + 1)
+                .min(row[j - 1] + 1)
+                .min(rows[i - 1][j - 1] + is_other);
             if i > 1 && j > 1 && from[i - 1] == to[j - 2] && from[i - 2] == to[j - 1] {
                 least = least.min(rows[i - 2][j - 2] + 1);
             }
@@ -85,10 +94,19 @@ mod tests {
             .analysis
             .indicators;
         analysed.extend(RunMeans::default().update(&analysed));
-        let given: BTreeSet<&str> = analysed.values.keys().chain(analysed.absent.keys()).map(String::as_str).collect();
+        let given: BTreeSet<&str> = analysed
+            .values
+            .keys()
+            .chain(analysed.absent.keys())
+            .map(String::as_str)
+            .collect();
         let names = Indicators::names(&bands);
         // That of the estimate comes after a baseline only.
-        let told: BTreeSet<&str> = names.iter().map(String::as_str).filter(|name| *name != "novelty").collect();
+        let told: BTreeSet<&str> = names
+            .iter()
+            .map(String::as_str)
+            .filter(|name| *name != "novelty")
+            .collect();
         assert_eq!(told, given);
         assert_eq!(names.len(), told.len() + 1, "each once");
     }
@@ -101,6 +119,9 @@ mod tests {
         assert_eq!(nearest("RMS")[0], "rms");
         assert_eq!(nearest("mehs_2")[0], "mesh_2");
         assert_eq!(nearest(&"x".repeat(100_000)).len(), 3);
-        assert_eq!((edits("abc", "acb"), edits("", "ab"), edits("rms", "rms")), (1, 2, 0));
+        assert_eq!(
+            (edits("abc", "acb"), edits("", "ab"), edits("rms", "rms")),
+            (1, 2, 0)
+        );
     }
 }

@@ -26,7 +26,8 @@ pub enum Absence {
     TooFewTurns,
     /// The shaft speed varies so much that the record would grow fourfold over the shaft's angle.
     SpeedVaries,
-    /// Samples stand at the converter's limit: 3 or more in a row at the highest or lowest value, which the signal reaches steeply.
+    /// Samples stand at the converter's limit: 3 or more in a row at the highest or lowest value, which the
+    /// signal reaches steeply.
     Clipped,
     /// Samples are missing: 64 or more in a row are equal.
     Gaps,
@@ -38,7 +39,8 @@ pub enum Absence {
     OtherMesh,
 }
 
-/// The condition indicators of one record by name; those that could not be computed are absent with a reason, never zero.
+/// The condition indicators of one record by name; those that could not be computed are absent with a reason,
+/// never zero.
 ///
 /// | name | definition | unit |
 /// | --- | --- | --- |
@@ -50,9 +52,10 @@ pub enum Absence {
 /// | `mesh_h` | peak amplitude of the line at h × mesh frequency, h = 1 …: Hann window, amplitude-corrected, interpolated between bins | the record's |
 /// | `band_…` | root mean square of a band that the user defines: see [`Band`](super::Band) | the record's, or mm/s |
 ///
-/// Over the angle of the driving shaft, by [`Analyzer::gear_indicators`](super::Analyzer::gear_indicators): x is the synchronous average
-/// over at least 4 turns, its mean removed, g its regular signal (shaft orders 1 and 2, all mesh harmonics), r = x − g the residual, d the
-/// difference (r without the first-order sidebands of every mesh harmonic), z the teeth, A(k) the amplitude of x at shaft order k.
+/// Over the angle of the driving shaft, by [`Analyzer::gear_indicators`](super::Analyzer::gear_indicators): x
+/// is the synchronous average over at least 4 turns, its mean removed, g its regular signal (shaft orders 1
+/// and 2, all mesh harmonics), r = x − g the residual, d the difference (r without the first-order sidebands
+/// of every mesh harmonic), z the teeth, A(k) the amplitude of x at shaft order k.
 ///
 /// | name | definition | unit |
 /// | --- | --- | --- |
@@ -102,7 +105,8 @@ impl Indicators {
         self.absent.extend(others.absent);
     }
 
-    /// The unit of an indicator of a record in `unit`: `"1"` where it has none. `bands` are those that the user defined.
+    /// The unit of an indicator of a record in `unit`: `"1"` where it has none. `bands` are those that the
+    /// user defined.
     pub fn unit(name: &str, unit: &str, bands: &[Band]) -> String {
         const DIMENSIONLESS: [&str; 12] = [
             "novelty",

@@ -22,8 +22,8 @@ pub(super) struct Kernel {
     arch: Arch,
 }
 
-/// In one part of the interval, for each power, rising, the coefficients of all samples. Aligned, because a register that is loaded from two
-/// lines of the cache takes twice as long, and that is what this costs.
+/// In one part of the interval, for each power, rising, the coefficients of all samples. Aligned, because a
+/// register that is loaded from two lines of the cache takes twice as long, and that is what this costs.
 #[repr(align(64))]
 struct Phase([[f64; TAPS]; COEFFICIENTS]);
 
@@ -38,13 +38,22 @@ impl Kernel {
             for tap in 0..TAPS {
                 let chebyshev: [f64; COEFFICIENTS] = std::array::from_fn(|degree| {
                     let sum: f64 = (0..COEFFICIENTS)
-                        .map(|node| nodes[node][tap] * (PI * degree as f64 * (node as f64 + 0.5) / COEFFICIENTS as f64).cos())
+                        .map(|node| {
+                            nodes[node][tap]
+                                * (PI * degree as f64 * (node as f64 + 0.5) / COEFFICIENTS as f64).cos()
+                        })
                         .sum();
                     sum * if degree == 0 { 1.0 } else { 2.0 } / COEFFICIENTS as f64
                 });
                 let [c0, c1, c2, c3, c4] = chebyshev;
                 // T2 = 2t² − 1, T3 = 4t³ − 3t, T4 = 8t⁴ − 8t² + 1.
-                let monomials = [c0 - c2 + c4, c1 - 3.0 * c3, 2.0 * c2 - 8.0 * c4, 4.0 * c3, 8.0 * c4];
+                let monomials = [
+                    c0 - c2 + c4,
+                    c1 - 3.0 * c3,
+                    2.0 * c2 - 8.0 * c4,
+                    4.0 * c3,
+                    8.0 * c4,
+                ];
                 for (power, value) in powers.iter_mut().zip(monomials) {
                     power[tap] = value;
                 }
@@ -62,7 +71,8 @@ impl Kernel {
         self.arch
     }
 
-    /// The signal at `positions`, each at least 16 samples from either end, in the processor's widest registers.
+    /// The signal at `positions`, each at least 16 samples from either end, in the processor's widest
+    /// registers.
     pub(super) fn interpolate(&self, samples: &[f64], positions: &[f64], values: &mut [f64]) {
         self.arch.dispatch(Interpolation {
             phases: &self.phases,
@@ -99,7 +109,8 @@ impl WithSimd for Interpolation<'_> {
             let ((c0, _), (c1, _), (c2, _)) = (S::as_simd_f64s(c0), S::as_simd_f64s(c1), S::as_simd_f64s(c2));
             let ((c3, _), (c4, _)) = (S::as_simd_f64s(c3), S::as_simd_f64s(c4));
             let mut sum = simd.splat_f64s(0.0);
-            for (((((&x, &c0), &c1), &c2), &c3), &c4) in around.iter().zip(c0).zip(c1).zip(c2).zip(c3).zip(c4) {
+            for (((((&x, &c0), &c1), &c2), &c3), &c4) in around.iter().zip(c0).zip(c1).zip(c2).zip(c3).zip(c4)
+            {
                 let weight = simd.mul_add_e_f64s(c4, t, c3);
                 let weight = simd.mul_add_e_f64s(weight, t, c2);
                 let weight = simd.mul_add_e_f64s(weight, t, c1);
@@ -111,7 +122,8 @@ impl WithSimd for Interpolation<'_> {
     }
 }
 
-/// sinc·Blackman at the 32 samples around a point this part of an interval after the sixteenth, over their sum.
+/// sinc·Blackman at the 32 samples around a point this part of an interval after the sixteenth, over their
+/// sum.
 fn weights(fraction: f64) -> [f64; TAPS] {
     let weights: [f64; TAPS] = std::array::from_fn(|k| {
         let u = k as f64 + 1.0 - REACH as f64 - fraction;

@@ -34,7 +34,8 @@ pub struct Kurtogram {
 pub struct KurtogramLevel {
     /// Width of a band in hertz.
     pub bandwidth_hz: f64,
-    /// Kurtosis of each band's envelope, from the lowest frequency up: 0 in Gaussian noise, −1 of a steady sine; 0 too where there is nothing.
+    /// Kurtosis of each band's envelope, from the lowest frequency up: 0 in Gaussian noise, −1 of a steady
+    /// sine; 0 too where there is nothing.
     pub kurtosis: Vec<f64>,
 }
 
@@ -67,13 +68,14 @@ impl Default for KurtogramWork {
 }
 
 impl Analyzer {
-    /// The spectral kurtosis E|c|⁴/(E|c|²)² − 2 of the complex envelope c of every band of a binary-ternary division of the spectrum, and its
-    /// highest (J. Antoni, Fast computation of the kurtogram for the detection of transient faults, Mechanical Systems and Signal
-    /// Processing 21, 2007, 108–124).
+    /// The spectral kurtosis E|c|⁴/(E|c|²)² − 2 of the complex envelope c of every band of a binary-ternary
+    /// division of the spectrum, and its highest (J. Antoni, Fast computation of the kurtogram for the
+    /// detection of transient faults, Mechanical Systems and Signal Processing 21, 2007, 108–124).
     ///
-    /// Where Antoni filters with a tree of short filters, a band here is a stretch of bins of the record's one transform: edges as sharp as the
-    /// record allows, and no drift of frequencies down the tree. The envelope has more than two samples a bin, for which the means of |c|²
-    /// and |c|⁴ are exactly those of the full sampling rate. Divisions go on to 256 bands or while a band has 64 bins.
+    /// Where Antoni filters with a tree of short filters, a band here is a stretch of bins of the record's
+    /// one transform: edges as sharp as the record allows, and no drift of frequencies down the tree. The
+    /// envelope has more than two samples a bin, for which the means of |c|² and |c|⁴ are exactly those of
+    /// the full sampling rate. Divisions go on to 256 bands or while a band has 64 bins.
     ///
     /// # Errors
     /// [`Absence::Constant`], or [`Absence::TooShort`] below 129 samples.
@@ -85,7 +87,8 @@ impl Analyzer {
             let resolution_hz = self.work.resolution_hz(record);
             let usable = (self.work.length - 1) / 2;
             let nyquist_hz = 0.5 * record.sample_rate_hz();
-            self.kurtogram.of(&self.work.bins[1..=usable], resolution_hz, nyquist_hz)
+            self.kurtogram
+                .of(&self.work.bins[1..=usable], resolution_hz, nyquist_hz)
         };
         self.give_back(record);
         answer
@@ -94,7 +97,12 @@ impl Analyzer {
 
 impl KurtogramWork {
     /// The kurtogram of the bins from 1 on, `resolution_hz` apart, the last one below `nyquist_hz`.
-    fn of(&mut self, bins: &[Complex<f64>], resolution_hz: f64, nyquist_hz: f64) -> Result<Kurtogram, Absence> {
+    fn of(
+        &mut self,
+        bins: &[Complex<f64>],
+        resolution_hz: f64,
+        nyquist_hz: f64,
+    ) -> Result<Kurtogram, Absence> {
         let mut levels = Vec::new();
         let mut best: Option<(f64, KurtogramBand)> = None;
         let strongest = bins.iter().map(|bin| bin.norm_sqr()).fold(0.0, f64::max);
@@ -108,12 +116,16 @@ impl KurtogramWork {
             for (band, &kurtosis) in kurtosis.iter().enumerate() {
                 // On a tie the wider band, which is seen first.
                 if best.is_none_or(|(highest, _)| kurtosis > highest) {
-                    let band_hz = [edge(band), edge(band + 1)].map(|edge| ((edge as f64 + 0.5) * resolution_hz).min(nyquist_hz));
+                    let band_hz = [edge(band), edge(band + 1)]
+                        .map(|edge| ((edge as f64 + 0.5) * resolution_hz).min(nyquist_hz));
                     best = Some((kurtosis, KurtogramBand { band_hz, kurtosis }));
                 }
             }
             let bandwidth_hz = bins.len() as f64 / bands as f64 * resolution_hz;
-            levels.push(KurtogramLevel { bandwidth_hz, kurtosis });
+            levels.push(KurtogramLevel {
+                bandwidth_hz,
+                kurtosis,
+            });
         }
         let (_, best) = best.ok_or(Absence::TooShort)?;
         Ok(Kurtogram { levels, best })
@@ -141,7 +153,11 @@ impl KurtogramWork {
         }
         let mut fourth = 0.0;
         for (real, imaginary) in self.real.chunks(64).zip(self.imaginary.chunks(64)) {
-            let sum: f64 = real.iter().zip(imaginary).map(|(re, im)| (re * re + im * im).powi(2)).sum();
+            let sum: f64 = real
+                .iter()
+                .zip(imaginary)
+                .map(|(re, im)| (re * re + im * im).powi(2))
+                .sum();
             fourth += sum;
         }
         fourth / samples as f64 - 2.0
@@ -195,7 +211,8 @@ mod tests {
         Analyzer::new(AnalysisSettings::default())
     }
 
-    /// A resonance at 6 kHz that rings for 1 ms is struck 87 times a second, under noise twice its strength and a strong low tone.
+    /// A resonance at 6 kHz that rings for 1 ms is struck 87 times a second, under noise twice its strength
+    /// and a strong low tone.
     fn struck(samples: usize) -> Record {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let signal = (0..samples).map(|i| {
@@ -225,13 +242,18 @@ mod tests {
         let cases: Vec<Case> = serde_json::from_str(text).unwrap();
         assert_eq!(cases.len(), 4);
         for case in cases {
-            let record = Record::new("1", Timestamp::UNIX_EPOCH, case.sample_rate_hz, "g", case.samples).unwrap();
+            let record =
+                Record::new("1", Timestamp::UNIX_EPOCH, case.sample_rate_hz, "g", case.samples).unwrap();
             let got = analyzer().kurtogram(&record).unwrap();
             assert_eq!(got.levels.len(), case.levels.len(), "{}", case.name);
             for (got, want) in got.levels.iter().zip(&case.levels) {
                 assert_eq!(got.kurtosis.len(), want.len());
                 for (got, want) in got.kurtosis.iter().zip(want) {
-                    assert!((got - want).abs() <= 1e-9 * (want.abs() + 2.0), "{}: {got} {want}", case.name);
+                    assert!(
+                        (got - want).abs() <= 1e-9 * (want.abs() + 2.0),
+                        "{}: {got} {want}",
+                        case.name
+                    );
                 }
             }
             assert!((got.best.kurtosis - case.best_kurtosis).abs() < 1e-8);
@@ -247,10 +269,17 @@ mod tests {
         let mut analyzer = analyzer();
         let found = analyzer.kurtogram(&record).unwrap();
         let [low, high] = found.best.band_hz;
-        assert!(low < 6000.0 && 6000.0 < high && high - low < 3500.0, "{:?}", found.best);
+        assert!(
+            low < 6000.0 && 6000.0 < high && high - low < 3500.0,
+            "{:?}",
+            found.best
+        );
         assert!(found.best.kurtosis > 1.0, "{:?}", found.best);
         let band = analyzer.envelope_band(&record, None, EnvelopeSearch::Kurtogram);
-        assert_eq!((band.band_hz, band.source), (found.best.band_hz, BandSource::Kurtogram));
+        assert_eq!(
+            (band.band_hz, band.source),
+            (found.best.band_hz, BandSource::Kurtogram)
+        );
         assert_eq!(band.spectral_kurtosis, Some(found.best.kurtosis));
         let envelope = analyzer.envelope_spectrum(&record, band.band_hz).unwrap();
         let highest = (20..1000)
@@ -266,22 +295,40 @@ mod tests {
         let noise = record((0..40_000).map(|_| StandardNormal.sample(&mut random)).collect());
         let found = analyzer().kurtogram(&noise).unwrap();
         assert_eq!(
-            found.levels.iter().map(|level| level.kurtosis.len()).collect::<Vec<_>>(),
+            found
+                .levels
+                .iter()
+                .map(|level| level.kurtosis.len())
+                .collect::<Vec<_>>(),
             divisions(19_999).collect::<Vec<_>>()
         );
         assert_eq!(found.levels.last().unwrap().kurtosis.len(), 256);
         for level in &found.levels {
             let bins = 19_999.0 / level.kurtosis.len() as f64;
-            assert!(level.kurtosis.iter().all(|k| k.abs() < 4.5 * 2.0 / f64::sqrt(bins)), "{level:?}");
+            assert!(
+                level
+                    .kurtosis
+                    .iter()
+                    .all(|k| k.abs() < 4.5 * 2.0 / f64::sqrt(bins)),
+                "{level:?}"
+            );
         }
-        let sine = record((0..40_000).map(|i| (TAU * 3001.7 * f64::from(i) / RATE_HZ).sin() as f32).collect());
+        let sine = record(
+            (0..40_000)
+                .map(|i| (TAU * 3001.7 * f64::from(i) / RATE_HZ).sin() as f32)
+                .collect(),
+        );
         assert!((analyzer().kurtogram(&sine).unwrap().levels[0].kurtosis[0] + 1.0).abs() < 1e-3);
     }
 
     #[test]
     fn short_and_constant_records_say_why() {
-        assert_eq!(analyzer().kurtogram(&record(vec![1.0; 1000])), Err(Absence::Constant));
-        let short = |samples: usize| analyzer().kurtogram(&record((0..samples).map(|i| (i % 7) as f32).collect()));
+        assert_eq!(
+            analyzer().kurtogram(&record(vec![1.0; 1000])),
+            Err(Absence::Constant)
+        );
+        let short =
+            |samples: usize| analyzer().kurtogram(&record((0..samples).map(|i| (i % 7) as f32).collect()));
         assert_eq!(short(128), Err(Absence::TooShort));
         assert_eq!(short(129).unwrap().levels.len(), 1);
         let band = analyzer().envelope_band(&record(vec![1.0, 2.0]), None, EnvelopeSearch::Kurtogram);

@@ -32,10 +32,11 @@
 //! # Ok::<(), flankwatch_signal::RecordError>(())
 //! ```
 //!
-//! It knows nothing of gears beyond tooth numbers and shaft speed; simulated and measured records go through the same code.
-//! An analyzer transforms a record once, without a window; the Hann spectrum, the mesh comb, all lines and the envelopes of bands
-//! come from those bins. Signals over the shaft's angle ([`AngleRecord`], [`GearSignals`]) cost a resampling more and are worked out
-//! on request; [`Analyzer::condition`] gives the indicators over time and angle together.
+//! It knows nothing of gears beyond tooth numbers and shaft speed; simulated and measured records go through
+//! the same code. An analyzer transforms a record once, without a window; the Hann spectrum, the mesh comb,
+//! all lines and the envelopes of bands come from those bins. Signals over the shaft's angle
+//! ([`AngleRecord`], [`GearSignals`]) cost a resampling more and are worked out on request;
+//! [`Analyzer::condition`] gives the indicators over time and angle together.
 //!
 //! # Features
 //! - `openapi`: `utoipa::ToSchema` for what is computed.

@@ -1,4 +1,5 @@
-//! Reading one line of a Hann amplitude spectrum between its bins, and the noise beside it. Positions are in bins.
+//! Reading one line of a Hann amplitude spectrum between its bins, and the noise beside it. Positions are in
+//! bins.
 
 use std::f64::consts::{LN_2, PI};
 
@@ -11,7 +12,8 @@ const SEARCH_BINS: f64 = 1.5;
 /// And this part of its own position more: no speed is known better.
 const SEARCH_FRACTION: f64 = 1e-4;
 
-/// A line that stands out is looked for this part of its position further away: shaft speeds wander within a record.
+/// A line that stands out is looked for this part of its position further away: shaft speeds wander within a
+/// record.
 const WANDER_FRACTION: f64 = 5e-4;
 
 /// What stands out: noise alone reaches 4 times its root mean square in one bin of e¹⁶ = 9 million.
@@ -37,8 +39,9 @@ pub(super) fn fits(position: f64, bins: usize) -> bool {
     position >= MAIN_LOBE_BINS && position + MAIN_LOBE_BINS <= bins as f64 - 1.0
 }
 
-/// Reads the line expected at `position`: the highest peak within 1.5 bins (and 10⁻⁴ of the position) of it, interpolated; the
-/// nearest bin's amplitude where there is no peak, as on the flank of a stronger line. `None` where the line does not fit.
+/// Reads the line expected at `position`: the highest peak within 1.5 bins (and 10⁻⁴ of the position) of it,
+/// interpolated; the nearest bin's amplitude where there is no peak, as on the flank of a stronger line.
+/// `None` where the line does not fit.
 pub(super) fn read_line(amplitude: &[f64], position: f64) -> Option<LineReading> {
     if !fits(position, amplitude.len()) {
         return None;
@@ -51,7 +54,8 @@ pub(super) fn search_reach(position: f64) -> f64 {
     SEARCH_BINS + SEARCH_FRACTION * position
 }
 
-/// The same in the part of a spectrum that begins at bin `first` and holds the bins within reach of `position` and one more on each side.
+/// The same in the part of a spectrum that begins at bin `first` and holds the bins within reach of
+/// `position` and one more on each side.
 pub(super) fn read_line_in(amplitude: &[f64], first: usize, position: f64) -> LineReading {
     let inside = position - first as f64;
     let mut line = highest_peak(amplitude, inside, search_reach(position)).unwrap_or(LineReading {
@@ -62,14 +66,20 @@ pub(super) fn read_line_in(amplitude: &[f64], first: usize, position: f64) -> Li
     line
 }
 
-/// Reads a mesh line as [`read_line`] does, or the highest peak within 5·10⁻⁴ of its position (at most `reach` bins away) where
-/// that one stands 4 times above `noise`, the root-mean-square amplitude of the noise in one bin. The condition keeps weak lines from
-/// being read as the highest of much noise.
-pub(super) fn read_mesh_line(amplitude: &[f64], position: f64, reach: f64, noise: Option<f64>) -> Option<LineReading> {
+/// Reads a mesh line as [`read_line`] does, or the highest peak within 5·10⁻⁴ of its position (at most
+/// `reach` bins away) where that one stands 4 times above `noise`, the root-mean-square amplitude of the
+/// noise in one bin. The condition keeps weak lines from being read as the highest of much noise.
+pub(super) fn read_mesh_line(
+    amplitude: &[f64],
+    position: f64,
+    reach: f64,
+    noise: Option<f64>,
+) -> Option<LineReading> {
     let near = read_line(amplitude, position)?;
     let far = noise.and_then(|noise| {
         let reach = (SEARCH_BINS + WANDER_FRACTION * position).min(reach);
-        highest_peak(amplitude, position, reach).filter(|peak| peak.amplitude > near.amplitude && peak.amplitude >= STANDING_OUT * noise)
+        highest_peak(amplitude, position, reach)
+            .filter(|peak| peak.amplitude > near.amplitude && peak.amplitude >= STANDING_OUT * noise)
     });
     Some(far.unwrap_or(near))
 }
@@ -83,8 +93,9 @@ fn highest_peak(amplitude: &[f64], position: f64, reach: f64) -> Option<LineRead
         .map(|k| interpolate(amplitude, k))
 }
 
-/// The sine that a peak at bin `k` belongs to. With α the ratio of the higher neighbour to the peak, the Hann window's
-/// transform sin(πδ)/(πδ(1−δ²)) gives its distance δ = (2α−1)/(α+1) from the bin, and then its amplitude.
+/// The sine that a peak at bin `k` belongs to. With α the ratio of the higher neighbour to the peak, the Hann
+/// window's transform sin(πδ)/(πδ(1−δ²)) gives its distance δ = (2α−1)/(α+1) from the bin, and then its
+/// amplitude.
 fn interpolate(amplitude: &[f64], k: usize) -> LineReading {
     let (before, peak, after) = (amplitude[k - 1], amplitude[k], amplitude[k + 1]);
     let side = if after >= before { 1.0 } else { -1.0 };
@@ -102,8 +113,9 @@ fn interpolate(amplitude: &[f64], k: usize) -> LineReading {
     }
 }
 
-/// Root-mean-square amplitude of the noise in one bin from the median of many: in Gaussian noise the amplitude is Rayleigh
-/// distributed, its median √(ln 2) of its root mean square. A few lines among the bins hardly move a median.
+/// Root-mean-square amplitude of the noise in one bin from the median of many: in Gaussian noise the
+/// amplitude is Rayleigh distributed, its median √(ln 2) of its root mean square. A few lines among the bins
+/// hardly move a median.
 ///
 /// Reorders `values`; `None` where there are none.
 pub(super) fn noise_amplitude(values: &mut [f64]) -> Option<f64> {
@@ -117,9 +129,16 @@ pub(super) fn noise_amplitude(values: &mut [f64]) -> Option<f64> {
 
 /// Root-mean-square amplitude of the noise in one bin near `position`, from up to 32 bins on each side.
 ///
-/// Left out are the main lobe of the line itself and, where `spacing` says how far apart in bins further lines lie, theirs too.
-/// The bins reach at most `reach` from the line. `None` where fewer than 8 bins are left.
-pub(super) fn background(amplitude: &[f64], position: f64, spacing: Option<f64>, reach: f64, scratch: &mut Vec<f64>) -> Option<f64> {
+/// Left out are the main lobe of the line itself and, where `spacing` says how far apart in bins further
+/// lines lie, theirs too. The bins reach at most `reach` from the line. `None` where fewer than 8 bins are
+/// left.
+pub(super) fn background(
+    amplitude: &[f64],
+    position: f64,
+    spacing: Option<f64>,
+    reach: f64,
+    scratch: &mut Vec<f64>,
+) -> Option<f64> {
     scratch.clear();
     let clear = MAIN_LOBE_BINS + 0.5 + SEARCH_FRACTION * position;
     let is_between_lines = |bin: usize| {
@@ -129,8 +148,14 @@ pub(super) fn background(amplitude: &[f64], position: f64, spacing: Option<f64>,
     };
     let highest = amplitude.len().saturating_sub(2);
     let above = ((position + clear) as usize)..=highest.min((position + reach) as usize);
-    let below = (MAIN_LOBE_BINS as usize).max((position - reach).max(0.0) as usize)..=highest.min((position - clear).max(0.0) as usize);
-    scratch.extend(above.filter(|&k| is_between_lines(k)).take(BACKGROUND_BINS).map(|k| amplitude[k]));
+    let below = (MAIN_LOBE_BINS as usize).max((position - reach).max(0.0) as usize)
+        ..=highest.min((position - clear).max(0.0) as usize);
+    scratch.extend(
+        above
+            .filter(|&k| is_between_lines(k))
+            .take(BACKGROUND_BINS)
+            .map(|k| amplitude[k]),
+    );
     scratch.extend(
         below
             .rev()
@@ -203,7 +228,9 @@ mod tests {
     #[test]
     fn a_wandering_mesh_line_is_read_where_it_stands_out() {
         let mut x = sine(80_000, 20_000.0, 0.0);
-        x.iter_mut().zip(sine(80_000, 20_006.2, 1.0)).for_each(|(x, y)| *x += 2.0 * y);
+        x.iter_mut()
+            .zip(sine(80_000, 20_006.2, 1.0))
+            .for_each(|(x, y)| *x += 2.0 * y);
         let amplitude = spectrum(x);
         let read = |reach, noise| read_mesh_line(&amplitude, 20_000.0, reach, noise).unwrap();
         assert!((read(100.0, Some(1.2)).position - 20_006.2).abs() < 0.01);
@@ -218,7 +245,8 @@ mod tests {
         assert_eq!(read_line(&amplitude, 20.2).unwrap().amplitude, 80.0);
     }
 
-    /// White noise of unit variance: E|A|² of a one-sided Hann bin is 4·1.5/N (equivalent noise bandwidth 1.5 bins).
+    /// White noise of unit variance: E|A|² of a one-sided Hann bin is 4·1.5/N (equivalent noise bandwidth 1.5
+    /// bins).
     #[test]
     fn background_is_the_noise_between_lines() {
         let length = 20_000;
@@ -232,7 +260,16 @@ mod tests {
         let expected = (4.0 * 1.5 / length as f64).sqrt();
         let mut scratch = Vec::new();
         let mean: f64 = (0..40)
-            .map(|i| background(&amplitude, 4000.3 + 100.0 * f64::from(i), Some(16.0), 200.0, &mut scratch).unwrap())
+            .map(|i| {
+                background(
+                    &amplitude,
+                    4000.3 + 100.0 * f64::from(i),
+                    Some(16.0),
+                    200.0,
+                    &mut scratch,
+                )
+                .unwrap()
+            })
             .sum::<f64>()
             / 40.0;
         assert!((mean / expected - 1.0).abs() < 0.05, "{mean} {expected}");

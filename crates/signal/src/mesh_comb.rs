@@ -6,7 +6,8 @@ use super::smeared_comb;
 /// Orders of the comb: the lowest harmonics are the ones that stand out.
 const ORDERS: usize = 5;
 
-/// From here on a line's ratio to the background adds to the score by its logarithm only: a comb is more than its strongest line.
+/// From here on a line's ratio to the background adds to the score by its logarithm only: a comb is more than
+/// its strongest line.
 const STRONG_LINE: f64 = 16.0;
 
 /// Weight of the once-per-turn sidebands, which tell the mesh line from a strong sideband of it.
@@ -32,24 +33,32 @@ const BACKGROUND_BINS: f64 = 64.0;
 pub(super) struct MeshComb {
     /// The mesh frequency in bins.
     pub(super) mesh: f64,
-    /// Root mean square over the comb's lines of amplitude to background (the noise's root-mean-square amplitude in one bin):
-    /// about 1 in noise.
+    /// Root mean square over the comb's lines of amplitude to background (the noise's root-mean-square
+    /// amplitude in one bin): about 1 in noise.
     pub(super) to_background: f64,
 }
 
 /// Looks for the comb h·f, h = 1 … 5 (as far as it fits), with f from `low` to `high` bins.
 ///
-/// A candidate's score is the sum of its lines' ratios A_h/b_h, b_h the median-based noise around order h; above 16 a ratio r counts as
-/// 16·(1 + ln(r/16)). The candidate must pass the level that white
-/// noise passes once in a thousand records over all candidates together; among those that do, the highest with half the score of the
-/// sidebands at h·f ± f/teeth is taken (where the record resolves the shaft), and its frequency refined by its lines' own positions.
-pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], teeth: u32, scratch: &mut Vec<f64>) -> Option<MeshComb> {
+/// A candidate's score is the sum of its lines' ratios A_h/b_h, b_h the median-based noise around order h;
+/// above 16 a ratio r counts as 16·(1 + ln(r/16)). The candidate must pass the level that white noise passes
+/// once in a thousand records over all candidates together; among those that do, the highest with half the
+/// score of the sidebands at h·f ± f/teeth is taken (where the record resolves the shaft), and its frequency
+/// refined by its lines' own positions.
+pub(super) fn find(
+    amplitude: &[f64],
+    [low, high]: [f64; 2],
+    teeth: u32,
+    scratch: &mut Vec<f64>,
+) -> Option<MeshComb> {
     let low = low.max(MESH_RESOLVED_BINS);
     let in_order = low <= high;
     if !in_order {
         return None;
     }
-    let orders = (1..=ORDERS).take_while(|order| fits(*order as f64 * high, amplitude.len())).count();
+    let orders = (1..=ORDERS)
+        .take_while(|order| fits(*order as f64 * high, amplitude.len()))
+        .count();
     let mut noise = [0.0; ORDERS];
     for (order, noise) in (1..).zip(&mut noise[..orders]) {
         *noise = order_noise(amplitude, f64::from(order), [low, high], scratch);
@@ -116,9 +125,11 @@ fn order_noise(amplitude: &[f64], order: f64, [low, high]: [f64; 2], scratch: &m
     noise_amplitude(scratch).unwrap_or(0.0).max(NOISE_FLOOR * highest)
 }
 
-/// The score that one of `candidates` combs of `orders` lines in white noise passes with probability 10⁻³ or less.
+/// The score that one of `candidates` combs of `orders` lines in white noise passes with probability 10⁻³ or
+/// less.
 ///
-/// The ratios' squares are exponential with mean 1, so their sum E is Gamma distributed, and Σr ≤ √(orders·E) bounds the score.
+/// The ratios' squares are exponential with mean 1, so their sum E is Gamma distributed, and Σr ≤ √(orders·E)
+/// bounds the score.
 fn detection_level(orders: usize, candidates: usize) -> f64 {
     let ln_probability = (FALSE_ALARM / candidates as f64).ln();
     let ln_tail = |x: f64| {
@@ -147,7 +158,9 @@ fn refine(amplitude: &[f64], mesh: f64, noise: &[f64]) -> MeshComb {
     let (mut weights, mut weighted, mut squares) = (0.0, 0.0, 0.0);
     for (index, noise) in noise.iter().enumerate() {
         let order = index as f64 + 1.0;
-        let Some(line) = read_line(amplitude, order * mesh) else { continue };
+        let Some(line) = read_line(amplitude, order * mesh) else {
+            continue;
+        };
         let weight = (line.amplitude / noise).powi(2);
         weights += weight;
         weighted += weight * line.position / order;
@@ -191,7 +204,8 @@ mod tests {
         find(&amplitude, range, teeth, &mut Vec::new())
     }
 
-    /// The level promises at most 1 in 1000; 1200 seeded records of three lengths should give about one at most.
+    /// The level promises at most 1 in 1000; 1200 seeded records of three lengths should give about one at
+    /// most.
     #[test]
     fn white_noise_has_no_comb() {
         let mut found = 0;
@@ -221,7 +235,8 @@ mod tests {
         }
     }
 
-    /// A first sideband three times as strong as the mesh line itself lies in the range too (± 5 % holds ± 1 of 24 teeth).
+    /// A first sideband three times as strong as the mesh line itself lies in the range too (± 5 % holds ± 1
+    /// of 24 teeth).
     #[test]
     fn a_stronger_sideband_is_not_taken_for_the_mesh_line() {
         let length = 40_000;

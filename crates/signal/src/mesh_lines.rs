@@ -52,8 +52,8 @@ impl MeshPositions {
         }
     }
 
-    /// Whether the line `sideband` shaft rates beside mesh harmonic `order` is this mesh's alone: no line of another one that is known of is read
-    /// in its place.
+    /// Whether the line `sideband` shaft rates beside mesh harmonic `order` is this mesh's alone: no line of
+    /// another one that is known of is read in its place.
     pub(super) fn is_own(&self, order: f64, sideband: f64) -> bool {
         if self.others.is_empty() {
             return true;
@@ -65,7 +65,8 @@ impl MeshPositions {
         !self.others.lie_at(shaft_orders, reach / bins_per_order)
     }
 
-    /// Mesh harmonic `order` and the noise in one bin beside it; `None` where it does not lie below half the sampling rate.
+    /// Mesh harmonic `order` and the noise in one bin beside it; `None` where it does not lie below half the
+    /// sampling rate.
     pub(super) fn read(&self, work: &mut RecordSpectrum, order: f64) -> Option<(LineReading, Option<f64>)> {
         let position = order * self.mesh_bins;
         let noise = self.noise(work, order);
@@ -75,7 +76,13 @@ impl MeshPositions {
 
     fn noise(&self, work: &mut RecordSpectrum, order: f64) -> Option<f64> {
         let reach = 0.5 * self.mesh_bins;
-        background(&work.amplitude, order * self.mesh_bins, self.shaft_bins, reach, &mut work.sorting)
+        background(
+            &work.amplitude,
+            order * self.mesh_bins,
+            self.shaft_bins,
+            reach,
+            &mut work.sorting,
+        )
     }
 
     fn has_own_sidebands(&self, order: usize) -> bool {
@@ -87,12 +94,17 @@ impl MeshPositions {
         let Some(shaft_bins) = self.shaft_bins else { return };
         for order in (1..=SIDEBAND_HARMONICS).filter(|order| self.has_own_sidebands(*order)) {
             let centre = order as f64 * self.mesh_bins;
-            let sidebands = (1..=SIDEBANDS).flat_map(|k| [centre - k as f64 * shaft_bins, centre + k as f64 * shaft_bins]);
+            let sidebands = (1..=SIDEBANDS)
+                .flat_map(|k| [centre - k as f64 * shaft_bins, centre + k as f64 * shaft_bins]);
             let energy: Option<f64> = sidebands
-                .map(|position| read_line(&work.amplitude, position).map(|line| line.amplitude * line.amplitude))
+                .map(|position| {
+                    read_line(&work.amplitude, position).map(|line| line.amplitude * line.amplitude)
+                })
                 .sum();
             let Some(energy) = energy else { return };
-            let noise = self.noise(work, order as f64).map(|noise| noise * (2.0 * SIDEBANDS as f64).sqrt());
+            let noise = self
+                .noise(work, order as f64)
+                .map(|noise| noise * (2.0 * SIDEBANDS as f64).sqrt());
             features.insert_line(format!("ln_sideband_{order}"), energy.sqrt(), noise, deviation);
         }
     }
@@ -105,12 +117,22 @@ impl MeshPositions {
             if centre <= reach + 1.0 || !fits(centre + reach, work.bins.len()) {
                 return;
             }
-            let band = [(centre - reach).ceil() as usize, (centre + reach).floor() as usize];
-            work.envelope.compute(&work.bins, work.length, band, &mut work.transforms);
+            let band = [
+                (centre - reach).ceil() as usize,
+                (centre + reach).floor() as usize,
+            ];
+            work.envelope
+                .compute(&work.bins, work.length, band, &mut work.transforms);
             let Some(line) = read_line(&work.envelope.amplitude, shaft_bins) else {
                 return;
             };
-            let noise = background(&work.envelope.amplitude, shaft_bins, Some(shaft_bins), reach, &mut work.sorting);
+            let noise = background(
+                &work.envelope.amplitude,
+                shaft_bins,
+                Some(shaft_bins),
+                reach,
+                &mut work.sorting,
+            );
             features.insert_line(format!("ln_env_{order}"), line.amplitude, noise, deviation);
         }
     }

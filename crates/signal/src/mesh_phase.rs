@@ -14,7 +14,8 @@ const HARMONICS: u32 = 5;
 /// The same where the wander of the speed is known roughly.
 const HARMONICS_ALONG: u32 = 10;
 
-/// Reach of the band around a line whose frequency is known, in shaft rates: just short of the first sidebands.
+/// Reach of the band around a line whose frequency is known, in shaft rates: just short of the first
+/// sidebands.
 const KNOWN_REACH_SHAFTS: f64 = 0.9;
 
 /// The widest band around a harmonic, as a part of its frequency: its neighbours must stay outside.
@@ -35,8 +36,8 @@ const LOST_LINE: f64 = 0.25;
 /// A line must stand this far above the background, as a ratio of amplitudes.
 const LEAST_RATIO: f64 = 4.0;
 
-/// From this ratio on no turn of the phase is lost or gained in noise, and the harmonic with the least error of the angle is the best one;
-/// below it the one that stands out most.
+/// From this ratio on no turn of the phase is lost or gained in noise, and the harmonic with the least error
+/// of the angle is the best one; below it the one that stands out most.
 const SAFE_RATIO: f64 = 8.0;
 
 /// Turns at each end that are left out: the band's filter has not settled there.
@@ -58,22 +59,32 @@ pub(super) struct MeshBand<'a> {
 }
 
 impl MeshBand<'_> {
-    /// The shaft's angle by the phase of a harmonic within ± 0.9 shaft rates of `mesh_hz`: for a speed that varies less than that.
+    /// The shaft's angle by the phase of a harmonic within ± 0.9 shaft rates of `mesh_hz`: for a speed that
+    /// varies less than that.
     pub(super) fn track_known(&self, transforms: &mut Transforms) -> Option<ShaftAngle> {
         let reach_hz = KNOWN_REACH_SHAFTS * self.mesh_hz / f64::from(self.teeth);
         self.track(|_| Some(reach_hz), transforms)
     }
 
-    /// The shaft's angle where the speed may be anywhere within this tolerance (a fraction) of the expected one, and move.
+    /// The shaft's angle where the speed may be anywhere within this tolerance (a fraction) of the expected
+    /// one, and move.
     pub(super) fn track_wide(&self, tolerance: f64, transforms: &mut Transforms) -> Option<ShaftAngle> {
         let part = tolerance + TOLERANCE_MARGIN;
-        let reach = |harmonic: f64| (harmonic * part <= WIDEST_REACH_MESHES).then_some(harmonic * part * self.mesh_hz);
+        let reach = |harmonic: f64| {
+            (harmonic * part <= WIDEST_REACH_MESHES).then_some(harmonic * part * self.mesh_hz)
+        };
         self.track(reach, transforms)
     }
 
-    /// The shaft's angle where it is known roughly: harmonics up to a higher one, as their lines are narrow once that is taken off.
-    /// `ahead_periods` is how many periods the mesh is ahead of `mesh_hz` at a part of the record, its speed within `part` of that.
-    pub(super) fn track_along(&self, ahead_periods: &dyn Fn(f64) -> f64, part: f64, transforms: &mut Transforms) -> Option<ShaftAngle> {
+    /// The shaft's angle where it is known roughly: harmonics up to a higher one, as their lines are narrow
+    /// once that is taken off. `ahead_periods` is how many periods the mesh is ahead of `mesh_hz` at a part
+    /// of the record, its speed within `part` of that.
+    pub(super) fn track_along(
+        &self,
+        ahead_periods: &dyn Fn(f64) -> f64,
+        part: f64,
+        transforms: &mut Transforms,
+    ) -> Option<ShaftAngle> {
         let shaft_hz = self.mesh_hz / f64::from(self.teeth);
         let angles = (1..=HARMONICS_ALONG).filter_map(|harmonic| {
             let reach_hz = KNOWN_REACH_SHAFTS * shaft_hz + part * f64::from(harmonic) * self.mesh_hz;
@@ -82,15 +93,24 @@ impl MeshBand<'_> {
         best(angles)
     }
 
-    fn track(&self, reach_hz: impl Fn(f64) -> Option<f64>, transforms: &mut Transforms) -> Option<ShaftAngle> {
-        best((1..=HARMONICS).filter_map(|harmonic| self.follow(harmonic, reach_hz(f64::from(harmonic))?, None, transforms)))
+    fn track(
+        &self,
+        reach_hz: impl Fn(f64) -> Option<f64>,
+        transforms: &mut Transforms,
+    ) -> Option<ShaftAngle> {
+        best(
+            (1..=HARMONICS).filter_map(|harmonic| {
+                self.follow(harmonic, reach_hz(f64::from(harmonic))?, None, transforms)
+            }),
+        )
     }
 
     /// Follows one harmonic in the band of ± `reach_hz` around where it is expected.
     ///
-    /// The band's analytic signal at a low rate gives a frequency over one turn at a time, weighted by power, and with it a first phase.
-    /// What the signal's phase differs from it, below 0.45 shaft rates, is added: three times, as each step brings the line nearer to
-    /// zero frequency, where sidebands no longer pass. Where `ahead_periods` is known it gives the first phase instead.
+    /// The band's analytic signal at a low rate gives a frequency over one turn at a time, weighted by power,
+    /// and with it a first phase. What the signal's phase differs from it, below 0.45 shaft rates, is added:
+    /// three times, as each step brings the line nearer to zero frequency, where sidebands no longer pass.
+    /// Where `ahead_periods` is known it gives the first phase instead.
     fn follow(
         &self,
         harmonic: u32,
@@ -104,7 +124,10 @@ impl MeshBand<'_> {
         let centre_hz = f64::from(harmonic) * self.mesh_hz;
         let first = ((centre_hz - reach_hz) * duration_s).ceil();
         let last = ((centre_hz + reach_hz) * duration_s).floor();
-        let usable = first >= 1.0 && last < 0.5 * self.length as f64 && last - first >= 2.0 && shaft_bins > 2.0 * UNSETTLED_TURNS;
+        let usable = first >= 1.0
+            && last < 0.5 * self.length as f64
+            && last - first >= 2.0
+            && shaft_bins > 2.0 * UNSETTLED_TURNS;
         if !usable {
             return None;
         }
@@ -141,7 +164,8 @@ impl MeshBand<'_> {
         if inside.len() < 2 {
             return None;
         }
-        let power = |values: &[Complex<f64>]| values.iter().map(|z| z.norm_sqr()).sum::<f64>() / values.len() as f64;
+        let power =
+            |values: &[Complex<f64>]| values.iter().map(|z| z.norm_sqr()).sum::<f64>() / values.len() as f64;
         let line_power = power(&line[inside.clone()]);
         let rest = (power(&signal[inside.clone()]) - line_power).max(0.0);
         let line_bins = (2 * reach_bins + 1) as f64;
@@ -149,7 +173,10 @@ impl MeshBand<'_> {
         // A computed signal may have nothing at all beside its line.
         let background = (rest * line_bins / other_bins).max(1e-18 * line_power);
         let ratio = (line_power / background).sqrt();
-        let lowest = line[inside.clone()].iter().map(|z| z.norm()).fold(f64::INFINITY, f64::min);
+        let lowest = line[inside.clone()]
+            .iter()
+            .map(|z| z.norm())
+            .fold(f64::INFINITY, f64::min);
         let followed = ratio >= LEAST_RATIO && lowest >= LOST_LINE * line_power.sqrt();
         if !followed {
             return None;
@@ -157,7 +184,10 @@ impl MeshBand<'_> {
         // The band was moved down to bin 1.
         let moved = |j: usize| TAU * (first - 1) as f64 * j as f64 / samples as f64;
         let start = phase[left_out] + moved(left_out);
-        let revolutions = inside.clone().map(|j| (phase[j] + moved(j) - start) / (TAU * orders)).collect();
+        let revolutions = inside
+            .clone()
+            .map(|j| (phase[j] + moved(j) - start) / (TAU * orders))
+            .collect();
         let times_s = inside.map(|j| j as f64 * duration_s / samples as f64).collect();
         let source = AngleSource::MeshPhase {
             harmonic,
@@ -167,17 +197,44 @@ impl MeshBand<'_> {
         ShaftAngle::through(revolutions, times_s, source).ok()
     }
 
-    /// The analytic signal of the bins `first` to `last`, moved down to begin at bin 1, at four samples a bin or somewhat more.
-    pub(super) fn analytic(&self, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
-        self.analytic_at((4 * (last - first + 1)).next_power_of_two(), first, last, transforms)
+    /// The analytic signal of the bins `first` to `last`, moved down to begin at bin 1, at four samples a bin
+    /// or somewhat more.
+    pub(super) fn analytic(
+        &self,
+        first: usize,
+        last: usize,
+        transforms: &mut Transforms,
+    ) -> Vec<Complex<f64>> {
+        self.analytic_at(
+            (4 * (last - first + 1)).next_power_of_two(),
+            first,
+            last,
+            transforms,
+        )
     }
 
     /// The same at two samples a bin or somewhat more.
-    pub(super) fn analytic_sparse(&self, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
-        self.analytic_at((2 * (last - first + 2)).next_power_of_two(), first, last, transforms)
+    pub(super) fn analytic_sparse(
+        &self,
+        first: usize,
+        last: usize,
+        transforms: &mut Transforms,
+    ) -> Vec<Complex<f64>> {
+        self.analytic_at(
+            (2 * (last - first + 2)).next_power_of_two(),
+            first,
+            last,
+            transforms,
+        )
     }
 
-    fn analytic_at(&self, samples: usize, first: usize, last: usize, transforms: &mut Transforms) -> Vec<Complex<f64>> {
+    fn analytic_at(
+        &self,
+        samples: usize,
+        first: usize,
+        last: usize,
+        transforms: &mut Transforms,
+    ) -> Vec<Complex<f64>> {
         let scale = 1.0 / self.length as f64;
         let mut part = |factor: Complex<f64>| {
             let mut packed = vec![Complex::default(); samples / 2 + 1];
@@ -190,7 +247,10 @@ impl MeshBand<'_> {
         };
         let real = part(Complex::new(scale, 0.0));
         let imaginary = part(Complex::new(0.0, -scale));
-        real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
+        real.into_iter()
+            .zip(imaginary)
+            .map(|(re, im)| Complex::new(re, im))
+            .collect()
     }
 }
 
@@ -202,7 +262,9 @@ fn best(angles: impl Iterator<Item = ShaftAngle>) -> Option<ShaftAngle> {
             angle_error_deg,
             ..
         } if line_to_background >= SAFE_RATIO => (true, -angle_error_deg),
-        AngleSource::MeshPhase { line_to_background, .. } => (false, line_to_background),
+        AngleSource::MeshPhase {
+            line_to_background, ..
+        } => (false, line_to_background),
         _ => (false, 0.0),
     };
     angles.max_by(|a, b| {
@@ -257,12 +319,19 @@ fn low_pass(signal: &[Complex<f64>], reach: usize, transforms: &mut Transforms) 
         let mut bins = Vec::new();
         transforms.forward(&mut values, &mut bins);
         for (k, bin) in bins.iter_mut().enumerate() {
-            *bin = if k <= reach { *bin * scale } else { Complex::default() };
+            *bin = if k <= reach {
+                *bin * scale
+            } else {
+                Complex::default()
+            };
         }
         transforms.inverse(&mut bins, &mut values);
         values
     };
     let real = filter(signal.iter().map(|z| z.re).collect());
     let imaginary = filter(signal.iter().map(|z| z.im).collect());
-    real.into_iter().zip(imaginary).map(|(re, im)| Complex::new(re, im)).collect()
+    real.into_iter()
+        .zip(imaginary)
+        .map(|(re, im)| Complex::new(re, im))
+        .collect()
 }

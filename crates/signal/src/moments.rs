@@ -29,7 +29,8 @@ pub(super) struct Moments {
     pub(super) constant: bool,
 }
 
-/// Samples that are taken at once: interleaved parts let the processor add as many as its registers hold, and keep rounding errors small.
+/// Samples that are taken at once: interleaved parts let the processor add as many as its registers hold, and
+/// keep rounding errors small.
 const LANES: usize = 8;
 
 /// Sums over eight interleaved parts of the samples.
@@ -45,8 +46,16 @@ impl Sums {
     fn add(&mut self, block: &[f32; LANES], shift: f64, room: &mut [f64; LANES]) {
         for lane in 0..LANES {
             let sample = block[lane];
-            self.low[lane] = if sample < self.low[lane] { sample } else { self.low[lane] };
-            self.high[lane] = if sample > self.high[lane] { sample } else { self.high[lane] };
+            self.low[lane] = if sample < self.low[lane] {
+                sample
+            } else {
+                self.low[lane]
+            };
+            self.high[lane] = if sample > self.high[lane] {
+                sample
+            } else {
+                self.high[lane]
+            };
             let x = f64::from(sample) - shift;
             room[lane] = x;
             let square = x * x;
@@ -58,7 +67,8 @@ impl Sums {
     }
 }
 
-/// Whole blocks of samples to be summed up and, less `shift`, put into `shifted`: plain loops that are compiled for each kind of processor.
+/// Whole blocks of samples to be summed up and, less `shift`, put into `shifted`: plain loops that are
+/// compiled for each kind of processor.
 struct Summing<'a> {
     samples: &'a [[f32; LANES]],
     shift: f64,
@@ -83,10 +93,12 @@ impl WithSimd for Summing<'_> {
 }
 
 impl Moments {
-    /// Moments of at least one sample, and the samples less a value near their mean in `shifted`: the `shift` says which.
+    /// Moments of at least one sample, and the samples less a value near their mean in `shifted`: the `shift`
+    /// says which.
     ///
-    /// One pass: moments about the mean of every 64th sample, from which those about the mean follow. The two means are at most 8 standard
-    /// deviations apart, so that no more than 4 digits cancel, and hardly ever one.
+    /// One pass: moments about the mean of every 64th sample, from which those about the mean follow. The two
+    /// means are at most 8 standard deviations apart, so that no more than 4 digits cancel, and hardly ever
+    /// one.
     pub(super) fn of(samples: &[f32], shifted: &mut Vec<f64>) -> Self {
         let count = samples.len() as f64;
         let picked = samples.iter().step_by(STRIDE);
@@ -135,7 +147,8 @@ impl Moments {
 
     /// Kurtosis, not excess.
     pub(super) fn kurtosis(&self) -> Result<f64, Absence> {
-        self.deviation().map(|_| self.fourth / (self.variance * self.variance))
+        self.deviation()
+            .map(|_| self.fourth / (self.variance * self.variance))
     }
 
     /// Puts down the indicators of the time domain.
@@ -162,7 +175,8 @@ mod tests {
         indicators
     }
 
-    /// By hand: x = 1, 2, 3, 6 has mean 3, Σx² = 50, Σ(x−3)² = 14, Σ(x−3)⁴ = 16 + 1 + 81 = 98; kurtosis 4·98/14² = 2.
+    /// By hand: x = 1, 2, 3, 6 has mean 3, Σx² = 50, Σ(x−3)² = 14, Σ(x−3)⁴ = 16 + 1 + 81 = 98; kurtosis
+    /// 4·98/14² = 2.
     #[test]
     fn four_samples_by_hand() {
         let got = indicators(&[1.0, 2.0, 3.0, -6.0].map(|x: f32| x.abs()));
@@ -172,7 +186,8 @@ mod tests {
         assert_eq!(got.get("crest_factor"), Some(6.0 / 12.5_f64.sqrt()));
     }
 
-    /// Closed form: kurtosis of a sine 3/2, crest factor √2, root mean square A/√2; an offset enters only the last two.
+    /// Closed form: kurtosis of a sine 3/2, crest factor √2, root mean square A/√2; an offset enters only the
+    /// last two.
     #[test]
     fn a_sine_and_its_offset() {
         let sine = |offset: f64| -> Vec<f32> {

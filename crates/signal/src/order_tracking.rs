@@ -17,12 +17,14 @@ use super::speed::{LocatedMesh, MeshContext, given_speed};
 use super::tooth_contrast;
 use super::transform::Transforms;
 
-/// A record over its shaft's angle, and why its tachometer was not used where it has one that was not; or why there is no angle.
+/// A record over its shaft's angle, and why its tachometer was not used where it has one that was not; or why
+/// there is no angle.
 pub(super) type Turned = Result<(AngleRecord, Option<String>), Absence>;
 
 impl Analyzer {
-    /// The angle of the driving shaft over a record without a tachometer: the phase of a mesh harmonic near the mesh comb; where the line
-    /// leaves that place, anywhere within the tolerance of the speed; else the record's constant speed. [`ShaftAngle::source`] says which.
+    /// The angle of the driving shaft over a record without a tachometer: the phase of a mesh harmonic near
+    /// the mesh comb; where the line leaves that place, anywhere within the tolerance of the speed; else the
+    /// record's constant speed. [`ShaftAngle::source`] says which.
     ///
     /// # Errors
     /// Why there is no shaft speed: as for the mesh lines of [`analyze`](Self::analyze).
@@ -63,21 +65,29 @@ impl Analyzer {
             };
         }
         if angle.is_none() && usable {
-            angle = band(f64::from(mesh.teeth) * speed_hz).track_wide(mesh.tolerance.max(0.0), &mut work.transforms);
+            angle = band(f64::from(mesh.teeth) * speed_hz)
+                .track_wide(mesh.tolerance.max(0.0), &mut work.transforms);
         }
         match (angle, located_hz) {
             (Some(angle), _) => Ok(angle),
-            (None, Ok(mesh_hz)) => ShaftAngle::constant(mesh_hz / f64::from(mesh.teeth), record.duration_s()).ok_or(Absence::NoSpeed),
+            (None, Ok(mesh_hz)) => ShaftAngle::constant(mesh_hz / f64::from(mesh.teeth), record.duration_s())
+                .ok_or(Absence::NoSpeed),
             (None, Err(absence)) => Err(absence),
         }
     }
 
-    /// A record over the angle of the driving shaft: `angle` where it is given, else that of the record's tachometer where its pulses can be
-    /// used, else [`shaft_angle`](Self::shaft_angle).
+    /// A record over the angle of the driving shaft: `angle` where it is given, else that of the record's
+    /// tachometer where its pulses can be used, else [`shaft_angle`](Self::shaft_angle).
     ///
     /// # Errors
-    /// Why there is no angle, or [`Absence::TooFewTurns`], [`Absence::AboveNyquist`], [`Absence::SpeedVaries`].
-    pub fn angle_record(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<AngleRecord, Absence> {
+    /// Why there is no angle, or [`Absence::TooFewTurns`], [`Absence::AboveNyquist`],
+    /// [`Absence::SpeedVaries`].
+    pub fn angle_record(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        angle: Option<&ShaftAngle>,
+    ) -> Result<AngleRecord, Absence> {
         if let Some(angle) = angle {
             return self.resampled(record, mesh, angle);
         }
@@ -88,41 +98,78 @@ impl Analyzer {
         self.resampled(record, mesh, &angle)
     }
 
-    fn resampled(&mut self, record: &Record, mesh: &MeshContext, angle: &ShaftAngle) -> Result<AngleRecord, Absence> {
-        self.resampler.resample(record, angle, f64::from(mesh.teeth) + 1.0)
+    fn resampled(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        angle: &ShaftAngle,
+    ) -> Result<AngleRecord, Absence> {
+        self.resampler
+            .resample(record, angle, f64::from(mesh.teeth) + 1.0)
     }
 
-    /// A record over the angle of its tachometer, or why its pulses cannot be used; none where it has no tachometer.
+    /// A record over the angle of its tachometer, or why its pulses cannot be used; none where it has no
+    /// tachometer.
     fn by_tachometer(&mut self, record: &Record, mesh: &MeshContext) -> Option<Result<AngleRecord, String>> {
         Some(match record.tachometer_angle()? {
-            Ok(angle) => self.resampled(record, mesh, &angle).map_err(|absence| match absence {
-                Absence::TooFewTurns => format!("its pulses leave fewer than {LEAST_TURNS} whole turns of the record"),
-                Absence::AboveNyquist => "at its speed the mesh lies above half the sampling rate".to_owned(),
-                _ => "its speed varies too much".to_owned(),
-            }),
+            Ok(angle) => self
+                .resampled(record, mesh, &angle)
+                .map_err(|absence| match absence {
+                    Absence::TooFewTurns => {
+                        format!("its pulses leave fewer than {LEAST_TURNS} whole turns of the record")
+                    }
+                    Absence::AboveNyquist => {
+                        "at its speed the mesh lies above half the sampling rate".to_owned()
+                    }
+                    _ => "its speed varies too much".to_owned(),
+                }),
             Err(error) => Err(error.to_string()),
         })
     }
 
-    /// The amplitude spectrum over orders of the driving shaft; arguments and errors as for [`angle_record`](Self::angle_record).
-    pub fn order_spectrum(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<OrderSpectrum, Absence> {
+    /// The amplitude spectrum over orders of the driving shaft; arguments and errors as for
+    /// [`angle_record`](Self::angle_record).
+    pub fn order_spectrum(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        angle: Option<&ShaftAngle>,
+    ) -> Result<OrderSpectrum, Absence> {
         let turned = self.angle_record(record, mesh, angle)?;
         Ok(turned.order_spectrum(&mut self.work.transforms))
     }
 
-    /// The synchronous average of the driving shaft and its parts; arguments and errors as for [`angle_record`](Self::angle_record).
-    pub fn gear_signals(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearSignals, Absence> {
+    /// The synchronous average of the driving shaft and its parts; arguments and errors as for
+    /// [`angle_record`](Self::angle_record).
+    pub fn gear_signals(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        angle: Option<&ShaftAngle>,
+    ) -> Result<GearSignals, Absence> {
         let turned = self.angle_record(record, mesh, angle)?.without_lines_of(mesh);
         split(&turned, mesh, &mut self.work.transforms)
     }
 
-    /// The indicators over the driving shaft's angle (see [`Indicators`](super::Indicators)); arguments as for
-    /// [`angle_record`](Self::angle_record). A clipped record and one with gaps have none: their shape is not the machine's.
-    pub fn gear_indicators(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> GearAnalysis {
-        self.try_gear_indicators(record, mesh, angle).unwrap_or_else(GearAnalysis::absent)
+    /// The indicators over the driving shaft's angle (see [`Indicators`](super::Indicators)); arguments as
+    /// for [`angle_record`](Self::angle_record). A clipped record and one with gaps have none: their shape is
+    /// not the machine's.
+    pub fn gear_indicators(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        angle: Option<&ShaftAngle>,
+    ) -> GearAnalysis {
+        self.try_gear_indicators(record, mesh, angle)
+            .unwrap_or_else(GearAnalysis::absent)
     }
 
-    fn try_gear_indicators(&mut self, record: &Record, mesh: &MeshContext, angle: Option<&ShaftAngle>) -> Result<GearAnalysis, Absence> {
+    fn try_gear_indicators(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        angle: Option<&ShaftAngle>,
+    ) -> Result<GearAnalysis, Absence> {
         let (moments, located) = self.locate(record, mesh);
         let turned = usable(record, &moments).and_then(|()| match angle {
             Some(angle) => self
@@ -137,8 +184,8 @@ impl Analyzer {
         analysis
     }
 
-    /// The record that was transformed last over the best angle there is, and why its tachometer was not used where it was not; or its
-    /// `fault`, where its shape is not the machine's.
+    /// The record that was transformed last over the best angle there is, and why its tachometer was not used
+    /// where it was not; or its `fault`, where its shape is not the machine's.
     pub(super) fn turned_located(
         &mut self,
         record: &Record,
@@ -168,26 +215,52 @@ impl Analyzer {
     }
 
     /// Puts down whether the teeth are alike, where the record has an angle and its mesh was found.
-    pub(super) fn insert_tooth_checks(&mut self, mesh: &MeshContext, turned: &Turned, features: &mut Features) {
+    pub(super) fn insert_tooth_checks(
+        &mut self,
+        mesh: &MeshContext,
+        turned: &Turned,
+        features: &mut Features,
+    ) {
         if let Ok((turned, _)) = turned
             && features.has_mesh()
         {
-            tooth_contrast::insert_tooth_checks(turned, mesh, self.settings.harmonics, &mut self.work.transforms, features);
+            tooth_contrast::insert_tooth_checks(
+                turned,
+                mesh,
+                self.settings.harmonics,
+                &mut self.work.transforms,
+                features,
+            );
         }
     }
 
-    /// The record over the best angle there is without the lines of other meshes, and why its tachometer was not used where it was not.
-    fn turned(&mut self, record: &Record, mesh: &MeshContext, moments: &Moments, located: &LocatedMesh) -> Turned {
+    /// The record over the best angle there is without the lines of other meshes, and why its tachometer was
+    /// not used where it was not.
+    fn turned(
+        &mut self,
+        record: &Record,
+        mesh: &MeshContext,
+        moments: &Moments,
+        located: &LocatedMesh,
+    ) -> Turned {
         let refused = match self.by_tachometer(record, mesh) {
             Some(Ok(turned)) => return Ok((turned.without_lines_of(mesh), None)),
             Some(Err(reason)) => Some(reason),
             None => None,
         };
         let angle = self.followed_angle(record, mesh, moments.constant, located.mesh)?;
-        Ok((self.resampled(record, mesh, &angle)?.without_lines_of(mesh), refused))
+        Ok((
+            self.resampled(record, mesh, &angle)?.without_lines_of(mesh),
+            refused,
+        ))
     }
 
-    fn indicate_turned(&mut self, mesh: &MeshContext, turned: &AngleRecord, refused: Option<String>) -> Result<GearAnalysis, Absence> {
+    fn indicate_turned(
+        &mut self,
+        mesh: &MeshContext,
+        turned: &AngleRecord,
+        refused: Option<String>,
+    ) -> Result<GearAnalysis, Absence> {
         let transforms = &mut self.work.transforms;
         let tracked = turned
             .mesh_line(mesh.teeth, transforms)
@@ -199,12 +272,21 @@ impl Analyzer {
             turns: turned.turns,
             tachometer_refused: refused,
         };
-        Ok(GearAnalysis::of(&signals, tracked, angle, self.settings.harmonics))
+        Ok(GearAnalysis::of(
+            &signals,
+            tracked,
+            angle,
+            self.settings.harmonics,
+        ))
     }
 }
 
 /// The average of a record's turns and its parts.
-fn split(turned: &AngleRecord, mesh: &MeshContext, transforms: &mut Transforms) -> Result<GearSignals, Absence> {
+fn split(
+    turned: &AngleRecord,
+    mesh: &MeshContext,
+    transforms: &mut Transforms,
+) -> Result<GearSignals, Absence> {
     let average = turned.synchronous_average();
     // Lines between two orders are taken out before; those near to one cannot be told from it.
     let near = NEAR_ORDER_BINS / turned.turns as f64;
@@ -259,7 +341,10 @@ mod tests {
         let signal = (0..SAMPLES).map(|i| {
             let turn = TAU * revolutions(i as f64 / RATE_HZ, swing);
             let lines: f64 = (1..=5)
-                .map(|h| (1.0 + 0.2 * turn.cos()) / f64::from(h) * (f64::from(TEETH * h) * turn + f64::from(h * h)).sin())
+                .map(|h| {
+                    (1.0 + 0.2 * turn.cos()) / f64::from(h)
+                        * (f64::from(TEETH * h) * turn + f64::from(h * h)).sin()
+                })
                 .sum();
             let normal: f64 = StandardNormal.sample(&mut random);
             (lines + noise * normal) as f32
@@ -275,7 +360,8 @@ mod tests {
         analyzer().gear_indicators(record, &MESH, angle)
     }
 
-    /// The amplitude put in is 1. Without order tracking the line of a speed that swings by 5 % is smeared to less than a fifth.
+    /// The amplitude put in is 1. Without order tracking the line of a speed that swings by 5 % is smeared to
+    /// less than a fifth.
     #[test]
     fn a_swinging_speed_reads_as_a_constant_one() {
         let constant = tracked(&record(0.0, 0.3), None).indicators.values["omx_tracked"];
@@ -284,9 +370,17 @@ mod tests {
             let swept = record(swing, noise);
             let got = tracked(&swept, None);
             let omx = got.indicators.values["omx_tracked"];
-            assert!((omx / constant - 1.0).abs() < 0.01, "{swing} {noise}: {omx} {:?}", got.angle);
+            assert!(
+                (omx / constant - 1.0).abs() < 0.01,
+                "{swing} {noise}: {omx} {:?}",
+                got.angle
+            );
             assert!(matches!(got.source(), Some(AngleSource::MeshPhase { .. })));
-            let untracked = analyzer().analyze(&swept, &MESH).indicators.get("omx").unwrap_or(0.0);
+            let untracked = analyzer()
+                .analyze(&swept, &MESH)
+                .indicators
+                .get("omx")
+                .unwrap_or(0.0);
             assert!(untracked < 0.5, "{untracked}");
         }
     }
@@ -306,11 +400,15 @@ mod tests {
         }
         let angle = ShaftAngle::from_pulses(&pulses, 1).unwrap();
         let got = tracked(&record(0.05, 0.3), Some(&angle));
-        assert!(matches!(got.source(), Some(AngleSource::Tachometer { pulses: count, .. }) if count == pulses.len()));
+        assert!(
+            matches!(got.source(), Some(AngleSource::Tachometer { pulses: count, .. }) if count == pulses.len())
+        );
         let omx = got.indicators.values["omx_tracked"];
         assert!((omx - 1.0).abs() < 0.01, "{omx}");
         // The modulation's phase is that of the pulses: cos at zero angle.
-        let signals = analyzer().gear_signals(&record(0.05, 0.3), &MESH, Some(&angle)).unwrap();
+        let signals = analyzer()
+            .gear_signals(&record(0.05, 0.3), &MESH, Some(&angle))
+            .unwrap();
         let turn = signals.mesh_envelope.len() as f64;
         for (i, modulation) in signals.mesh_envelope.iter().enumerate() {
             let want = 0.2 * (TAU * i as f64 / turn).cos();
@@ -333,11 +431,17 @@ mod tests {
     fn what_cannot_be_tracked_says_why() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let noise: Vec<f32> = (0..SAMPLES).map(|_| StandardNormal.sample(&mut random)).collect();
-        let with = |samples: Vec<f32>| Record::new("1", Timestamp::UNIX_EPOCH, RATE_HZ, "g", samples).unwrap();
+        let with =
+            |samples: Vec<f32>| Record::new("1", Timestamp::UNIX_EPOCH, RATE_HZ, "g", samples).unwrap();
         let reason = |record: &Record, mesh: &MeshContext| {
             let got = analyzer().gear_indicators(record, mesh, None);
             assert!(got.indicators.values.is_empty() && got.angle.is_none());
-            let reasons: std::collections::BTreeSet<String> = got.indicators.absent.values().map(|reason| format!("{reason:?}")).collect();
+            let reasons: std::collections::BTreeSet<String> = got
+                .indicators
+                .absent
+                .values()
+                .map(|reason| format!("{reason:?}"))
+                .collect();
             reasons.into_iter().collect::<Vec<_>>().join(" ")
         };
         assert_eq!(reason(&with(noise.clone()), &MESH), "NoSpeed");
@@ -349,7 +453,11 @@ mod tests {
             ..MESH
         };
         assert_eq!(reason(&short, &exact), "TooFewTurns");
-        let clipped = record(0.0, 0.01).samples().iter().map(|x| x.clamp(-0.8, 0.8)).collect();
+        let clipped = record(0.0, 0.01)
+            .samples()
+            .iter()
+            .map(|x| x.clamp(-0.8, 0.8))
+            .collect();
         assert_eq!(reason(&with(clipped), &MESH), "Clipped");
         let mut gap = record(0.0, 0.1).samples().to_vec();
         gap[5000..6000].fill(0.0);

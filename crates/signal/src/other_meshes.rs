@@ -1,7 +1,8 @@
 //! Other meshes that the same sensor hears: where their lines lie among those of the mesh that is looked at.
 //!
-//! All shafts of a gearbox are tied to each other by tooth numbers, so that a line of another mesh has a fixed order of this mesh's
-//! driving shaft. Its harmonics and their sidebands say nothing of this mesh, and are no sign of a bearing.
+//! All shafts of a gearbox are tied to each other by tooth numbers, so that a line of another mesh has a
+//! fixed order of this mesh's driving shaft. Its harmonics and their sidebands say nothing of this mesh, and
+//! are no sign of a bearing.
 
 /// The most other meshes that are known of.
 const MOST: usize = 14;
@@ -9,7 +10,8 @@ const MOST: usize = 14;
 /// What belongs to another mesh's harmonic, in rates of its faster shaft, as for the own harmonics.
 const COMB_SHAFTS: f64 = 3.5;
 
-/// One other mesh, in orders: turns and tooth meshes for each turn of the driving shaft of the mesh that is looked at.
+/// One other mesh, in orders: turns and tooth meshes for each turn of the driving shaft of the mesh that is
+/// looked at.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct OtherMesh {
     /// Tooth meshes.
@@ -52,7 +54,8 @@ impl OtherMeshes {
         self.meshes.iter().flatten()
     }
 
-    /// Whether a harmonic of another mesh, or a first sideband of one at the rate of either of its shafts, lies within `reach` of an order.
+    /// Whether a harmonic of another mesh, or a first sideband of one at the rate of either of its shafts,
+    /// lies within `reach` of an order.
     pub(super) fn lie_at(&self, order: f64, reach: f64) -> bool {
         self.iter().any(|mesh| {
             let [driving, driven] = mesh.shaft_orders;
@@ -85,7 +88,8 @@ impl OtherMeshes {
         lines
     }
 
-    /// Whether an order belongs to a harmonic of another mesh: within 3½ rates of its faster shaft and this part of its own order.
+    /// Whether an order belongs to a harmonic of another mesh: within 3½ rates of its faster shaft and this
+    /// part of its own order.
     pub(super) fn hold(&self, order: f64, wander: f64) -> bool {
         self.iter().any(|mesh| {
             let harmonic = (order / mesh.mesh_orders).round().max(1.0) * mesh.mesh_orders;
@@ -112,7 +116,12 @@ mod tests {
     fn harmonics_and_their_first_sidebands_lie_where_the_teeth_put_them() {
         let others = second_stage();
         let mesh = 19.0 * 24.0 / 36.0;
-        for order in [mesh, 3.0 * mesh, 2.0 * mesh + 24.0 / 36.0, mesh - 24.0 / 36.0 / 3.0] {
+        for order in [
+            mesh,
+            3.0 * mesh,
+            2.0 * mesh + 24.0 / 36.0,
+            mesh - 24.0 / 36.0 / 3.0,
+        ] {
             assert!(others.lie_at(order, 1e-6), "{order}");
         }
         for order in [24.0, 48.0, 0.5 * mesh, 2.0 * mesh + 1.0] {
@@ -121,13 +130,20 @@ mod tests {
         // 17 × 19 + 1 = 9 × 36.
         assert!(others.lie_at(9.0 * 24.0, 1e-6));
         let lines = others.lines_up_to(2.5 * mesh);
-        assert!(lines.len() == 18 && lines.is_sorted() && lines.contains(&mesh), "{lines:?}");
+        assert!(
+            lines.len() == 18 && lines.is_sorted() && lines.contains(&mesh),
+            "{lines:?}"
+        );
         assert!(others.hold(mesh + 2.0, 0.0) && !others.hold(mesh + 2.5, 0.0));
     }
 
     #[test]
     fn nothing_lies_where_no_other_mesh_is_known() {
-        assert!(OtherMeshes::NONE.is_empty() && !OtherMeshes::NONE.lie_at(24.0, 100.0) && !OtherMeshes::NONE.hold(24.0, 1.0));
+        assert!(
+            OtherMeshes::NONE.is_empty()
+                && !OtherMeshes::NONE.lie_at(24.0, 100.0)
+                && !OtherMeshes::NONE.hold(24.0, 1.0)
+        );
         let unusable = OtherMesh {
             mesh_orders: f64::NAN,
             shaft_orders: [1.0, 1.0],

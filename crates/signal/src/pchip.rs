@@ -13,8 +13,8 @@ pub(super) enum PchipError {
     NotRising(usize),
 }
 
-/// The monotone cubic Hermite interpolant of Fritsch and Butland (1984), with the three-point end slopes that SciPy's
-/// `PchipInterpolator` takes. It goes through every point and has no extreme between two of them.
+/// The monotone cubic Hermite interpolant of Fritsch and Butland (1984), with the three-point end slopes that
+/// SciPy's `PchipInterpolator` takes. It goes through every point and has no extreme between two of them.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Pchip {
     x: Vec<f64>,
@@ -90,11 +90,16 @@ impl Pchip {
 
     /// The steepest rise between two points.
     pub(super) fn steepest(&self) -> f64 {
-        let secants = self.x.windows(2).zip(self.y.windows(2)).map(|(x, y)| (y[1] - y[0]) / (x[1] - x[0]));
+        let secants = self
+            .x
+            .windows(2)
+            .zip(self.y.windows(2))
+            .map(|(x, y)| (y[1] - y[0]) / (x[1] - x[0]));
         secants.fold(0.0, f64::max)
     }
 
-    /// The value at `x`, searching on from `interval`, which moves along with rising `x`. Beyond the ends the outer cubics go on.
+    /// The value at `x`, searching on from `interval`, which moves along with rising `x`. Beyond the ends the
+    /// outer cubics go on.
     #[inline]
     pub(super) fn at(&self, x: f64, interval: &mut usize) -> f64 {
         self.seek(x, interval);
@@ -110,15 +115,27 @@ impl Pchip {
         value + rise * t2 * (3.0 - 2.0 * t) + width * t * u * (slopes[0] * u - slopes[1] * t)
     }
 
-    /// `scale` times the values at the rising `from + steps[j]`, searching on from `interval` as [`at`](Self::at) does.
+    /// `scale` times the values at the rising `from + steps[j]`, searching on from `interval` as
+    /// [`at`](Self::at) does.
     ///
-    /// All points of one piece are done with its cubic's coefficients at once, in a loop that the compiler makes wide.
+    /// All points of one piece are done with its cubic's coefficients at once, in a loop that the compiler
+    /// makes wide.
     #[inline(always)]
-    pub(super) fn along(&self, from: f64, steps: &[f64], scale: f64, interval: &mut usize, values: &mut [f64]) {
+    pub(super) fn along(
+        &self,
+        from: f64,
+        steps: &[f64],
+        scale: f64,
+        interval: &mut usize,
+        values: &mut [f64],
+    ) {
         let (mut steps, mut values) = (steps, values);
         while let Some(first) = steps.first() {
             self.seek(from + first, interval);
-            let end = self.pieces.get(*interval + 1).map_or(f64::INFINITY, |next| next.begin);
+            let end = self
+                .pieces
+                .get(*interval + 1)
+                .map_or(f64::INFINITY, |next| next.begin);
             let count = steps.partition_point(|step| from + step < end).max(1);
             let [constant, linear, square, cube] = self.pieces[*interval].coefficients().map(|c| scale * c);
             let (begin, per_width) = (self.pieces[*interval].begin, self.pieces[*interval].width.recip());
@@ -187,8 +204,14 @@ mod tests {
     #[test]
     fn unusable_points_are_refused() {
         assert_eq!(Pchip::new(vec![1.0], vec![1.0]), Err(PchipError::TooFew(1)));
-        assert_eq!(Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3]), Err(PchipError::NotRising(2)));
-        assert_eq!(Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2]), Err(PchipError::NotRising(1)));
+        assert_eq!(
+            Pchip::new(vec![0.0, 1.0, 1.0], vec![0.0; 3]),
+            Err(PchipError::NotRising(2))
+        );
+        assert_eq!(
+            Pchip::new(vec![0.0, f64::NAN], vec![0.0; 2]),
+            Err(PchipError::NotRising(1))
+        );
         assert_eq!(
             Pchip::new(vec![f64::NEG_INFINITY, 0.0], vec![0.0; 2]),
             Err(PchipError::NotRising(0))

@@ -1,4 +1,5 @@
-//! The phases of many complex numbers at once: the C library's arctangent takes one at a time, which was a tenth of a record's analysis.
+//! The phases of many complex numbers at once: the C library's arctangent takes one at a time, which was a
+//! tenth of a record's analysis.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -8,8 +9,8 @@ use realfft::num_complex::Complex;
 /// From this ratio on the arctangent is taken of the angle's distance from π/4.
 const STEEP: f64 = 0.66;
 
-/// Numerator and denominator of (atan(x) − x)/x³ over x² up to 0.66, highest power first (Moshier, Cephes Mathematical Library, `atan.c`); the
-/// denominator's highest coefficient is 1.
+/// Numerator and denominator of (atan(x) − x)/x³ over x² up to 0.66, highest power first (Moshier, Cephes
+/// Mathematical Library, `atan.c`); the denominator's highest coefficient is 1.
 const NUMERATOR: [f64; 5] = [
     -8.750_608_600_031_904e-1,
     -1.615_753_718_733_365e1,
@@ -57,14 +58,26 @@ fn phase_of(value: Complex<f64>) -> f64 {
     let (re, im) = (value.re.abs(), value.im.abs());
     let (low, high) = if im > re { (re, im) } else { (im, re) };
     let is_steep = low > STEEP * high;
-    let (above, below) = if is_steep { (low - high, low + high) } else { (low, high) };
+    let (above, below) = if is_steep {
+        (low - high, low + high)
+    } else {
+        (low, high)
+    };
     // Zero has the phase zero.
     let x = above / if below > 0.0 { below } else { 1.0 };
     let square = x * x;
-    let numerator = NUMERATOR.iter().fold(0.0, |sum, coefficient| sum * square + coefficient);
-    let denominator = DENOMINATOR.iter().fold(1.0, |sum, coefficient| sum * square + coefficient);
+    let numerator = NUMERATOR
+        .iter()
+        .fold(0.0, |sum, coefficient| sum * square + coefficient);
+    let denominator = DENOMINATOR
+        .iter()
+        .fold(1.0, |sum, coefficient| sum * square + coefficient);
     let arctangent = x + x * square * numerator / denominator + if is_steep { FRAC_PI_4 } else { 0.0 };
-    let to_axis = if im > re { FRAC_PI_2 - arctangent } else { arctangent };
+    let to_axis = if im > re {
+        FRAC_PI_2 - arctangent
+    } else {
+        arctangent
+    };
     let unsigned = if value.re < 0.0 { PI - to_axis } else { to_axis };
     unsigned.copysign(value.im)
 }
@@ -76,8 +89,12 @@ mod tests {
     #[test]
     fn phases_are_those_of_the_library() {
         let steps = 100_003;
-        let on_circle =
-            (0..=steps).map(|i| Complex::from_polar(1e-3 * f64::from(i + 1), PI * (2.0 * f64::from(i) / f64::from(steps) - 1.0)));
+        let on_circle = (0..=steps).map(|i| {
+            Complex::from_polar(
+                1e-3 * f64::from(i + 1),
+                PI * (2.0 * f64::from(i) / f64::from(steps) - 1.0),
+            )
+        });
         let on_axes = [
             (0.0, 0.0),
             (1.0, 0.0),
@@ -87,10 +104,15 @@ mod tests {
             (1.0, 1.0),
             (-1.0, 1e-300),
         ];
-        let values: Vec<Complex<f64>> = on_circle.chain(on_axes.map(|(re, im)| Complex::new(re, im))).collect();
+        let values: Vec<Complex<f64>> = on_circle
+            .chain(on_axes.map(|(re, im)| Complex::new(re, im)))
+            .collect();
         for (got, value) in phases(&values).iter().zip(&values) {
             let want = value.im.atan2(value.re);
-            assert!((got - want).abs() <= 4.0 * f64::EPSILON * want.abs(), "{value}: {got} {want}");
+            assert!(
+                (got - want).abs() <= 4.0 * f64::EPSILON * want.abs(),
+                "{value}: {got} {want}"
+            );
         }
     }
 }

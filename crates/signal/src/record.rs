@@ -12,7 +12,8 @@ pub const MAX_RECORD_SAMPLES: usize = 1 << 24;
 /// The highest sampling rate taken, in hertz.
 const MAX_SAMPLE_RATE_HZ: f64 = 10e6;
 
-/// Fastest shaft in hertz, and the greatest torque in N·m and temperature in °C: products of them stay finite.
+/// Fastest shaft in hertz, and the greatest torque in N·m and temperature in °C: products of them stay
+/// finite.
 const MAX_SHAFT_SPEED_HZ: f64 = 1e6;
 const MAX_OPERATING_VALUE: f64 = 1e12;
 
@@ -76,7 +77,9 @@ pub enum RecordError {
         channel: String,
     },
     /// More samples than one record may have.
-    #[error("channel {channel:?} has {samples} samples, expected at most {MAX_RECORD_SAMPLES}: cut the recording into shorter records")]
+    #[error(
+        "channel {channel:?} has {samples} samples, expected at most {MAX_RECORD_SAMPLES}: cut the recording into shorter records"
+    )]
     TooLong {
         /// The channel's name.
         channel: String,
@@ -84,7 +87,9 @@ pub enum RecordError {
         samples: usize,
     },
     /// A sample that is NaN or infinite.
-    #[error("channel {channel:?} has {value} at sample {index}, expected finite samples ({count} of {samples} are not)")]
+    #[error(
+        "channel {channel:?} has {value} at sample {index}, expected finite samples ({count} of {samples} are not)"
+    )]
     NotFinite {
         /// The channel's name.
         channel: String,
@@ -140,8 +145,8 @@ fn check_finite(channel: &str, samples: &[f32]) -> Result<(), RecordError> {
 impl Record {
     /// Checks the parts and makes a record of them.
     ///
-    /// `start_time` is that of the first sample; `sample_rate_hz` is the measured rate; `unit` is the samples' unit
-    /// as the source gave it (`"m/s2"`, `"g"`, `"1"` where unknown).
+    /// `start_time` is that of the first sample; `sample_rate_hz` is the measured rate; `unit` is the
+    /// samples' unit as the source gave it (`"m/s2"`, `"g"`, `"1"` where unknown).
     pub fn new(
         channel: impl Into<String>,
         start_time: Timestamp,
@@ -227,15 +232,16 @@ impl Record {
         self
     }
 
-    /// The same record with the pulses of its tachometer. Pulses that give no angle are no error here: the analysis says why it did
-    /// not use them.
+    /// The same record with the pulses of its tachometer. Pulses that give no angle are no error here: the
+    /// analysis says why it did not use them.
     pub fn with_tachometer(mut self, tachometer: Option<Tachometer>) -> Self {
         self.tachometer = tachometer;
         self
     }
 
-    /// The same record as seen from another shaft, which makes this many `turns` (above 0) while the one that speed, torque and tachometer are of
-    /// makes one: the speed is multiplied by it, the torque divided (teeth lose little of it), and pulses are counted in its turns.
+    /// The same record as seen from another shaft, which makes this many `turns` (above 0) while the one that
+    /// speed, torque and tachometer are of makes one: the speed is multiplied by it, the torque divided
+    /// (teeth lose little of it), and pulses are counted in its turns.
     pub fn seen_from_shaft(mut self, turns: f64) -> Self {
         let point = &mut self.operating_point;
         point.shaft_speed_hz = point.shaft_speed_hz.map(|speed| speed * turns);
@@ -284,7 +290,8 @@ impl Record {
         self.tachometer.as_ref()
     }
 
-    /// The angle of the shaft that the record is looked at over by the tachometer's pulses, or why they give none; none without a tachometer.
+    /// The angle of the shaft that the record is looked at over by the tachometer's pulses, or why they give
+    /// none; none without a tachometer.
     pub(super) fn tachometer_angle(&self) -> Option<Result<ShaftAngle, PulseError>> {
         let Tachometer {
             pulse_times_s,
@@ -328,9 +335,13 @@ mod tests {
             pulses_per_revolution: 2,
         };
         let record = record(vec![1.0]).unwrap().with_operating_point(point).unwrap();
-        let geared = record.with_tachometer(Some(tachometer)).seen_from_shaft(24.0 / 36.0);
+        let geared = record
+            .with_tachometer(Some(tachometer))
+            .seen_from_shaft(24.0 / 36.0);
         let OperatingPoint {
-            shaft_speed_hz, torque_nm, ..
+            shaft_speed_hz,
+            torque_nm,
+            ..
         } = geared.operating_point();
         assert!((shaft_speed_hz.unwrap() - 20.0).abs() < 1e-12 && (torque_nm.unwrap() - 150.0).abs() < 1e-12);
         let angle = geared.tachometer_angle().unwrap().unwrap();

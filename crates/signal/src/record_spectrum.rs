@@ -19,7 +19,8 @@ pub(super) struct RecordSpectrum {
     pub(super) envelope: Envelope,
     pub(super) sorting: Vec<f64>,
     pub(super) length: usize,
-    /// The shaft's angle by a line near the located mesh, once it was asked for: none inside where no line could be followed.
+    /// The shaft's angle by a line near the located mesh, once it was asked for: none inside where no line
+    /// could be followed.
     pub(super) followed: Option<Option<ShaftAngle>>,
 }
 
@@ -29,7 +30,8 @@ impl RecordSpectrum {
         let moments = Moments::of(record.samples(), &mut self.samples);
         self.followed = None;
         self.length = spectrum_length(self.samples.len());
-        self.transforms.forward(&mut self.samples[..self.length], &mut self.bins);
+        self.transforms
+            .forward(&mut self.samples[..self.length], &mut self.bins);
         // Of an offset the unwindowed transform has nothing in any other bin.
         self.bins[0] -= self.length as f64 * (moments.mean - moments.shift);
         hann_amplitude(&self.bins, self.length, &mut self.amplitude);

@@ -1,4 +1,5 @@
-//! Comparison with NumPy and SciPy on `fixtures/reference/signal/vectors.json`, written by the script beside it.
+//! Comparison with NumPy and SciPy on `fixtures/reference/signal/vectors.json`, written by the script beside
+//! it.
 
 use jiff::Timestamp;
 use serde::Deserialize;
@@ -32,13 +33,21 @@ struct EnvelopeCase {
 }
 
 fn cases() -> Vec<Case> {
-    let vectors: Vectors = serde_json::from_str(include_str!("../../../fixtures/reference/signal/vectors.json")).unwrap();
+    let vectors: Vectors =
+        serde_json::from_str(include_str!("../../../fixtures/reference/signal/vectors.json")).unwrap();
     vectors.cases
 }
 
 /// A record sampled so that bins are 1 Hz apart.
 fn record(case: &Case) -> Record {
-    Record::new("1", Timestamp::UNIX_EPOCH, case.samples.len() as f64, "g", case.samples.clone()).unwrap()
+    Record::new(
+        "1",
+        Timestamp::UNIX_EPOCH,
+        case.samples.len() as f64,
+        "g",
+        case.samples.clone(),
+    )
+    .unwrap()
 }
 
 fn analyzer() -> Analyzer {
@@ -46,15 +55,24 @@ fn analyzer() -> Analyzer {
 }
 
 fn assert_close(name: &str, got: f64, want: f64, scale: f64) {
-    assert!((got - want).abs() <= 1e-9 * scale, "{name}: {got}, SciPy has {want}");
+    assert!(
+        (got - want).abs() <= 1e-9 * scale,
+        "{name}: {got}, SciPy has {want}"
+    );
 }
 
-/// Each bin relative to itself, or to 10⁻³ of the highest one where it is less: cancellation leaves no more digits there.
+/// Each bin relative to itself, or to 10⁻³ of the highest one where it is less: cancellation leaves no more
+/// digits there.
 fn assert_spectra_close(name: &str, got: &[f64], want: &[f64]) {
     assert_eq!(got.len(), want.len(), "{name}");
     let highest = want.iter().copied().fold(0.0, f64::max);
     for (k, (got, want)) in got.iter().zip(want).enumerate() {
-        assert_close(&format!("{name}, bin {k}"), *got, *want, want.max(1e-3 * highest).max(1e-6));
+        assert_close(
+            &format!("{name}, bin {k}"),
+            *got,
+            *want,
+            want.max(1e-3 * highest).max(1e-6),
+        );
     }
 }
 
@@ -79,12 +97,22 @@ fn indicators_and_lines_equal_scipy() {
             .indicators;
         assert_close(&case.name, got.values["rms"], case.rms, case.rms);
         assert_close(&case.name, got.values["peak"], case.peak, case.peak);
-        assert_eq!(got.get("kurtosis").is_some(), case.kurtosis.is_some(), "{}", case.name);
+        assert_eq!(
+            got.get("kurtosis").is_some(),
+            case.kurtosis.is_some(),
+            "{}",
+            case.name
+        );
         if let Some(kurtosis) = case.kurtosis {
             assert_close(&case.name, got.values["kurtosis"], kurtosis, kurtosis);
         }
         for (index, want) in case.mesh_lines.iter().enumerate() {
-            assert_close(&case.name, got.values[&format!("mesh_{}", index + 1)], *want, *want);
+            assert_close(
+                &case.name,
+                got.values[&format!("mesh_{}", index + 1)],
+                *want,
+                *want,
+            );
         }
     }
 }
@@ -112,8 +140,8 @@ fn envelope_spectra_equal_scipy() {
     }
 }
 
-/// What the short transform folds back: against SciPy's envelope at the full rate no bin differs by more than 0.7 % of the highest
-/// line (0.66 % measured, in white noise, whose envelope has the sharpest corners).
+/// What the short transform folds back: against SciPy's envelope at the full rate no bin differs by more than
+/// 0.7 % of the highest line (0.66 % measured, in white noise, whose envelope has the sharpest corners).
 #[test]
 fn short_envelopes_are_those_at_the_full_rate() {
     let mut analyzer = analyzer();
@@ -123,7 +151,11 @@ fn short_envelopes_are_those_at_the_full_rate() {
             let spectrum = analyzer.envelope_spectrum(&record(&case), band_hz).unwrap();
             let highest = envelope.full_rate_amplitude.iter().copied().fold(0.0, f64::max);
             for (got, want) in spectrum.amplitude.iter().zip(&envelope.full_rate_amplitude) {
-                assert!((got - want).abs() < 0.007 * highest, "{}: {got}, SciPy has {want}", case.name);
+                assert!(
+                    (got - want).abs() < 0.007 * highest,
+                    "{}: {got}, SciPy has {want}",
+                    case.name
+                );
             }
         }
     }

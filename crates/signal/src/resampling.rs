@@ -14,7 +14,8 @@ pub(super) const LEAST_TURNS: usize = 4;
 /// A record whose speed varies so much that it would grow by more than this when resampled is refused.
 const MOST_GROWTH: f64 = 4.0;
 
-/// Resamples records. What it works in is kept from record to record: pages of memory that are new cost as much as a tenth of the work.
+/// Resamples records. What it works in is kept from record to record: pages of memory that are new cost as
+/// much as a tenth of the work.
 #[derive(Default)]
 pub(super) struct Resampler {
     /// Interpolation's weights, made when first needed.
@@ -28,16 +29,24 @@ pub(super) struct Resampler {
 }
 
 impl Resampler {
-    /// Resamples the whole turns of a record whose `angle` is known and that have 16 samples before and after them.
+    /// Resamples the whole turns of a record whose `angle` is known and that have 16 samples before and after
+    /// them.
     ///
-    /// As many samples a turn are taken as the record has in its slowest turn or more, so that nothing folds back. A sample between the
-    /// record's own is Σ xᵢ·sinc(t − i)·w(t − i) / Σ sinc·w over the 32 samples around it, w the Blackman window: flat within 10⁻⁴ to
-    /// 0.4 of the sampling rate. `orders` is the highest order that must be kept.
+    /// As many samples a turn are taken as the record has in its slowest turn or more, so that nothing folds
+    /// back. A sample between the record's own is Σ xᵢ·sinc(t − i)·w(t − i) / Σ sinc·w over the 32 samples
+    /// around it, w the Blackman window: flat within 10⁻⁴ to 0.4 of the sampling rate. `orders` is the
+    /// highest order that must be kept.
     ///
     /// # Errors
-    /// [`Absence::TooFewTurns`] below 4, [`Absence::AboveNyquist`] where `orders` lies above half the sampling rate at the slowest speed,
-    /// [`Absence::SpeedVaries`] where the speed varies so much that the record would grow fourfold.
-    pub(super) fn resample(&mut self, record: &Record, angle: &ShaftAngle, orders: f64) -> Result<AngleRecord, Absence> {
+    /// [`Absence::TooFewTurns`] below 4, [`Absence::AboveNyquist`] where `orders` lies above half the
+    /// sampling rate at the slowest speed, [`Absence::SpeedVaries`] where the speed varies so much that the
+    /// record would grow fourfold.
+    pub(super) fn resample(
+        &mut self,
+        record: &Record,
+        angle: &ShaftAngle,
+        orders: f64,
+    ) -> Result<AngleRecord, Absence> {
         let samples = record.samples();
         let rate_hz = record.sample_rate_hz();
         if samples.len() <= 2 * REACH {
@@ -59,7 +68,9 @@ impl Resampler {
         let (begin, end) = (REACH as f64, (samples.len() - 1 - REACH) as f64);
         let (low, high) = (known[0].ceil(), known[1].floor());
         let first = first_such(low, high, |revolution| position(revolution) >= begin);
-        let past = first_such(first, high + 1.0, |revolution| revolution > high || position(revolution) > end);
+        let past = first_such(first, high + 1.0, |revolution| {
+            revolution > high || position(revolution) > end
+        });
         let turns = past - 1.0 - first;
         let enough = turns >= LEAST_TURNS as f64 && position(first) >= begin;
         if !enough {
@@ -141,7 +152,8 @@ impl WithSimd for TurnPositions<'_> {
     }
 }
 
-/// The first whole number from `low` to `high` from which on `holds` (which stays true once it is); `high` where it never does.
+/// The first whole number from `low` to `high` from which on `holds` (which stays true once it is); `high`
+/// where it never does.
 fn first_such(low: f64, high: f64, holds: impl Fn(f64) -> bool) -> f64 {
     let (mut low, mut high) = (low, high.max(low));
     while low < high {

@@ -1,11 +1,13 @@
-//! The angle of a shaft over the time of a record: from a tachometer's pulses, from the phase of a mesh line, or at a constant speed.
+//! The angle of a shaft over the time of a record: from a tachometer's pulses, from the phase of a mesh line,
+//! or at a constant speed.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::pchip::{Pchip, PchipError};
 
-/// An interval between pulses longer than the one before by this factor has lost a pulse, one shorter has one too many.
+/// An interval between pulses longer than the one before by this factor has lost a pulse, one shorter has one
+/// too many.
 const STEADY_INTERVALS: f64 = 1.6;
 
 /// Where the angle of a shaft came from, and how sure it is.
@@ -17,16 +19,16 @@ pub enum AngleSource {
     Tachometer {
         /// How many.
         pulses: usize,
-        /// Standard deviation of the shaft angle in degrees that the pulses' own scatter leaves, from their third differences; none
-        /// below 5 pulses.
+        /// Standard deviation of the shaft angle in degrees that the pulses' own scatter leaves, from their
+        /// third differences; none below 5 pulses.
         angle_error_deg: Option<f64>,
     },
     /// The phase of a mesh harmonic, demodulated.
     MeshPhase {
         /// Which harmonic.
         harmonic: u32,
-        /// Amplitude of the tracked line over the root-mean-square amplitude of what else passes the last filter: what noise, sidebands and
-        /// other lines leave of it.
+        /// Amplitude of the tracked line over the root-mean-square amplitude of what else passes the last
+        /// filter: what noise, sidebands and other lines leave of it.
         line_to_background: f64,
         /// Standard deviation of the shaft angle in degrees that follows from it.
         angle_error_deg: f64,
@@ -48,7 +50,9 @@ pub enum PulseError {
     #[error("pulse {0} is not after the one before, expected rising finite times")]
     NotRising(usize),
     /// Pulses are missing or too many.
-    #[error("pulse {index} comes {interval_s} s after the one before, which came after {before_s} s: a pulse is missing or one too many")]
+    #[error(
+        "pulse {index} comes {interval_s} s after the one before, which came after {before_s} s: a pulse is missing or one too many"
+    )]
     Uneven {
         /// Which pulse.
         index: usize,
@@ -67,14 +71,19 @@ pub struct ShaftAngle {
 }
 
 impl ShaftAngle {
-    /// The angle of a shaft with a tachometer, zero at the first pulse. `pulse_times_s` are seconds after the record's first
-    /// sample, rising, some of them possibly before it or after its end. Between pulses, time is a monotone cubic of the angle.
+    /// The angle of a shaft with a tachometer, zero at the first pulse. `pulse_times_s` are seconds after the
+    /// record's first sample, rising, some of them possibly before it or after its end. Between pulses, time
+    /// is a monotone cubic of the angle.
     pub fn from_pulses(pulse_times_s: &[f64], pulses_per_revolution: u32) -> Result<Self, PulseError> {
         Self::from_geared_pulses(pulse_times_s, pulses_per_revolution, 1.0)
     }
 
     /// The same of a shaft that makes this many `turns` while the one with the tachometer makes one.
-    pub(super) fn from_geared_pulses(pulse_times_s: &[f64], pulses_per_revolution: u32, turns: f64) -> Result<Self, PulseError> {
+    pub(super) fn from_geared_pulses(
+        pulse_times_s: &[f64],
+        pulses_per_revolution: u32,
+        turns: f64,
+    ) -> Result<Self, PulseError> {
         if pulses_per_revolution == 0 {
             return Err(PulseError::PulsesPerRevolution);
         }
@@ -100,7 +109,9 @@ impl ShaftAngle {
             }
         }
         let per_revolution = f64::from(pulses_per_revolution) / turns;
-        let revolutions = (0..pulse_times_s.len()).map(|pulse| pulse as f64 / per_revolution).collect();
+        let revolutions = (0..pulse_times_s.len())
+            .map(|pulse| pulse as f64 / per_revolution)
+            .collect();
         let source = AngleSource::Tachometer {
             pulses: pulse_times_s.len(),
             angle_error_deg: pulse_scatter_s(pulse_times_s).map(|scatter_s| {
@@ -114,17 +125,27 @@ impl ShaftAngle {
         })
     }
 
-    /// The angle at a constant speed, zero at the first sample; `None` where speed or duration are not positive numbers.
+    /// The angle at a constant speed, zero at the first sample; `None` where speed or duration are not
+    /// positive numbers.
     pub(super) fn constant(shaft_speed_hz: f64, duration_s: f64) -> Option<Self> {
         let turns = shaft_speed_hz * duration_s;
         if !(turns > 0.0 && duration_s > 0.0) {
             return None;
         }
-        Self::through(vec![0.0, turns], vec![0.0, duration_s], AngleSource::ConstantSpeed).ok()
+        Self::through(
+            vec![0.0, turns],
+            vec![0.0, duration_s],
+            AngleSource::ConstantSpeed,
+        )
+        .ok()
     }
 
     /// The angle that goes through these points.
-    pub(super) fn through(revolutions: Vec<f64>, times_s: Vec<f64>, source: AngleSource) -> Result<Self, PchipError> {
+    pub(super) fn through(
+        revolutions: Vec<f64>,
+        times_s: Vec<f64>,
+        source: AngleSource,
+    ) -> Result<Self, PchipError> {
         let time_s = Pchip::new(revolutions, times_s)?;
         Ok(Self { time_s, source })
     }
@@ -158,9 +179,17 @@ impl ShaftAngle {
         revolutions[i - 1] + speed * (time_s - times[i - 1])
     }
 
-    /// The times of the rising revolutions `from + steps[j]` in samples of this rate; `interval` is moved along.
+    /// The times of the rising revolutions `from + steps[j]` in samples of this rate; `interval` is moved
+    /// along.
     #[inline(always)]
-    pub(super) fn samples_along(&self, from: f64, steps: &[f64], rate_hz: f64, interval: &mut usize, samples: &mut [f64]) {
+    pub(super) fn samples_along(
+        &self,
+        from: f64,
+        steps: &[f64],
+        rate_hz: f64,
+        interval: &mut usize,
+        samples: &mut [f64],
+    ) {
         self.time_s.along(from, steps, rate_hz, interval, samples);
     }
 
@@ -170,14 +199,18 @@ impl ShaftAngle {
     }
 }
 
-/// Standard deviation of single pulses about a smooth run in seconds: the root mean square of their third differences over √20, which
-/// for independent errors of one deviation is that deviation. A steady change of speed leaves no third difference.
+/// Standard deviation of single pulses about a smooth run in seconds: the root mean square of their third
+/// differences over √20, which for independent errors of one deviation is that deviation. A steady change of
+/// speed leaves no third difference.
 fn pulse_scatter_s(pulse_times_s: &[f64]) -> Option<f64> {
     const FEWEST_PULSES: usize = 5;
     if pulse_times_s.len() < FEWEST_PULSES {
         return None;
     }
-    let squares: f64 = pulse_times_s.windows(4).map(|w| (w[3] - w[0] - 3.0 * (w[2] - w[1])).powi(2)).sum();
+    let squares: f64 = pulse_times_s
+        .windows(4)
+        .map(|w| (w[3] - w[0] - 3.0 * (w[2] - w[1])).powi(2))
+        .sum();
     Some((squares / (pulse_times_s.len() - 3) as f64 / 20.0).sqrt())
 }
 
@@ -207,7 +240,8 @@ mod tests {
         assert!(error_deg < 1e-9, "{error_deg}");
     }
 
-    /// Independent errors of 20 µs in the pulses of a shaft at 10 turns a second that speeds up: 360°·10·20·10⁻⁶ = 0.072°.
+    /// Independent errors of 20 µs in the pulses of a shaft at 10 turns a second that speeds up:
+    /// 360°·10·20·10⁻⁶ = 0.072°.
     #[test]
     fn scattered_pulses_say_how_sure_the_angle_is() {
         let mut random = ChaCha8Rng::seed_from_u64(4);
@@ -230,13 +264,20 @@ mod tests {
 
     #[test]
     fn unusable_pulses_say_why() {
-        let error = |times: &[f64], per_revolution| ShaftAngle::from_pulses(times, per_revolution).unwrap_err();
+        let error =
+            |times: &[f64], per_revolution| ShaftAngle::from_pulses(times, per_revolution).unwrap_err();
         assert_eq!(error(&[0.0, 1.0], 0), PulseError::PulsesPerRevolution);
         assert_eq!(error(&[0.0], 1), PulseError::TooFew(1));
         assert_eq!(error(&[0.0, 1.0, 1.0], 1), PulseError::NotRising(2));
         assert_eq!(error(&[f64::NAN, 1.0], 1), PulseError::NotRising(0));
-        assert!(matches!(error(&[0.0, 1.0, 2.0, 4.0], 1), PulseError::Uneven { index: 3, .. }));
-        assert!(matches!(error(&[0.0, 1.0, 1.5, 2.0], 1), PulseError::Uneven { index: 2, .. }));
+        assert!(matches!(
+            error(&[0.0, 1.0, 2.0, 4.0], 1),
+            PulseError::Uneven { index: 3, .. }
+        ));
+        assert!(matches!(
+            error(&[0.0, 1.0, 1.5, 2.0], 1),
+            PulseError::Uneven { index: 2, .. }
+        ));
         assert_eq!(ShaftAngle::constant(f64::NAN, 1.0), None);
         assert_eq!(ShaftAngle::constant(10.0, 0.0), None);
     }

@@ -1,7 +1,8 @@
 //! Finding a mesh comb whose lines are smeared, as the speed swings within the record. Positions are in bins.
 //!
-//! A line that wanders over many bins stands out of the noise in none of them. Its energy over the width that it wanders does: for each
-//! candidate the energy in a window around each harmonic, as wide in proportion to the harmonic's frequency, is compared with the noise beside it.
+//! A line that wanders over many bins stands out of the noise in none of them. Its energy over the width that
+//! it wanders does: for each candidate the energy in a window around each harmonic, as wide in proportion to
+//! the harmonic's frequency, is compared with the noise beside it.
 
 use super::line::{fits, noise_amplitude};
 use super::mesh_comb::MeshComb;
@@ -45,7 +46,8 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f
         let ratio = 1.0 + STEP * part;
         let mut mesh = low;
         while mesh <= high {
-            let harmonics = (1..=orders).filter_map(|order| harmonic(amplitude, order as f64 * mesh, part, scratch));
+            let harmonics =
+                (1..=orders).filter_map(|order| harmonic(amplitude, order as f64 * mesh, part, scratch));
             let (mut sum, mut standing) = (0.0, 0);
             for (likelihood, _) in harmonics {
                 sum += likelihood.min(MOST_OF_ONE);
@@ -63,7 +65,8 @@ pub(super) fn find(amplitude: &[f64], [low, high]: [f64; 2], scratch: &mut Vec<f
 
 /// What one harmonic adds to the logarithm of the likelihood ratio, and the noise's mean square in one bin.
 ///
-/// The squares of n bins of noise are exponential with mean b²; of a mean r·b² the ratio's logarithm is n(r − 1 − ln r).
+/// The squares of n bins of noise are exponential with mean b²; of a mean r·b² the ratio's logarithm is n(r −
+/// 1 − ln r).
 fn harmonic(amplitude: &[f64], position: f64, part: f64, scratch: &mut Vec<f64>) -> Option<(f64, f64)> {
     let half = (part * position).max(1.0);
     let window = amplitude.get((position - half).round() as usize..=(position + half).round() as usize)?;
@@ -79,13 +82,24 @@ fn harmonic(amplitude: &[f64], position: f64, part: f64, scratch: &mut Vec<f64>)
 }
 
 fn noise_beside(amplitude: &[f64], position: f64, half: f64, scratch: &mut Vec<f64>) -> Option<f64> {
-    let (near, far) = (BESIDE[0] * half, (BESIDE[1] * half).max(BESIDE[0] * half + LEAST_BESIDE));
+    let (near, far) = (
+        BESIDE[0] * half,
+        (BESIDE[1] * half).max(BESIDE[0] * half + LEAST_BESIDE),
+    );
     scratch.clear();
-    for (from, to) in [(position - far, position - near), (position + near, position + far)] {
-        let (from, to) = (from.max(1.0) as usize, (to as usize).min(amplitude.len().saturating_sub(1)));
+    for (from, to) in [
+        (position - far, position - near),
+        (position + near, position + far),
+    ] {
+        let (from, to) = (
+            from.max(1.0) as usize,
+            (to as usize).min(amplitude.len().saturating_sub(1)),
+        );
         scratch.extend_from_slice(amplitude.get(from..to)?);
     }
-    noise_amplitude(scratch).map(|noise| noise * noise).filter(|noise| *noise > 0.0)
+    noise_amplitude(scratch)
+        .map(|noise| noise * noise)
+        .filter(|noise| *noise > 0.0)
 }
 
 /// The comb at the mean of its lines' centres of energy, weighted by how much they stand out.
@@ -97,7 +111,10 @@ fn refined(amplitude: &[f64], mesh: f64, part: f64, orders: usize, scratch: &mut
             continue;
         };
         let half = (part * position).max(1.0);
-        let (first, last) = ((position - half).round() as usize, (position + half).round() as usize);
+        let (first, last) = (
+            (position - half).round() as usize,
+            (position + half).round() as usize,
+        );
         let (mut energy, mut moment) = (0.0, 0.0);
         for (bin, a) in amplitude.iter().enumerate().take(last + 1).skip(first) {
             let above = (a * a - noise).max(0.0);
@@ -144,10 +161,14 @@ mod tests {
 
     #[test]
     fn white_noise_has_no_comb() {
-        assert_eq!((0..1000).filter(|seed| comb_in(noise(*seed)).is_some()).count(), 0);
+        assert_eq!(
+            (0..1000).filter(|seed| comb_in(noise(*seed)).is_some()).count(),
+            0
+        );
     }
 
-    /// Harmonics 2 to 6 of a speed that swings by ± 0.3 % over the record, each a tenth of the noise's deviation.
+    /// Harmonics 2 to 6 of a speed that swings by ± 0.3 % over the record, each a tenth of the noise's
+    /// deviation.
     #[test]
     fn a_comb_that_swings_is_found_within_its_swing() {
         for seed in 0..20 {

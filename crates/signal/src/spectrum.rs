@@ -9,8 +9,8 @@ pub(super) const HANN_BANDWIDTH_BINS: f64 = 1.5;
 
 /// A one-sided amplitude (peak) spectrum: a sine of amplitude A on a bin reads A there.
 ///
-/// Made from a record with its mean removed, under a periodic Hann window divided by its mean (0.5). Bins at zero and at half the
-/// sampling rate have no mirror image and are not doubled.
+/// Made from a record with its mean removed, under a periodic Hann window divided by its mean (0.5). Bins at
+/// zero and at half the sampling rate have no mirror image and are not doubled.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Spectrum {
     /// What the values are: `"amplitude_peak"`, or `"psd"` for a power spectral density.
@@ -40,9 +40,9 @@ impl Spectrum {
         }
     }
 
-    /// The power spectral density of the same record of `samples` samples: the mean square in each bin over the window's bandwidth,
-    /// SciPy's `periodogram` with `window="hann", scaling="density"`. Its sum times the resolution is the record's variance, but for what
-    /// the window makes of it.
+    /// The power spectral density of the same record of `samples` samples: the mean square in each bin over
+    /// the window's bandwidth, SciPy's `periodogram` with `window="hann", scaling="density"`. Its sum times
+    /// the resolution is the record's variance, but for what the window makes of it.
     pub(super) fn into_density(mut self, samples: usize) -> Self {
         for (k, value) in self.amplitude.iter_mut().enumerate() {
             let sides = if k == 0 || 2 * k == samples { 1.0 } else { 0.5 };
@@ -61,13 +61,18 @@ impl Spectrum {
 
 /// Amplitudes under the Hann window from the `bins` of the unwindowed transform of `length` samples.
 ///
-/// Multiplying by the periodic Hann window 0.5 − 0.5·cos(2πn/N) is the convolution ½X(k) − ¼(X(k−1) + X(k+1)) of the bins, so
-/// that one transform serves the windowed spectrum and the envelope, which must not be windowed.
+/// Multiplying by the periodic Hann window 0.5 − 0.5·cos(2πn/N) is the convolution ½X(k) − ¼(X(k−1) + X(k+1))
+/// of the bins, so that one transform serves the windowed spectrum and the envelope, which must not be
+/// windowed.
 pub(super) fn hann_amplitude(bins: &[Complex<f64>], length: usize, amplitude: &mut Vec<f64>) {
     amplitude.resize(bins.len(), 0.0);
-    let Some(last) = bins.len().checked_sub(1) else { return };
+    let Some(last) = bins.len().checked_sub(1) else {
+        return;
+    };
     let one_sided = 4.0 / length as f64;
-    let windowed = |k: usize, before: Complex<f64>, after: Complex<f64>| (bins[k] * 0.5 - (before + after) * 0.25).norm_sqr().sqrt();
+    let windowed = |k: usize, before: Complex<f64>, after: Complex<f64>| {
+        (bins[k] * 0.5 - (before + after) * 0.25).norm_sqr().sqrt()
+    };
     // Beyond the ends lie the conjugates of the bins mirrored there.
     let beyond_zero = bins[last.min(1)].conj();
     amplitude[0] = 0.5 * one_sided * windowed(0, beyond_zero, bins[last.min(1)]);
@@ -122,14 +127,19 @@ mod tests {
         amplitude
     }
 
-    /// The definition, term by term: 2/Σw · |Σ w·x·exp(−2πikn/N)|, once at zero and at half the sampling rate.
+    /// The definition, term by term: 2/Σw · |Σ w·x·exp(−2πikn/N)|, once at zero and at half the sampling
+    /// rate.
     fn by_definition(x: &[f64]) -> Vec<f64> {
         let n = x.len();
-        let window: Vec<f64> = (0..n).map(|i| 0.5 - 0.5 * (2.0 * PI * i as f64 / n as f64).cos()).collect();
+        let window: Vec<f64> = (0..n)
+            .map(|i| 0.5 - 0.5 * (2.0 * PI * i as f64 / n as f64).cos())
+            .collect();
         (0..=n / 2)
             .map(|k| {
                 let sum: Complex<f64> = (0..n)
-                    .map(|i| Complex::from_polar(window[i] * x[i], -2.0 * PI * ((k * i) % n) as f64 / n as f64))
+                    .map(|i| {
+                        Complex::from_polar(window[i] * x[i], -2.0 * PI * ((k * i) % n) as f64 / n as f64)
+                    })
                     .sum();
                 let sides = if k == 0 || 2 * k == n { 1.0 } else { 2.0 };
                 sides * sum.norm() / window.iter().sum::<f64>()
@@ -150,7 +160,9 @@ mod tests {
 
     #[test]
     fn a_sine_on_a_bin_reads_its_amplitude() {
-        let x: Vec<f64> = (0..1000).map(|i| 3.0 * (2.0 * PI * 40.0 * i as f64 / 1000.0 + 0.3).sin()).collect();
+        let x: Vec<f64> = (0..1000)
+            .map(|i| 3.0 * (2.0 * PI * 40.0 * i as f64 / 1000.0 + 0.3).sin())
+            .collect();
         let amplitude = spectrum(&x);
         assert!((amplitude[40] - 3.0).abs() < 1e-12);
         // The Hann window shows half of it in the neighbours and nothing two bins away.

@@ -65,8 +65,8 @@ pub struct ShaftSpeed {
     pub source: SpeedSource,
     /// Mesh frequency in hertz: teeth × shaft speed.
     pub mesh_frequency_hz: f64,
-    /// How far the comb stands above the background, as a ratio of amplitudes (root mean square over its lines); `None` where none stood out
-    /// beside a given speed.
+    /// How far the comb stands above the background, as a ratio of amplitudes (root mean square over its
+    /// lines); `None` where none stood out beside a given speed.
     pub comb_to_background: Option<f64>,
     /// How many of the mesh's harmonics stand out of the background.
     #[serde(default)]
@@ -151,15 +151,24 @@ pub(super) struct LocatedMesh {
 
 /// The speed that comes with a record: what it says itself before the mean of its tachometer.
 pub(super) fn given_speed(record: &Record) -> Option<(f64, SpeedSource)> {
-    let own = record.operating_point().shaft_speed_hz.map(|speed| (speed, SpeedSource::Record));
+    let own = record
+        .operating_point()
+        .shaft_speed_hz
+        .map(|speed| (speed, SpeedSource::Record));
     own.or_else(|| {
         let angle = record.tachometer_angle()?.ok()?;
         Some((angle.mean_speed_hz(), SpeedSource::Tachometer))
     })
 }
 
-/// The comb in a range of mesh frequencies, and what the lines say of it. Where they say more for another one in the range, it is that one.
-fn find_comb(amplitude: &[f64], [low, high]: [f64; 2], context: &MeshContext, scratch: &mut Vec<f64>) -> Option<(MeshComb, Support)> {
+/// The comb in a range of mesh frequencies, and what the lines say of it. Where they say more for another one
+/// in the range, it is that one.
+fn find_comb(
+    amplitude: &[f64],
+    [low, high]: [f64; 2],
+    context: &MeshContext,
+    scratch: &mut Vec<f64>,
+) -> Option<(MeshComb, Support)> {
     let first = mesh_comb::find(amplitude, [low, high], context.teeth, scratch)?;
     let lines = support(amplitude, first.mesh, context, scratch);
     if let Some(CombDoubt::OtherMesh(other)) = lines.doubt
@@ -175,10 +184,11 @@ fn find_comb(amplitude: &[f64], [low, high]: [f64; 2], context: &MeshContext, sc
     Some((first, lines))
 }
 
-/// Finds the mesh: the speed that comes with the record before the asset's exact one before the comb within the tolerance around nominal.
+/// Finds the mesh: the speed that comes with the record before the asset's exact one before the comb within
+/// the tolerance around nominal.
 ///
-/// A given speed stays what it is; only its lines are looked for by the comb within ± 0.1 %, as a few digits of a tachometer's mean
-/// are often not exact to a bin. `constant` says that the samples do not vary.
+/// A given speed stays what it is; only its lines are looked for by the comb within ± 0.1 %, as a few digits
+/// of a tachometer's mean are often not exact to a bin. `constant` says that the samples do not vary.
 pub(super) fn locate(
     amplitude: &[f64],
     resolution_hz: f64,
@@ -211,14 +221,20 @@ pub(super) fn locate(
         Some(_) => None,
         None => {
             let highest = amplitude.len() as f64 - 1.0 - MAIN_LOBE_BINS;
-            let range = [centre * (1.0 - tolerance), (centre * (1.0 + tolerance)).min(highest)];
+            let range = [
+                centre * (1.0 - tolerance),
+                (centre * (1.0 + tolerance)).min(highest),
+            ];
             find_comb(amplitude, range, context, scratch)
         }
     };
     let (comb, lines) = comb.unzip();
-    let lines = lines.or_else(|| (given.is_some() && absence.is_none()).then(|| support(amplitude, centre, context, scratch)));
+    let lines = lines.or_else(|| {
+        (given.is_some() && absence.is_none()).then(|| support(amplitude, centre, context, scratch))
+    });
     let comb_to_background = comb.map(|comb| comb.to_background);
-    let (harmonics_found, harmonics_sought) = lines.map_or((0, 0), |Support { found, sought, .. }| (found, sought));
+    let (harmonics_found, harmonics_sought) =
+        lines.map_or((0, 0), |Support { found, sought, .. }| (found, sought));
     let doubt = lines
         .and_then(|lines| lines.doubt)
         .map(|doubt| SpeedDoubt::of(doubt, resolution_hz));

@@ -1,9 +1,9 @@
 //! A first idea of how a shaft's speed wanders within a record, from all mesh harmonics together.
 //!
-//! Where the speed swings by half a per cent, a high harmonic is smeared over many bins and none stands out over the record, while the low ones may
-//! lie in the noise. In a window of a few turns the speed is a line over time: for each pair of a speed and its rate of change, all
-//! harmonics' energies are added up, each over its own noise, and the path through the windows that goes on smoothly with the
-//! highest sum is taken.
+//! Where the speed swings by half a per cent, a high harmonic is smeared over many bins and none stands out
+//! over the record, while the low ones may lie in the noise. In a window of a few turns the speed is a line
+//! over time: for each pair of a speed and its rate of change, all harmonics' energies are added up, each
+//! over its own noise, and the path through the windows that goes on smoothly with the highest sum is taken.
 
 use std::f64::consts::TAU;
 
@@ -23,17 +23,20 @@ const HOP_TURNS: f64 = 1.0;
 const REACH: f64 = 0.012;
 const SPEEDS: usize = 49;
 
-/// Greatest rate of change as a part a second, for each hertz of the shaft: half a per cent swinging at a tenth of the shaft rate.
+/// Greatest rate of change as a part a second, for each hertz of the shaft: half a per cent swinging at a
+/// tenth of the shaft rate.
 const RATE_PER_HZ: f64 = 0.0032;
 const RATES: usize = 9;
 
 /// Candidates by which the speed may depart from where its rate of change leads.
 const SLACK: i64 = 1;
 
-/// The mean over windows of the path's score over that of a typical path, in nats, that says that something was followed.
+/// The mean over windows of the path's score over that of a typical path, in nats, that says that something
+/// was followed.
 const LEAST_GAIN: f64 = 2.0;
 
-/// Periods of the mesh that the shaft is ahead of the constant speed `mesh_hz`, at even times over the record.
+/// Periods of the mesh that the shaft is ahead of the constant speed `mesh_hz`, at even times over the
+/// record.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SpeedWander {
     ahead: Vec<f64>,
@@ -145,7 +148,9 @@ impl Grid {
             best = next;
             came_from.push(from);
         }
-        let mut state = (0..states).max_by(|&a, &b| best[a].total_cmp(&best[b])).unwrap_or(0);
+        let mut state = (0..states)
+            .max_by(|&a, &b| best[a].total_cmp(&best[b]))
+            .unwrap_or(0);
         let mut path = vec![state];
         for from in came_from.iter().rev() {
             state = from[state];
@@ -157,7 +162,13 @@ impl Grid {
 }
 
 /// Adds the logarithm of one harmonic's energy over its noise to each window's scores.
-fn add_harmonic(band: &MeshBand<'_>, order: f64, grid: &Grid, scores: &mut [Vec<f64>], transforms: &mut Transforms) {
+fn add_harmonic(
+    band: &MeshBand<'_>,
+    order: f64,
+    grid: &Grid,
+    scores: &mut [Vec<f64>],
+    transforms: &mut Transforms,
+) {
     let duration_s = band.length as f64 / band.sample_rate_hz;
     let shaft_hz = band.mesh_hz / f64::from(band.teeth);
     let centre_hz = order * band.mesh_hz;

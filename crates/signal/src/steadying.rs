@@ -1,5 +1,5 @@
-//! Taking the wander of the speed out of the mesh lines, so that features of records at a wandering speed and at a constant one
-//! are the same.
+//! Taking the wander of the speed out of the mesh lines, so that features of records at a wandering speed and
+//! at a constant one are the same.
 
 use std::f64::consts::TAU;
 
@@ -32,7 +32,8 @@ const MOST_ERROR_DEG: f64 = 12.0;
 /// A wander that swings the highest harmonic's phase by no more than this to either side leaves it a line.
 const LEAST_SWING_TURNS: f64 = 0.1;
 
-/// What is steadied around each mesh harmonic, in shaft rates: the sidebands that features read, and a little more.
+/// What is steadied around each mesh harmonic, in shaft rates: the sidebands that features read, and a little
+/// more.
 const REACH_SHAFTS: f64 = 2.75;
 
 /// Where the mesh stands in one record.
@@ -62,9 +63,9 @@ impl Steadied {
     }
 }
 
-/// Replaces the bins around the mesh harmonics by those the record would have at its mean speed: the band's analytic signal is turned
-/// back by the harmonic's share of the mesh phase's wander. `None` where nothing was done because the speed does not wander or cannot be
-/// followed.
+/// Replaces the bins around the mesh harmonics by those the record would have at its mean speed: the band's
+/// analytic signal is turned back by the harmonic's share of the mesh phase's wander. `None` where nothing
+/// was done because the speed does not wander or cannot be followed.
 pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) -> Option<Steadied> {
     let shaft_bins = mesh.bins / f64::from(mesh.teeth);
     if shaft_bins < SHAFT_RESOLVED_BINS {
@@ -99,7 +100,11 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
         }
         None => {
             let rough = SpeedWander::of(&band, &mut work.transforms)?;
-            band.track_along(&|part| rough.ahead_periods(part), rough.reach(), &mut work.transforms)?
+            band.track_along(
+                &|part| rough.ahead_periods(part),
+                rough.reach(),
+                &mut work.transforms,
+            )?
         }
     };
     let mean_bins = angle.mean_speed_hz() * f64::from(mesh.teeth) * duration_s;
@@ -119,7 +124,10 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
         }
         let (first, last) = (first as usize, last as usize);
         let turns_each = order as f64 * f64::from(mesh.teeth);
-        let band = MeshBand { bins: &work.bins, ..band };
+        let band = MeshBand {
+            bins: &work.bins,
+            ..band
+        };
         let mut signal = band.analytic(first, last, &mut work.transforms);
         let samples = signal.len();
         for (j, z) in signal.iter_mut().enumerate() {
@@ -151,7 +159,8 @@ pub(super) fn steady(work: &mut RecordSpectrum, mesh: Mesh, harmonics: usize) ->
     })
 }
 
-/// Whether an angle is good enough for this order: an error of its phase takes half its square off a line's amplitude.
+/// Whether an angle is good enough for this order: an error of its phase takes half its square off a line's
+/// amplitude.
 fn serves(angle: &ShaftAngle, order: usize) -> bool {
     match angle.source() {
         AngleSource::MeshPhase { angle_error_deg, .. } => angle_error_deg * order as f64 <= MOST_ERROR_DEG,
@@ -159,7 +168,8 @@ fn serves(angle: &ShaftAngle, order: usize) -> bool {
     }
 }
 
-/// By one harmonic's own phase. The comb is found where the speed lingers, which may be the end of its swing: once more from the mean.
+/// By one harmonic's own phase. The comb is found where the speed lingers, which may be the end of its swing:
+/// once more from the mean.
 fn track_alone(band: &MeshBand<'_>, first: ShaftAngle, transforms: &mut Transforms) -> Option<ShaftAngle> {
     let mesh_hz = first.mean_speed_hz() * f64::from(band.teeth);
     let band = MeshBand { mesh_hz, ..*band };
@@ -178,19 +188,28 @@ enum LineWidth {
 }
 
 fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> LineWidth {
-    let RecordSpectrum { amplitude, sorting, .. } = work;
+    let RecordSpectrum {
+        amplitude, sorting, ..
+    } = work;
     let reach = 0.45 * shaft_bins;
     let mut width = LineWidth::Unclear;
     for order in 1..=SHOWING {
         let centre = order as f64 * mesh_bins;
-        let Some(line) = read_line(amplitude, centre) else { break };
-        let (first, last) = ((centre - reach).ceil() as usize, (centre + reach).floor() as usize);
+        let Some(line) = read_line(amplitude, centre) else {
+            break;
+        };
+        let (first, last) = (
+            (centre - reach).ceil() as usize,
+            (centre + reach).floor() as usize,
+        );
         if first < 1 || last + 1 >= amplitude.len() || reach < MAIN_LOBE_BINS + 1.0 {
             break;
         }
         sorting.clear();
         let aside = (shaft_bins * 0.5) as usize;
-        sorting.extend_from_slice(&amplitude[first.saturating_sub(aside)..(last + aside).min(amplitude.len() - 1)]);
+        sorting.extend_from_slice(
+            &amplitude[first.saturating_sub(aside)..(last + aside).min(amplitude.len() - 1)],
+        );
         let noise = noise_amplitude(sorting).unwrap_or(0.0);
         let bins = (last - first + 1) as f64;
         let energy: f64 = amplitude[first..=last].iter().map(|a| a * a).sum::<f64>();
@@ -201,7 +220,11 @@ fn line_width(work: &mut RecordSpectrum, mesh_bins: f64, shaft_bins: f64) -> Lin
                 return LineWidth::Clear;
             }
             // The higher harmonic shows more: the lowest ones alone say little, but can be followed.
-            width = if order >= TELLING { LineWidth::Narrow } else { LineWidth::Clear };
+            width = if order >= TELLING {
+                LineWidth::Narrow
+            } else {
+                LineWidth::Clear
+            };
         }
     }
     width
@@ -226,7 +249,10 @@ impl Wander {
                 angle.revolution(t) - mean_hz * t
             })
             .collect();
-        let fastest = revolutions.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+        let fastest = revolutions
+            .windows(2)
+            .map(|w| (w[1] - w[0]).abs())
+            .fold(0.0, f64::max);
         Self {
             revolutions,
             speed_part: (fastest / (mean_hz * step_s)).min(0.02),
@@ -255,14 +281,18 @@ mod tests {
     use super::super::{AnalysisSettings, Analyzer, MeshContext, OtherMeshes, Record};
     use super::*;
 
-    /// Harmonics of amplitude 1/h with once-per-turn modulation of depth 0.2; the speed swings by this part at 0.7 Hz.
+    /// Harmonics of amplitude 1/h with once-per-turn modulation of depth 0.2; the speed swings by this part
+    /// at 0.7 Hz.
     fn features(swing: f64) -> super::super::Features {
         let (rate_hz, shaft_hz, swing_hz) = (20_000.0, 16.64, 0.7);
         let samples = (0..40_000).map(|i| {
             let t = f64::from(i) / rate_hz;
             let turn = TAU * shaft_hz * (t + swing * (1.0 - (TAU * swing_hz * t).cos()) / (TAU * swing_hz));
             let lines: f64 = (1..=10)
-                .map(|h| (1.0 + 0.2 * turn.cos()) / f64::from(h) * (24.0 * f64::from(h) * turn + f64::from(h * h)).sin())
+                .map(|h| {
+                    (1.0 + 0.2 * turn.cos()) / f64::from(h)
+                        * (24.0 * f64::from(h) * turn + f64::from(h * h)).sin()
+                })
                 .sum();
             // A little that is neither.
             (lines + 0.01 * (f64::from(i * i % 977) / 977.0 - 0.5)) as f32
@@ -276,22 +306,31 @@ mod tests {
             nominal_is_exact: false,
             others: OtherMeshes::NONE,
         };
-        Analyzer::new(AnalysisSettings::default()).analyze(&record, &mesh).features
+        Analyzer::new(AnalysisSettings::default())
+            .analyze(&record, &mesh)
+            .features
     }
 
-    /// The amplitudes put in, whatever the speed does: ln(1/h), sidebands 0.1·√2/h; within 8 %, as the first and the last turn are not followed.
+    /// The amplitudes put in, whatever the speed does: ln(1/h), sidebands 0.1·√2/h; within 8 %, as the first
+    /// and the last turn are not followed.
     #[test]
     fn lines_at_a_wandering_speed_read_as_at_a_constant_one() {
         for swing in [0.0, 0.002, 0.005, -0.005] {
             let got = features(swing);
             for order in 1..=10 {
                 let line = got.values[&format!("ln_mesh_{order}")];
-                assert!((line + f64::from(order).ln()).abs() < 0.08, "{swing} {order}: {line}");
+                assert!(
+                    (line + f64::from(order).ln()).abs() < 0.08,
+                    "{swing} {order}: {line}"
+                );
             }
             for order in 1..=4 {
                 let sideband = got.values[&format!("ln_sideband_{order}")];
                 let expected = (0.1 * 2.0_f64.sqrt() / f64::from(order)).ln();
-                assert!((sideband - expected).abs() < 0.15, "{swing} {order}: {sideband} {expected}");
+                assert!(
+                    (sideband - expected).abs() < 0.15,
+                    "{swing} {order}: {sideband} {expected}"
+                );
             }
         }
     }

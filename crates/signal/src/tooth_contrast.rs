@@ -1,7 +1,9 @@
-//! Whether the teeth of one shaft are alike: what a turn has besides its mesh harmonics, and whether one tooth has more of it than the others.
+//! Whether the teeth of one shaft are alike: what a turn has besides its mesh harmonics, and whether one
+//! tooth has more of it than the others.
 //!
-//! Wear takes all teeth alike, so it moves the mesh harmonics and, with the gears' own errors, the sidebands next to them. One tooth
-//! that differs (a crack, a chip) acts once per turn over one tooth's angle: many weak sidebands far from the harmonics.
+//! Wear takes all teeth alike, so it moves the mesh harmonics and, with the gears' own errors, the sidebands
+//! next to them. One tooth that differs (a crack, a chip) acts once per turn over one tooth's angle: many
+//! weak sidebands far from the harmonics.
 
 use realfft::num_complex::Complex;
 
@@ -10,7 +12,8 @@ use super::features::Features;
 use super::speed::MeshContext;
 use super::transform::Transforms;
 
-/// Shaft orders beside each mesh harmonic that are left out on each side: errors of the whole gear modulate the mesh there.
+/// Shaft orders beside each mesh harmonic that are left out on each side: errors of the whole gear modulate
+/// the mesh there.
 const LEFT_OUT: usize = 3;
 
 /// With fewer teeth hardly any order is left between the harmonics.
@@ -19,16 +22,17 @@ const LEAST_TEETH: usize = 10;
 /// Below this part of the average's deviation a signal is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Turns that are averaged. What noise leaves in an average depends on their number, so records of different lengths are compared on
-/// averages of as many turns.
+/// Turns that are averaged. What noise leaves in an average depends on their number, so records of different
+/// lengths are compared on averages of as many turns.
 const GROUPS: [usize; 4] = [128, 32, 8, 2];
 
 /// So many of the largest groups that a record fills are taken.
 const MOST_GROUPS: usize = 3;
 
-/// Puts down, of what lies between the harmonics of this mesh and of others, three ratios of a turn that no gain of the sensor changes, as
-/// natural logarithms of amplitudes, for averages of 128, 32, 8 or 2 turns; nothing for a gear with fewer than 10 teeth, and where order
-/// `teeth` + 1 lies above half the samples of a turn.
+/// Puts down, of what lies between the harmonics of this mesh and of others, three ratios of a turn that no
+/// gain of the sensor changes, as natural logarithms of amplitudes, for averages of 128, 32, 8 or 2 turns;
+/// nothing for a gear with fewer than 10 teeth, and where order `teeth` + 1 lies above half the samples of a
+/// turn.
 pub(super) fn insert_tooth_checks(
     turned: &AngleRecord,
     mesh: &MeshContext,
@@ -46,11 +50,21 @@ pub(super) fn insert_tooth_checks(
         beside <= LEFT_OUT || order > highest || mesh.others.hold(order as f64, 0.0)
     };
     let left_out: Vec<bool> = (0..=per_turn / 2).map(left_out).collect();
-    for group in GROUPS.into_iter().filter(|group| *group <= turned.turns).take(MOST_GROUPS) {
+    for group in GROUPS
+        .into_iter()
+        .filter(|group| *group <= turned.turns)
+        .take(MOST_GROUPS)
+    {
         let mut contrast = Contrast::default();
         let groups = turned.turns / group;
         for first in (0..groups).map(|index| index * group) {
-            contrast.add(turned.sums(first..first + group), group, teeth, &left_out, transforms);
+            contrast.add(
+                turned.sums(first..first + group),
+                group,
+                teeth,
+                &left_out,
+                transforms,
+            );
         }
         contrast.insert(group, features);
     }
@@ -81,7 +95,8 @@ impl Contrast {
         transforms: &mut Transforms,
     ) {
         let scale = 1.0 / turns as f64;
-        // Half the difference between even and odd turns has the noise of the average and nothing of what repeats.
+        // Half the difference between even and odd turns has the noise of the average and nothing of what
+        // repeats.
         for (even, odd) in average.iter_mut().zip(&mut alternating) {
             (*even, *odd) = ((*even + *odd) * scale, (*even - *odd) * scale);
         }
@@ -106,7 +121,10 @@ impl Contrast {
         self.fourth += average.iter().map(|x| x.powi(4)).sum::<f64>() / average.len() as f64;
         let energies = pitch_energies(&average, teeth);
         self.by_pitch.resize(energies.len(), 0.0);
-        self.by_pitch.iter_mut().zip(energies).for_each(|(sum, energy)| *sum += energy);
+        self.by_pitch
+            .iter_mut()
+            .zip(energies)
+            .for_each(|(sum, energy)| *sum += energy);
     }
 
     fn insert(mut self, turns: usize, features: &mut Features) {
@@ -115,7 +133,11 @@ impl Contrast {
         if repeated <= self.floor {
             return;
         }
-        let mut put = |name: &str, squared: f64| features.checks.insert(format!("{name}_{turns}"), 0.5 * squared.ln());
+        let mut put = |name: &str, squared: f64| {
+            features
+                .checks
+                .insert(format!("{name}_{turns}"), 0.5 * squared.ln())
+        };
         put("ln_tooth_repeated", repeated / noise.max(self.floor));
         put("ln_tooth_kurtosis", fourth / (repeated * repeated));
         let worst = self.by_pitch.iter().copied().fold(0.0, f64::max);
@@ -167,7 +189,8 @@ mod tests {
         }
     }
 
-    /// Mesh harmonics of amplitude `mesh`/h, modulated once per turn, and white noise; on one tooth of each turn a burst of amplitude `burst`.
+    /// Mesh harmonics of amplitude `mesh`/h, modulated once per turn, and white noise; on one tooth of each
+    /// turn a burst of amplitude `burst`.
     fn checks(mesh: f64, burst: f64) -> Features {
         checks_beside(mesh, burst, 0.0, OtherMeshes::NONE)
     }
@@ -198,7 +221,10 @@ mod tests {
             angle: AngleSource::ConstantSpeed,
         };
         let mut features = Features::default();
-        let mesh = MeshContext { others, ..of_teeth(TEETH) };
+        let mesh = MeshContext {
+            others,
+            ..of_teeth(TEETH)
+        };
         insert_tooth_checks(
             &turned.without_lines_of(&mesh),
             &mesh,
@@ -214,11 +240,18 @@ mod tests {
         let calm = checks(1.0, 0.0).checks;
         // Noise: as much in the average as in half the difference, kurtosis 3.
         assert!(calm["ln_tooth_repeated_8"].abs() < 0.15, "{calm:?}");
-        assert!((calm["ln_tooth_kurtosis_8"] - 0.5 * 3f64.ln()).abs() < 0.15, "{calm:?}");
+        assert!(
+            (calm["ln_tooth_kurtosis_8"] - 0.5 * 3f64.ln()).abs() < 0.15,
+            "{calm:?}"
+        );
         assert!((0.1..0.6).contains(&calm["ln_tooth_worst_8"]), "{calm:?}");
         let loud = checks(4.0, 0.0).checks;
         for (name, value) in &calm {
-            assert!((value - loud[name]).abs() < 1e-6, "{name}: {value} {}", loud[name]);
+            assert!(
+                (value - loud[name]).abs() < 1e-6,
+                "{name}: {value} {}",
+                loud[name]
+            );
         }
     }
 
@@ -230,7 +263,12 @@ mod tests {
             ("ln_tooth_kurtosis_8", 0.3),
             ("ln_tooth_worst_8", 0.5),
         ] {
-            assert!(cracked[name] - calm[name] > least, "{name}: {} {}", calm[name], cracked[name]);
+            assert!(
+                cracked[name] - calm[name] > least,
+                "{name}: {} {}",
+                calm[name],
+                cracked[name]
+            );
         }
     }
 
@@ -263,7 +301,13 @@ mod tests {
         };
         let mut features = Features::default();
         for teeth in [0, 9, 12, 24, u32::MAX] {
-            insert_tooth_checks(&turned, &of_teeth(teeth), 10, &mut Transforms::default(), &mut features);
+            insert_tooth_checks(
+                &turned,
+                &of_teeth(teeth),
+                10,
+                &mut Transforms::default(),
+                &mut features,
+            );
         }
         assert_eq!(features, Features::default());
     }

@@ -5,18 +5,20 @@ use std::sync::Arc;
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
-/// How many plans of each direction are kept. Records of one asset share a length, so a few suffice; without a bound a
-/// stream of ever new lengths would grow the memory without end.
+/// How many plans of each direction are kept. Records of one asset share a length, so a few suffice; without
+/// a bound a stream of ever new lengths would grow the memory without end.
 const KEPT_PLANS: usize = 8;
 
-/// Records up to this length are transformed as they are, whatever their length's factors: even a prime costs little here.
+/// Records up to this length are transformed as they are, whatever their length's factors: even a prime costs
+/// little here.
 const ALWAYS_EXACT: usize = 1 << 14;
 
-/// How many samples of a record its spectra are made from: all of them where the length is at most 16 384 or has no prime
-/// factor above 13, otherwise the longest even leading part whose length has none above 11.
+/// How many samples of a record its spectra are made from: all of them where the length is at most 16 384 or
+/// has no prime factor above 13, otherwise the longest even leading part whose length has none above 11.
 ///
-/// A prime length costs a dozen transforms of a smooth one. Leaving out the tail, at most 1.6 % of the record, changes the
-/// resolution by that much and nothing else: bins stay bins of a transform without padding, and an amplitude keeps its meaning.
+/// A prime length costs a dozen transforms of a smooth one. Leaving out the tail, at most 1.6 % of the
+/// record, changes the resolution by that much and nothing else: bins stay bins of a transform without
+/// padding, and an amplitude keeps its meaning.
 pub(super) fn spectrum_length(samples: usize) -> usize {
     if samples <= ALWAYS_EXACT || is_smooth(samples, &[2, 3, 5, 7, 11, 13]) {
         return samples;
@@ -70,7 +72,8 @@ impl Transforms {
             Some(index) => self.forward[..=index].rotate_right(1),
             None => {
                 self.forward.truncate(self.kept_plans - 1);
-                self.forward.insert(0, RealFftPlanner::new().plan_fft_forward(length));
+                self.forward
+                    .insert(0, RealFftPlanner::new().plan_fft_forward(length));
             }
         }
         let plan = &self.forward[0];
@@ -80,15 +83,16 @@ impl Transforms {
             .expect("input, output and scratch have the plan's lengths");
     }
 
-    /// The `output.len()` real values whose transform's bins are `input` (not divided by their number). `input` is
-    /// overwritten; its bin 0 and, where there is one, the bin at half the sampling rate are real.
+    /// The `output.len()` real values whose transform's bins are `input` (not divided by their number).
+    /// `input` is overwritten; its bin 0 and, where there is one, the bin at half the sampling rate are real.
     pub(super) fn inverse(&mut self, input: &mut [Complex<f64>], output: &mut [f64]) {
         let length = output.len();
         match self.inverse.iter().position(|plan| plan.len() == length) {
             Some(index) => self.inverse[..=index].rotate_right(1),
             None => {
                 self.inverse.truncate(self.kept_plans - 1);
-                self.inverse.insert(0, RealFftPlanner::new().plan_fft_inverse(length));
+                self.inverse
+                    .insert(0, RealFftPlanner::new().plan_fft_inverse(length));
             }
         }
         let plan = &self.inverse[0];
@@ -120,7 +124,10 @@ mod tests {
         assert_eq!(spectrum_length(199_999), 199_650);
         for length in (16_385..3_000_000).step_by(977) {
             let kept = spectrum_length(length);
-            assert!(kept <= length && kept as f64 >= 0.984 * length as f64, "{length} → {kept}");
+            assert!(
+                kept <= length && kept as f64 >= 0.984 * length as f64,
+                "{length} → {kept}"
+            );
         }
     }
 

@@ -1,8 +1,10 @@
-//! 50 wear states from the pair file to features against a scalar Runge–Kutta baseline, in one run, and the same at 25 operating points.
+//! 50 wear states from the pair file to features against a scalar Runge–Kutta baseline, in one run, and the
+//! same at 25 operating points.
 //!
-//! `cargo bench --bench library`. Prints wall and processor time (the least of some runs, since other work on the machine only adds to it), the memory's
-//! peak and the ratio to the baseline. The baseline integrates Eqs. (23) and (24) as they stand, with the classical method at the library's own step, and
-//! interpolates k and e in a table at every stage; geometry, filter and features are left out of it.
+//! `cargo bench --bench library`. Prints wall and processor time (the least of some runs, since other work on
+//! the machine only adds to it), the memory's peak and the ratio to the baseline. The baseline integrates
+//! Eqs. (23) and (24) as they stand, with the classical method at the library's own step, and interpolates k
+//! and e in a table at every stage; geometry, filter and features are left out of it.
 
 use std::f64::consts::TAU;
 use std::fs;
@@ -40,9 +42,17 @@ fn main() {
         for contact in [ContactRule::Threshold, ContactRule::Loaded] {
             let mut spec = spec.clone();
             spec.dynamics.contact = contact;
-            let build = || black_box(library::build(&spec, grid, &BuildControl::silent()).expect("the fixture can be simulated"));
+            let build = || {
+                black_box(
+                    library::build(&spec, grid, &BuildControl::silent())
+                        .expect("the fixture can be simulated"),
+                )
+            };
             let runs: Vec<(f64, f64)> = (0..repeats).map(|_| timed(build)).collect();
-            let (wall, processor) = (least(runs.iter().map(|run| run.0)), least(runs.iter().map(|run| run.1)));
+            let (wall, processor) = (
+                least(runs.iter().map(|run| run.0)),
+                least(runs.iter().map(|run| run.1)),
+            );
             let baseline = baseline_seconds(&spec, grid);
             println!(
                 "  {contact}: wall {wall:.3} s, processor {processor:.2} s (least of {repeats}); baseline {baseline:.2} s, ratio {:.2}",
@@ -73,7 +83,12 @@ fn timed<T>(work: impl FnOnce() -> T) -> (f64, f64) {
     let (clock, before) = (Instant::now(), processor_seconds());
     work();
     let wall = clock.elapsed().as_secs_f64();
-    (wall, processor_seconds().zip(before).map_or(wall, |(after, before)| after - before))
+    (
+        wall,
+        processor_seconds()
+            .zip(before)
+            .map_or(wall, |(after, before)| after - before),
+    )
 }
 
 fn processor_seconds() -> Option<f64> {
@@ -97,11 +112,16 @@ fn baseline(pair: &GearPair, cycle: &MeshCycle) -> f64 {
     let [driving, driven] = &pair.gears;
     let spec = &pair.spec;
     let mesh_mass = pair.mesh_mass_kg();
-    let damping = 2.0 * spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt();
+    let damping =
+        2.0 * spec.dynamics.mesh_damping_ratio * (cycle.mean_stiffness_n_per_m() * mesh_mass).sqrt();
     let force = spec.operation.torque_nm / (driving.base_radius_mm * 1e-3);
     let points = cycle.stiffness_n_per_m.len();
     let mesh_hz = spec.operation.shaft_speed_hz * f64::from(driving.teeth);
-    let lag: Vec<f64> = cycle.uste_rad.iter().map(|lag| lag * driven.base_radius_mm * 1e-3).collect();
+    let lag: Vec<f64> = cycle
+        .uste_rad
+        .iter()
+        .map(|lag| lag * driven.base_radius_mm * 1e-3)
+        .collect();
     let interpolate = |table: &[f64], seconds: f64| {
         let place = (seconds * mesh_hz).fract() * points as f64;
         let cell = (place as usize).min(points - 1);
@@ -118,12 +138,15 @@ fn baseline(pair: &GearPair, cycle: &MeshCycle) -> f64 {
         let (sin, cos) = (long * seconds).sin_cos();
         let (short_sin, short_cos) = (TAU * mesh_hz * seconds).sin_cos();
         let error = lag + 1e-6 * (pair.errors.long_period_um * sin + pair.errors.short_period_um * short_sin);
-        let error_rate =
-            lag_rate + 1e-6 * (pair.errors.long_period_um * long * cos + pair.errors.short_period_um * TAU * mesh_hz * short_cos);
+        let error_rate = lag_rate
+            + 1e-6
+                * (pair.errors.long_period_um * long * cos
+                    + pair.errors.short_period_um * TAU * mesh_hz * short_cos);
         let mesh = s[0] - s[1] + s[2] - error;
         let mesh_rate = s[3] - s[4] + s[5] - error_rate;
         let push = stiffness * mesh + damping * mesh_rate;
-        let support = |i: usize| pair.supports.stiffness_n_per_m * s[i] + pair.supports.damping_n_s_per_m * s[3 + i];
+        let support =
+            |i: usize| pair.supports.stiffness_n_per_m * s[i] + pair.supports.damping_n_s_per_m * s[3 + i];
         [
             s[3],
             s[4],
@@ -138,7 +161,9 @@ fn baseline(pair: &GearPair, cycle: &MeshCycle) -> f64 {
     let mut last = 0.0;
     for n in 0..(BASELINE_SECONDS * BASELINE_RATE_HZ) as usize {
         let t = n as f64 * step;
-        let ahead = |slope: &[f64; 6], length: f64| -> [f64; 6] { std::array::from_fn(|i| state[i] + length * slope[i]) };
+        let ahead = |slope: &[f64; 6], length: f64| -> [f64; 6] {
+            std::array::from_fn(|i| state[i] + length * slope[i])
+        };
         let k1 = derivative(t, &state);
         let k2 = derivative(t + 0.5 * step, &ahead(&k1, 0.5 * step));
         let k3 = derivative(t + 0.5 * step, &ahead(&k2, 0.5 * step));

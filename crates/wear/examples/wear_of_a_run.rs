@@ -76,7 +76,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let estimate = tracker.update(&mut state, simulated.record.start_time(), &analysis.features);
         match (estimate.median_um, estimate.p05_um, estimate.p95_um) {
             (Some(median), Some(low), Some(high)) => {
-                println!("{index:6} {:8.1} {median:12.1}  ({low:.1} to {high:.1})", simulated.wear_um);
+                println!(
+                    "{index:6} {:8.1} {median:12.1}  ({low:.1} to {high:.1})",
+                    simulated.wear_um
+                );
             }
             _ => println!("{index:6} {:8.1}  {}", simulated.wear_um, estimate.reason),
         }

@@ -1,9 +1,11 @@
-//! Wear of spur gears from vibration: libraries of simulated wear states, simulated runs to failure, and the estimate over time.
+//! Wear of spur gears from vibration: libraries of simulated wear states, simulated runs to failure, and the
+//! estimate over time.
 //!
-//! - [`library::Library`]: what wear does to a pair's vibration, simulated once; an [`Ensemble`](library::Ensemble) adds what is not known
-//!   of the pair;
+//! - [`library::Library`]: what wear does to a pair's vibration, simulated once; an
+//!   [`Ensemble`](library::Ensemble) adds what is not known of the pair;
 //! - [`simulation::Run`]: a run to failure through an unknown transmission path, with the true wear known;
-//! - [`estimate::Tracker`]: a fold over a machine's features in time order; [`WearEstimate`](estimate::WearEstimate) is its answer;
+//! - [`estimate::Tracker`]: a fold over a machine's features in time order;
+//!   [`WearEstimate`](estimate::WearEstimate) is its answer;
 //! - [`estimate::AlarmPanel`]: alarms on indicators and wear.
 //!
 //! ```
@@ -46,7 +48,8 @@
 //! Everything is a function of what goes in: no clock, no environment, no chance without a seed.
 //!
 //! # Features
-//! - `files`: libraries kept in a folder under the hash of what they depend on; without it nothing here opens a file.
+//! - `files`: libraries kept in a folder under the hash of what they depend on; without it nothing here opens
+//!   a file.
 //! - `openapi`: `utoipa::ToSchema` for estimates and alarms.
 
 pub mod estimate;

@@ -72,7 +72,9 @@ def read(
         raise
     except Exception as error:  # What the libraries raise for damaged files is of many kinds.
         raise ValueError(f"{path}: not a whole {NAMES[name]} file: {error}") from error
-    given = Given(channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time, time_column=time_column)
+    given = Given(
+        channels=channels, rate_hz=rate_hz, unit=unit, start_time=start_time, time_column=time_column
+    )
     return Recording(path=path, format=name, channels=complete(path, content, given))
 
 

@@ -21,5 +21,9 @@ def read_npz(path: Path) -> Content:
     """The arrays of an archive by their names."""
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
-    texts = {name: str(array) for name, array in arrays.items() if array.dtype.kind == "U" and array.size == 1}
-    return Content(arrays={name: array for name, array in arrays.items() if array.dtype.kind in "fiuM"}, common=texts)
+    texts = {
+        name: str(array) for name, array in arrays.items() if array.dtype.kind == "U" and array.size == 1
+    }
+    return Content(
+        arrays={name: array for name, array in arrays.items() if array.dtype.kind in "fiuM"}, common=texts
+    )

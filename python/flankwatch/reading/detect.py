@@ -42,5 +42,7 @@ def detect(path: Path) -> str:
         raise ValueError(f"{path}: the file is empty")
     expected = "MATLAB, TDMS, UFF58, HDF5, Parquet, NumPy, FLAC or WAV"
     if all(byte >= 32 or byte in b"\t\r\n" for byte in beginning):
-        raise ValueError(f"{path}: the file is text, expected {expected}; Client.upload_file sends files that end in .csv")
+        raise ValueError(
+            f"{path}: the file is text, expected {expected}; Client.upload_file sends files that end in .csv"
+        )
     raise ValueError(f"{path}: the file begins with {beginning[:8].hex(' ')}, expected {expected}")

@@ -14,7 +14,17 @@ from ..recording import Channel
 #: Most that a rate may differ from the time column.
 RATE_TOLERANCE = 1e-3
 
-RATE_NAMES = {"fs", "sr", "rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequency", "sampfreq", "fsample"}
+RATE_NAMES = {
+    "fs",
+    "sr",
+    "rate",
+    "samplerate",
+    "samplingrate",
+    "samplingfrequency",
+    "samplefrequency",
+    "sampfreq",
+    "fsample",
+}
 INTERVAL_NAMES = {"dt", "ts", "increment", "wfincrement", "sampleinterval", "samplinginterval", "deltat"}
 START_NAMES = {"starttime", "wfstarttime", "start", "t0", "date", "datetime", "recordedat", "measurementtime"}
 UNIT_NAMES = {"unit", "units", "unitstring", "yunit", "unitdescription"}
@@ -136,7 +146,9 @@ def time_rate(path: Path, name: str, time: np.ndarray[Any, Any]) -> tuple[float 
         raise ValueError(f"{path}: the time column {name!r} does not rise")
     if np.max(np.abs(steps - step)) > 0.5 * step:
         at = int(np.argmax(np.abs(steps - step))) + 1
-        raise ValueError(f"{path}: the time column {name!r} steps by {steps[at - 1]:g} s at sample {at}, expected {step:g} s")
+        raise ValueError(
+            f"{path}: the time column {name!r} steps by {steps[at - 1]:g} s at sample {at}, expected {step:g} s"
+        )
     return float(1.0 / step), start
 
 
@@ -165,7 +177,11 @@ def complete(path: Path, content: Content, given: Given) -> list[Channel]:
     common = {**scalars, **content.common}
     if given.time_column is not None and given.time_column not in found:
         raise ValueError(f"{path}: no time column {given.time_column!r}, expected one of {', '.join(found)}")
-    times = [given.time_column] if given.time_column else [name for name in found if is_time(name) or found[name].dtype.kind == "M"]
+    times = (
+        [given.time_column]
+        if given.time_column
+        else [name for name in found if is_time(name) or found[name].dtype.kind == "M"]
+    )
     if given.channels is not None:
         wanted = list(given.channels)
         unknown = next((name for name in wanted if name not in found), None)
@@ -207,5 +223,8 @@ def channel(
         samples=found[name],
         rate_hz=said or of_clock,
         unit=unit or said_unit(own) or split_unit(name)[1] or said_unit(common),
-        start_time=start or as_time(look_up(own, START_NAMES)) or as_time(look_up(common, START_NAMES)) or clock_start,
+        start_time=start
+        or as_time(look_up(own, START_NAMES))
+        or as_time(look_up(common, START_NAMES))
+        or clock_start,
     )

@@ -60,4 +60,7 @@ def add(content: Content, name: str, dataset: Any, matlab: bool) -> None:
 
 def plain_values(attributes: Any) -> dict[str, Any]:
     """Attributes as plain values."""
-    return {name: value[0] if isinstance(value, np.ndarray) and value.size == 1 else value for name, value in attributes.items()}
+    return {
+        name: value[0] if isinstance(value, np.ndarray) and value.size == 1 else value
+        for name, value in attributes.items()
+    }

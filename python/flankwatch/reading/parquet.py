@@ -20,7 +20,11 @@ def read(path: Path) -> Content:
     for field, column in zip(table.schema, table.columns):
         if column.null_count and (pa.types.is_floating(field.type) or pa.types.is_integer(field.type)):
             raise ValueError(f"column {field.name!r} has {column.null_count} missing values, expected none")
-        if pa.types.is_floating(field.type) or pa.types.is_integer(field.type) or pa.types.is_timestamp(field.type):
+        if (
+            pa.types.is_floating(field.type)
+            or pa.types.is_integer(field.type)
+            or pa.types.is_timestamp(field.type)
+        ):
             content.arrays[field.name] = np.asarray(column.to_numpy())
             content.attributes[field.name] = dict(texts(field.metadata))
     return content
@@ -28,4 +32,7 @@ def read(path: Path) -> Content:
 
 def texts(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
     """Metadata as texts."""
-    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in (metadata or {}).items()}
+    return {
+        key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
+        for key, value in (metadata or {}).items()
+    }

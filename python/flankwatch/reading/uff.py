@@ -22,7 +22,9 @@ def read(path: Path) -> Content:
     sets = [file.read_sets(number) for number, kind in enumerate(file.get_set_types()) if int(kind) == 58]
     content = Content()
     for number, dataset in enumerate(sets, 1):
-        if dataset.get("func_type", TIME_RESPONSE) not in (0, TIME_RESPONSE) or np.iscomplexobj(dataset["data"]):
+        if dataset.get("func_type", TIME_RESPONSE) not in (0, TIME_RESPONSE) or np.iscomplexobj(
+            dataset["data"]
+        ):
             continue
         name = channel_name(dataset, number, content)
         content.arrays[name] = np.asarray(dataset["data"])

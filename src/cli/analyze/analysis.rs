@@ -16,8 +16,8 @@ use crate::estimate::{ChannelEstimator, ChannelState, EstimatorSettings, PanelCh
 use crate::recording::{Cut, RecordDefaults, Recorded, RecordingFile};
 use crate::report::{Report, ReportedAlarm, ReportedRecord};
 use crate::signal::{
-    AnalysisSettings, Analyzer, BandSource, Condition, ConditionSettings, EnvelopeBand, EnvelopeSearch, MeshContext, OperatingPoint,
-    Record, ShaftSpeed, Spectrum,
+    AnalysisSettings, Analyzer, BandSource, Condition, ConditionSettings, EnvelopeBand, EnvelopeSearch,
+    MeshContext, OperatingPoint, Record, ShaftSpeed, Spectrum,
 };
 
 /// The records of a command's files.
@@ -59,7 +59,11 @@ impl<'a> Analysis<'a> {
             start_time: *next_start,
             sample_rate_hz: self.args.rate,
             unit: self.asset.as_ref().and_then(|asset| asset.sensor.unit.clone()),
-            channel_units: self.asset.as_ref().map(AssetSpec::channel_units).unwrap_or_default(),
+            channel_units: self
+                .asset
+                .as_ref()
+                .map(AssetSpec::channel_units)
+                .unwrap_or_default(),
             operating_point: OperatingPoint {
                 shaft_speed_hz: self.args.shaft_speed_hz,
                 torque_nm: self.args.torque_nm,
@@ -115,7 +119,10 @@ impl<'a> Analysis<'a> {
             shaft_speed_hz: analysis.shaft_speed.map(|speed| speed.shaft_speed_hz),
             shaft_speed_source: analysis.shaft_speed.map(|speed| speed.source),
             shaft_speed_doubt: analysis.shaft_speed.and_then(|speed| speed.doubt),
-            mesh_frequency_hz: analysis.shaft_speed.map(|speed| speed.mesh_frequency_hz).filter(|&hz| hz > 0.0),
+            mesh_frequency_hz: analysis
+                .shaft_speed
+                .map(|speed| speed.mesh_frequency_hz)
+                .filter(|&hz| hz > 0.0),
             basis,
             indicators: analysis.indicators,
             envelope,
@@ -126,7 +133,12 @@ impl<'a> Analysis<'a> {
         });
     }
 
-    fn envelope(&mut self, record: &Record, speed: Option<&ShaftSpeed>, asked: EnvelopeArg) -> AnalyzedEnvelope {
+    fn envelope(
+        &mut self,
+        record: &Record,
+        speed: Option<&ShaftSpeed>,
+        asked: EnvelopeArg,
+    ) -> AnalyzedEnvelope {
         let asset = self.asset.as_ref();
         let search = match asked {
             EnvelopeArg::Search(search) => search,

@@ -28,8 +28,12 @@ impl FromStr for EnvelopeArg {
             .split_once(',')
             .and_then(|(low, high)| Some([low.trim().parse().ok()?, high.trim().parse().ok()?]));
         match band {
-            Some([low, high]) if low >= 0.0 && low < high && f64::is_finite(high) => Ok(Self::Hertz([low, high])),
-            _ => Err("expected asset, mesh, kurtogram, or two frequencies in hertz as in 2000,4000".to_owned()),
+            Some([low, high]) if low >= 0.0 && low < high && f64::is_finite(high) => {
+                Ok(Self::Hertz([low, high]))
+            }
+            _ => {
+                Err("expected asset, mesh, kurtogram, or two frequencies in hertz as in 2000,4000".to_owned())
+            }
         }
     }
 }
@@ -64,7 +68,9 @@ impl AnalyzedEnvelope {
                 let amplitude = &spectrum.amplitude;
                 // The first two bins hold what is left of the mean under the window.
                 let mut peaks: Vec<usize> = (2..amplitude.len().saturating_sub(1))
-                    .filter(|&bin| amplitude[bin] > amplitude[bin - 1] && amplitude[bin] >= amplitude[bin + 1])
+                    .filter(|&bin| {
+                        amplitude[bin] > amplitude[bin - 1] && amplitude[bin] >= amplitude[bin + 1]
+                    })
                     .collect();
                 peaks.sort_by(|&a, &b| amplitude[b].total_cmp(&amplitude[a]));
                 peaks.truncate(ENVELOPE_LINES);

@@ -23,7 +23,8 @@ use crate::library::EnsembleSettings;
 /// Arguments of `flankwatch analyze`.
 #[derive(Args)]
 pub(super) struct AnalyzeArgs {
-    /// WAV, MCAP or CSV (.csv.gz too) recordings in time order, or folders of them, which are taken in the order of names
+    /// WAV, MCAP or CSV (.csv.gz too) recordings in time order, or folders of them, which are taken in the
+    /// order of names
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Sampling rate in hertz of CSV that does not say it
@@ -53,8 +54,8 @@ pub(super) struct AnalyzeArgs {
     /// Torque on the driving shaft in N·m, where the recording does not say
     #[arg(long)]
     torque_nm: Option<f64>,
-    /// Envelope spectrum of each record, in JSON, in the asset's band (asset), around the strongest mesh harmonic (mesh), in the
-    /// band that the fast kurtogram finds (kurtogram), or from LOW to HIGH hertz
+    /// Envelope spectrum of each record, in JSON, in the asset's band (asset), around the strongest mesh
+    /// harmonic (mesh), in the band that the fast kurtogram finds (kurtogram), or from LOW to HIGH hertz
     #[arg(long, value_name = "asset|mesh|kurtogram|LOW,HIGH")]
     envelope: Option<EnvelopeArg>,
     /// Folder of the service's data; libraries are kept in its `libraries`
@@ -93,14 +94,20 @@ pub(super) fn run(args: &AnalyzeArgs) -> Result<(), CliError> {
     analysis.estimate_wear()?;
     output::print(&match args.format {
         Format::Table => table::table(&analysis.records, &columns),
-        Format::Json => serde_json::to_string_pretty(&analysis.records).expect("records hold finite numbers and strings") + "\n",
+        Format::Json => {
+            serde_json::to_string_pretty(&analysis.records).expect("records hold finite numbers and strings")
+                + "\n"
+        }
         Format::Csv => csv::csv(&analysis.records),
     })?;
     if let Some(path) = &args.report {
         output::write_file(path, analysis.report().html().as_bytes())?;
     }
     if failed > 0 {
-        return Err(CliError::SomeFailed { failed, all: files.len() });
+        return Err(CliError::SomeFailed {
+            failed,
+            all: files.len(),
+        });
     }
     Ok(())
 }

@@ -29,7 +29,8 @@ pub(super) struct AnalyzedRecord {
     /// The envelope spectrum where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) envelope: Option<AnalyzedEnvelope>,
-    /// The wear estimate with its status, whether or not it has a depth; null without a description of the asset.
+    /// The wear estimate with its status, whether or not it has a depth; null without a description of the
+    /// asset.
     pub(super) wear: Option<WearEstimate>,
     /// The estimate in words, or why there is none.
     pub(super) wear_reason: String,
@@ -45,7 +46,8 @@ impl AnalyzedRecord {
         self.wear.as_ref().map(|wear| name_of(&wear.status))
     }
 
-    /// The name of what a record shows that wear does not explain: of a fault of the sensor, else of a sign of the machine.
+    /// The name of what a record shows that wear does not explain: of a fault of the sensor, else of a sign
+    /// of the machine.
     pub(super) fn cause(&self) -> Option<String> {
         let novelty = self.wear.as_ref()?.novelty.as_ref()?;
         let sign = || novelty.machine_sign.as_ref().map(name_of);
@@ -56,7 +58,10 @@ impl AnalyzedRecord {
 /// The name that a value has in JSON.
 fn name_of(value: &impl Serialize) -> String {
     let name = serde_json::to_value(value).ok();
-    name.as_ref().and_then(|name| name.as_str()).unwrap_or_default().to_owned()
+    name.as_ref()
+        .and_then(|name| name.as_str())
+        .unwrap_or_default()
+        .to_owned()
 }
 
 impl From<&AnalyzedRecord> for ReportedRecord {

@@ -7,7 +7,9 @@ use crate::estimate::{Novelty, WearEstimate, WearStatus};
 
 /// The line about records of one channel in the order of time.
 pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
-    let Some(last) = records.last() else { return String::new() };
+    let Some(last) = records.last() else {
+        return String::new();
+    };
     let estimates: Option<Vec<&WearEstimate>> = records.iter().map(|record| record.wear.as_ref()).collect();
     match estimates {
         Some(estimates) => of_estimates(&estimates, last.start_time),
@@ -17,7 +19,9 @@ pub(super) fn verdict(records: &[&AnalyzedRecord]) -> String {
 
 /// What estimates say after the last of them, of the record that starts at `last`.
 fn of_estimates(estimates: &[&WearEstimate], last: Timestamp) -> String {
-    let Some(latest) = estimates.last() else { return String::new() };
+    let Some(latest) = estimates.last() else {
+        return String::new();
+    };
     match latest.status {
         WearStatus::Estimated => worn(estimates, latest, last),
         WearStatus::OutsideLibrary => format!("{} is not wear: {}", since(estimates), cause(latest)),
@@ -29,7 +33,9 @@ fn of_estimates(estimates: &[&WearEstimate], last: Timestamp) -> String {
                 baseline.have, baseline.need
             )
         }
-        WearStatus::NotIdentifiable => format!("the records do not tell how worn the gear is: {}", latest.reason),
+        WearStatus::NotIdentifiable => {
+            format!("the records do not tell how worn the gear is: {}", latest.reason)
+        }
         _ => format!("no wear is told: {}", latest.reason),
     }
 }
@@ -42,29 +48,42 @@ fn worn(estimates: &[&WearEstimate], wear: &WearEstimate, last: Timestamp) -> St
     };
     if let Some(prognosis) = &wear.prognosis {
         let [early, median] = [prognosis.p05, prognosis.median].map(|time| span(last, time));
-        let late = prognosis.p95.map_or_else(|| "much later".to_owned(), |time| span(last, time));
+        let late = prognosis
+            .p95
+            .map_or_else(|| "much later".to_owned(), |time| span(last, time));
         let limit = prognosis.limit_um;
-        return format!("{depth} and growing; reaches the limit of {limit:.0} µm in about {median} ({early} to {late})");
+        return format!(
+            "{depth} and growing; reaches the limit of {limit:.0} µm in about {median} ({early} to {late})"
+        );
     }
     match wear.above_limit {
-        Some(probability) if probability >= 0.5 => format!("{depth}; past the limit with {:.0} % probability", 100.0 * probability),
+        Some(probability) if probability >= 0.5 => format!(
+            "{depth}; past the limit with {:.0} % probability",
+            100.0 * probability
+        ),
         _ => depth + &growth(estimates, wear),
     }
 }
 
-/// Since when the wear has grown, by intervals that do not meet: what is foreseen needs a limit, this does not.
+/// Since when the wear has grown, by intervals that do not meet: what is foreseen needs a limit, this does
+/// not.
 fn growth(estimates: &[&WearEstimate], latest: &WearEstimate) -> String {
-    let first = estimates.iter().position(|estimate| estimate.status == WearStatus::Estimated);
+    let first = estimates
+        .iter()
+        .position(|estimate| estimate.status == WearStatus::Estimated);
     let before = first.and_then(|first| Some((first + 1, estimates[first].p95_um?)));
     match before.zip(latest.p05_um) {
-        Some(((record, highest), lowest)) if highest < lowest => format!("; it has grown since record {record}"),
+        Some(((record, highest), lowest)) if highest < lowest => {
+            format!("; it has grown since record {record}")
+        }
         _ => "; no growth to be seen".to_owned(),
     }
 }
 
 /// From which record on it has been as it is now.
 fn since(estimates: &[&WearEstimate]) -> String {
-    let is_same = |estimate: &&&WearEstimate| Some(estimate.status) == estimates.last().map(|last| last.status);
+    let is_same =
+        |estimate: &&&WearEstimate| Some(estimate.status) == estimates.last().map(|last| last.status);
     let count = estimates.iter().rev().take_while(is_same).count();
     let first = estimates.len() - count + 1;
     if count == 1 {
@@ -106,7 +125,11 @@ mod tests {
     use crate::estimate::{BaselineProgress, MachineSign, Prognosis};
 
     fn wear(status: WearStatus) -> WearEstimate {
-        WearEstimate::without_number(status, "reason".to_owned(), BaselineProgress { have: 8, need: 20 })
+        WearEstimate::without_number(
+            status,
+            "reason".to_owned(),
+            BaselineProgress { have: 8, need: 20 },
+        )
     }
 
     fn said(estimates: &[WearEstimate]) -> String {
@@ -121,7 +144,10 @@ mod tests {
             p95_um: Some(110.0),
             ..wear(WearStatus::Estimated)
         };
-        assert_eq!(said(&[worn.clone()]), "worn 85 µm (60 to 110); no growth to be seen");
+        assert_eq!(
+            said(&[worn.clone()]),
+            "worn 85 µm (60 to 110); no growth to be seen"
+        );
         let little = WearEstimate {
             median_um: Some(10.0),
             p05_um: Some(0.0),
@@ -129,7 +155,10 @@ mod tests {
             ..wear(WearStatus::Estimated)
         };
         let grown = [wear(WearStatus::CollectingBaseline), little, worn.clone()];
-        assert_eq!(said(&grown), "worn 85 µm (60 to 110); it has grown since record 2");
+        assert_eq!(
+            said(&grown),
+            "worn 85 µm (60 to 110); it has grown since record 2"
+        );
         let after = |days: i64| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(24 * days);
         worn.prognosis = Some(Prognosis {
             rate_um_per_day: 5.0,

@@ -46,10 +46,17 @@ impl Source {
         let mut file = File::open(path).map_err(cannot_open)?;
         let bytes = file.metadata().map_err(cannot_open)?.len();
         let mut beginning = Vec::new();
-        Read::by_ref(&mut file).take(16).read_to_end(&mut beginning).map_err(cannot_open)?;
+        Read::by_ref(&mut file)
+            .take(16)
+            .read_to_end(&mut beginning)
+            .map_err(cannot_open)?;
         file.seek(SeekFrom::Start(0)).map_err(cannot_open)?;
         match Format::detect(&beginning) {
-            Ok(Format::Mcap) => Err(argument("IN", path.display(), "CSV or WAV: it is an MCAP recording already")),
+            Ok(Format::Mcap) => Err(argument(
+                "IN",
+                path.display(),
+                "CSV or WAV: it is an MCAP recording already",
+            )),
             Ok(Format::Wav) => {
                 let frames = WavFrames::new(BufReader::new(file)).map_err(input)?;
                 frames.check_length(bytes).map_err(input)?;
@@ -74,7 +81,8 @@ impl Source {
                     return Err(argument("--rate", "missing", expected));
                 }
                 if args.unit.is_none() && frames.units().iter().any(Option::is_none) {
-                    let expected = "the samples' unit (for example m/s2), which the header does not say of every column";
+                    let expected =
+                        "the samples' unit (for example m/s2), which the header does not say of every column";
                     return Err(argument("--unit", "missing", expected));
                 }
                 let timing = CsvTiming::scan(frames).map_err(input)?;
@@ -119,10 +127,13 @@ fn choose(names: &[String], wanted: &[String]) -> Result<Vec<usize>, ConvertErro
         return Ok((0..names.len()).collect());
     }
     let find = |name: &String| {
-        names
-            .iter()
-            .position(|own| own == name)
-            .ok_or_else(|| argument("--channels", name, "numbers of the WAV's channels, counted from 1"))
+        names.iter().position(|own| own == name).ok_or_else(|| {
+            argument(
+                "--channels",
+                name,
+                "numbers of the WAV's channels, counted from 1",
+            )
+        })
     };
     wanted.iter().map(find).collect()
 }

@@ -1,4 +1,5 @@
-//! `flankwatch figures`: the paper's figures from this model on one page, with what its text says about them held against it.
+//! `flankwatch figures`: the paper's figures from this model on one page, with what its text says about them
+//! held against it.
 
 mod page;
 mod panel;
@@ -63,7 +64,10 @@ pub(super) fn run(args: &FiguresArgs) -> Result<(), CliError> {
     let mut text = String::new();
     for check in &figures.checks {
         let verdict = if check.holds { "holds   " } else { "does not" };
-        text += &format!("Fig. {:<2}  {verdict}  {} {}\n", check.figure, check.statement, check.measured);
+        text += &format!(
+            "Fig. {:<2}  {verdict}  {} {}\n",
+            check.figure, check.statement, check.measured
+        );
     }
     text += &format!(
         "{holding} of {} statements hold; figures in {}\n",

@@ -4,7 +4,8 @@ use plotly::common::{Anchor, DashType, Line, Marker, MarkerSymbol, Mode, Orienta
 use plotly::layout::{Axis, Legend, Margin, Shape, ShapeLayer, ShapeLine, ShapeType};
 use plotly::{Configuration, Layout, Plot, Scatter};
 
-/// Colours of no wear and of the three degrees of wear: told apart by every kind of sight, from light to dark with the wear.
+/// Colours of no wear and of the three degrees of wear: told apart by every kind of sight, from light to dark
+/// with the wear.
 pub(super) const COLOURS: [&str; 4] = ["#7f7f7f", "#56b4e9", "#0072b2", "#d55e00"];
 
 /// A diagram under construction.
@@ -15,7 +16,12 @@ pub(super) struct Panel {
 
 impl Panel {
     pub(super) fn new(title: &str, x: &str, y: &str) -> Self {
-        let axis = |name: &str| Axis::new().title(Title::with_text(name)).auto_margin(true).zero_line(false);
+        let axis = |name: &str| {
+            Axis::new()
+                .title(Title::with_text(name))
+                .auto_margin(true)
+                .zero_line(false)
+        };
         Self {
             plot: Plot::new(),
             layout: Layout::new()
@@ -56,7 +62,10 @@ impl Panel {
 
     /// Points.
     pub(super) fn points(mut self, name: &str, colour: &str, x: Vec<f64>, y: Vec<f64>) -> Self {
-        let marker = Marker::new().color(colour.to_owned()).size(5).symbol(MarkerSymbol::CircleOpen);
+        let marker = Marker::new()
+            .color(colour.to_owned())
+            .size(5)
+            .symbol(MarkerSymbol::CircleOpen);
         let trace = Scatter::new(x, y)
             .mode(Mode::Markers)
             .marker(marker)
@@ -69,7 +78,10 @@ impl Panel {
     /// A dashed line across at the height `y`.
     pub(super) fn level(mut self, name: &str, y: f64, [from, to]: [f64; 2]) -> Self {
         let line = Line::new().color("#000000").width(1.0).dash(DashType::Dash);
-        let trace = Scatter::new(vec![from, to], vec![y, y]).mode(Mode::Lines).line(line).name(name);
+        let trace = Scatter::new(vec![from, to], vec![y, y])
+            .mode(Mode::Lines)
+            .line(line)
+            .name(name);
         self.plot.add_trace(trace);
         self
     }

@@ -80,7 +80,12 @@ impl MqttFeed {
     }
 }
 
-async fn keep_connected(settings: MqttSettings, service: Arc<Service>, feed: Arc<Feed>, mut stop: watch::Receiver<bool>) {
+async fn keep_connected(
+    settings: MqttSettings,
+    service: Arc<Service>,
+    feed: Arc<Feed>,
+    mut stop: watch::Receiver<bool>,
+) {
     let mut wait = FIRST_WAIT;
     let mut connections = 0_u64;
     while !*stop.borrow() {
@@ -98,7 +103,11 @@ async fn keep_connected(settings: MqttSettings, service: Arc<Service>, feed: Arc
         if connections > before {
             wait = FIRST_WAIT;
         }
-        tracing::warn!(broker = settings.broker(), reason, "failed to connect to the MQTT broker");
+        tracing::warn!(
+            broker = settings.broker(),
+            reason,
+            "failed to connect to the MQTT broker"
+        );
         feed.lost(reason);
         tokio::select! {
             () = tokio::time::sleep(spread(wait)) => {}
@@ -177,7 +186,9 @@ impl<'a> Connection<'a> {
                         .find(|code| !matches!(code, SubscribeReasonCode::Success(QoS::AtLeastOnce)))
                     {
                         let filter = topic::filter(self.settings);
-                        return End::Lost(format!("the broker refused the subscription to {filter} with QoS 1: {code:?}"));
+                        return End::Lost(format!(
+                            "the broker refused the subscription to {filter} with QoS 1: {code:?}"
+                        ));
                     }
                     *connections += 1;
                     if *connections > 1 {
@@ -198,10 +209,13 @@ impl<'a> Connection<'a> {
                     }
                 }
                 Event::Outgoing(Outgoing::Disconnect) if *self.stop.borrow() => return End::Stopped,
-                Event::Outgoing(Outgoing::Disconnect) => return End::Lost("messages that found no place are asked for again".to_owned()),
+                Event::Outgoing(Outgoing::Disconnect) => {
+                    return End::Lost("messages that found no place are asked for again".to_owned());
+                }
                 _ => {}
             }
-            if self.has_left_behind && self.places.available_permits() == usize::from(self.settings.in_flight) {
+            if self.has_left_behind && self.places.available_permits() == usize::from(self.settings.in_flight)
+            {
                 // What was taken is acknowledged first. An error says that this was asked for before.
                 let _ = self.client.try_disconnect();
             }
@@ -217,7 +231,10 @@ impl<'a> Connection<'a> {
         let mut filter = Filter::new(topic::filter(self.settings), QoS::AtLeastOnce);
         // A kept message was seen when the subscription was made.
         filter.retain_forward_rule = RetainForwardRule::OnNewSubscribe;
-        self.client.subscribe_many([filter]).await.map_err(|error| error.to_string())
+        self.client
+            .subscribe_many([filter])
+            .await
+            .map_err(|error| error.to_string())
     }
 
     /// Deals with a message beside the others.
@@ -266,7 +283,10 @@ impl<'a> Connection<'a> {
             return places.try_acquire_owned().ok();
         }
         let wait = self.settings.keep_alive / 2;
-        tokio::time::timeout(wait, places.acquire_owned()).await.ok()?.ok()
+        tokio::time::timeout(wait, places.acquire_owned())
+            .await
+            .ok()?
+            .ok()
     }
 
     fn say_goodbye_when_stopped(&mut self) {
@@ -286,7 +306,13 @@ impl<'a> Connection<'a> {
 }
 
 /// Tells the sender that its message cannot be used.
-async fn refuse(service: &Arc<Service>, client: &AsyncClient, refusals: &PendingRefusals, refusal: Refusal, mut publish: Publish) {
+async fn refuse(
+    service: &Arc<Service>,
+    client: &AsyncClient,
+    refusals: &PendingRefusals,
+    refusal: Refusal,
+    mut publish: Publish,
+) {
     let topic = String::from_utf8_lossy(&publish.topic).into_owned();
     tracing::warn!(topic, reason = refusal.detail(), "refused a message");
     let payload = std::mem::take(&mut publish.payload);

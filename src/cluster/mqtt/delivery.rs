@@ -28,7 +28,12 @@ pub(super) enum Delivered {
 }
 
 /// Takes a message, however long that needs.
-pub(super) async fn deliver(service: &Arc<Service>, feed: &Arc<Feed>, message: &Message, mut stop: watch::Receiver<bool>) -> Delivered {
+pub(super) async fn deliver(
+    service: &Arc<Service>,
+    feed: &Arc<Feed>,
+    message: &Message,
+    mut stop: watch::Receiver<bool>,
+) -> Delivered {
     let (mut wait, mut faults, mut holding) = (FIRST_WAIT, 0, None);
     loop {
         let reason = match take(service, message).await {
@@ -62,9 +67,13 @@ async fn take(service: &Arc<Service>, message: &Message) -> Result<(), Verdict> 
     let mut ticket = service.workers.admit()?;
     ticket.grow(message.payload.len())?;
     let given = message.given();
-    let taken = service
-        .pipeline
-        .accept(&message.address.asset, message.format, message.payload.clone(), given, ticket);
+    let taken = service.pipeline.accept(
+        &message.address.asset,
+        message.format,
+        message.payload.clone(),
+        given,
+        ticket,
+    );
     match taken.await {
         Ok(_) => Ok(()),
         Err(ServiceError::Field {
@@ -73,7 +82,12 @@ async fn take(service: &Arc<Service>, message: &Message) -> Result<(), Verdict> 
             ..
         }) if value == NO_TIME.to_string() => {
             let expected = "the time of the first sample: only by it is a message that comes twice known";
-            Err(Verdict::Never(Refusal::field(422, "start_time", "missing", expected)))
+            Err(Verdict::Never(Refusal::field(
+                422,
+                "start_time",
+                "missing",
+                expected,
+            )))
         }
         Err(error) => Err(error.into()),
     }

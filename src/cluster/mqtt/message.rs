@@ -25,7 +25,12 @@ impl Message {
     /// Checks everything but the record itself.
     pub(super) fn read(settings: &MqttSettings, publish: &Publish) -> Result<Self, Refusal> {
         let Ok(topic) = std::str::from_utf8(&publish.topic) else {
-            return Err(Refusal::field(400, "topic", &publish.topic.escape_ascii().to_string(), "UTF-8"));
+            return Err(Refusal::field(
+                400,
+                "topic",
+                &publish.topic.escape_ascii().to_string(),
+                "UTF-8",
+            ));
         };
         let address = topic::read(&settings.root, topic)?;
         let most = settings.message_bytes;
@@ -63,9 +68,18 @@ impl Message {
 fn format(content_type: Option<&str>, payload: &[u8]) -> Result<RecordFormat, Refusal> {
     let Some(content_type) = content_type.filter(|content_type| !content_type.is_empty()) else {
         let is_json = matches!(payload.first(), Some(b'{' | b' ' | b'\t' | b'\r' | b'\n'));
-        return Ok(if is_json { RecordFormat::Json } else { RecordFormat::Protobuf });
+        return Ok(if is_json {
+            RecordFormat::Json
+        } else {
+            RecordFormat::Protobuf
+        });
     };
-    let media_type = content_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    let media_type = content_type
+        .split(';')
+        .next()
+        .unwrap_or_default()
+        .trim()
+        .to_ascii_lowercase();
     match RecordFormat::from_media_type(&media_type) {
         Some(format @ (RecordFormat::Protobuf | RecordFormat::Json)) => Ok(format),
         _ => Err(Refusal::field(

@@ -26,7 +26,13 @@ impl PendingRefusals {
     /// Gives a refusal to the client; its order is that of the calls.
     ///
     /// Error: the connection is gone, and the broker will send the message again.
-    pub(super) fn send(&self, client: &AsyncClient, topic: String, letter: Vec<u8>, refused: Publish) -> Result<(), Box<ClientError>> {
+    pub(super) fn send(
+        &self,
+        client: &AsyncClient,
+        topic: String,
+        letter: Vec<u8>,
+        refused: Publish,
+    ) -> Result<(), Box<ClientError>> {
         let properties = PublishProperties {
             content_type: Some(MEDIA_TYPE.to_owned()),
             // By this a device knows which of its messages is meant.
@@ -56,7 +62,10 @@ impl PendingRefusals {
     /// refusal, if so.
     pub(super) fn answered(&self, answer: &PubAck) -> Option<(Publish, Option<PubAckReason>)> {
         let refused = self.under_way().sent.remove(&answer.pkid)?;
-        let is_taken = matches!(answer.reason, PubAckReason::Success | PubAckReason::NoMatchingSubscribers);
+        let is_taken = matches!(
+            answer.reason,
+            PubAckReason::Success | PubAckReason::NoMatchingSubscribers
+        );
         Some((refused, (!is_taken).then_some(answer.reason)))
     }
 

@@ -125,11 +125,19 @@ impl From<ServiceError> for Verdict {
         match error {
             ServiceError::Recording(ref source) if source.is_full() => Self::Later(error.to_string()),
             ServiceError::Recording(_) => Self::Never(Refusal::new(422, error.to_string())),
-            ServiceError::Field { field, value, expected } => Self::Never(Refusal::field(422, field, &value, expected)),
+            ServiceError::Field {
+                field,
+                value,
+                expected,
+            } => Self::Never(Refusal::field(422, field, &value, expected)),
             // Full, busy or away: what is wrong concerns every message.
-            ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) | ServiceError::File { .. } => Self::Later(error.to_string()),
+            ServiceError::Busy { .. } | ServiceError::DescriptionChanged(_) | ServiceError::File { .. } => {
+                Self::Later(error.to_string())
+            }
             ServiceError::Store(source) => Self::of_store(&source),
-            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => Self::Never(Refusal::new(409, error.to_string())),
+            ServiceError::SensorOfOther { .. } | ServiceError::SensorShared { .. } => {
+                Self::Never(Refusal::new(409, error.to_string()))
+            }
             ServiceError::RawGivenUp(_) => Self::Never(Refusal::new(410, error.to_string())),
             // None of these is of a record that comes, but for a fault of the program.
             ServiceError::WorkerLost(_)
@@ -153,7 +161,8 @@ mod tests {
     fn a_letter_has_the_reason_and_names_the_message() {
         let refusal = Refusal::field(422, "sample_rate_hz", "-1", "a number above 0");
         let time = "2026-01-01T00:00:00Z".parse().unwrap();
-        let letter: serde_json::Value = serde_json::from_slice(&refusal.letter("flankwatch/p/1/waveform", time, b"abc")).unwrap();
+        let letter: serde_json::Value =
+            serde_json::from_slice(&refusal.letter("flankwatch/p/1/waveform", time, b"abc")).unwrap();
         let expected = serde_json::json!({
             "type": "about:blank", "title": "Unprocessable Entity", "status": 422,
             "detail": "sample_rate_hz is -1, expected a number above 0",
@@ -177,9 +186,15 @@ mod tests {
             retry_after_s: 1,
         };
         assert!(matches!(Verdict::from(busy), Verdict::Later(reason) if reason.contains("queue")));
-        assert!(matches!(Verdict::from(ServiceError::WorkerLost("decode")), Verdict::Fault(_)));
+        assert!(matches!(
+            Verdict::from(ServiceError::WorkerLost("decode")),
+            Verdict::Fault(_)
+        ));
         let away = StoreError::Database(sqlx::Error::PoolTimedOut);
-        assert!(matches!(Verdict::from(ServiceError::Store(away)), Verdict::Later(_)));
+        assert!(matches!(
+            Verdict::from(ServiceError::Store(away)),
+            Verdict::Later(_)
+        ));
     }
 
     #[test]
@@ -191,6 +206,9 @@ mod tests {
             "{verdict:?}"
         );
         let missing = StoreError::ObjectMissing("ab".to_owned());
-        assert!(matches!(Verdict::from(ServiceError::Store(missing)), Verdict::Fault(_)));
+        assert!(matches!(
+            Verdict::from(ServiceError::Store(missing)),
+            Verdict::Fault(_)
+        ));
     }
 }

@@ -30,9 +30,11 @@ impl TlsFiles {
         let config = match &self.client {
             None => builder.with_no_client_auth(),
             Some((certificate, key)) => {
-                let chain: Result<Vec<_>, _> = CertificateDer::pem_file_iter(certificate).and_then(Iterator::collect);
+                let chain: Result<Vec<_>, _> =
+                    CertificateDer::pem_file_iter(certificate).and_then(Iterator::collect);
                 let chain = chain.map_err(|error| MqttError::tls("certificate", certificate, error))?;
-                let private = PrivateKeyDer::from_pem_file(key).map_err(|error| MqttError::tls("key", key, error))?;
+                let private =
+                    PrivateKeyDer::from_pem_file(key).map_err(|error| MqttError::tls("key", key, error))?;
                 builder
                     .with_client_auth_cert(chain, private)
                     .map_err(|error| MqttError::tls("certificate", certificate, error))?

@@ -18,8 +18,21 @@ export class BulkAcknowledge {
   #comment = h("input", { id: "alarms-comment", maxlength: 2000 });
   #act = h("button", { type: "submit", class: "primary" }, "Acknowledge");
   #result = h("p", { class: "result", role: "status" });
-  #fields = h("div", { class: "bulk-fields", hidden: true }, h("label", { class: "field", for: "alarms-by" }, h("span", {}, "Your name"), this.#by), h("label", { class: "field", for: "alarms-comment" }, h("span", {}, "Comment"), this.#comment), this.#act);
-  element = h("form", { class: "alarm-bulk", hidden: true, onsubmit: (event) => this.#acknowledge(event) }, h("label", { class: "check", for: "alarms-all" }, this.#all, "Choose all to acknowledge"), this.#words, this.#fields, this.#result);
+  #fields = h(
+    "div",
+    { class: "bulk-fields", hidden: true },
+    h("label", { class: "field", for: "alarms-by" }, h("span", {}, "Your name"), this.#by),
+    h("label", { class: "field", for: "alarms-comment" }, h("span", {}, "Comment"), this.#comment),
+    this.#act,
+  );
+  element = h(
+    "form",
+    { class: "alarm-bulk", hidden: true, onsubmit: (event) => this.#acknowledge(event) },
+    h("label", { class: "check", for: "alarms-all" }, this.#all, "Choose all to acknowledge"),
+    this.#words,
+    this.#fields,
+    this.#result,
+  );
 
   constructor(onDone) {
     this.#onDone = onDone;
@@ -36,7 +49,12 @@ export class BulkAcknowledge {
 
   /** The box of one alarm in its row. */
   box(id, words) {
-    const box = h("input", { type: "checkbox", class: "alarm-pick", "aria-label": `Choose the alarm ${words}`, onclick: () => this.#take(id, box.checked) });
+    const box = h("input", {
+      type: "checkbox",
+      class: "alarm-pick",
+      "aria-label": `Choose the alarm ${words}`,
+      onclick: () => this.#take(id, box.checked),
+    });
     box.checked = this.#chosen.has(id);
     box.dataset.pick = id;
     return box;
@@ -50,7 +68,8 @@ export class BulkAcknowledge {
 
   #takeAll(checked) {
     this.#chosen = new Set(checked ? this.#offered : []);
-    for (const box of document.querySelectorAll("[data-pick]")) box.checked = this.#chosen.has(box.dataset.pick);
+    for (const box of document.querySelectorAll("[data-pick]"))
+      box.checked = this.#chosen.has(box.dataset.pick);
     this.#show();
   }
 
@@ -78,13 +97,18 @@ export class BulkAcknowledge {
     let [done, refused, reason] = [0, 0, ""];
     try {
       for (const id of [...this.#chosen]) {
-        const answer = await api.answer(api.actOnAlarm(id, "acknowledge", { by, ...(comment && { comment }) }));
+        const answer = await api.answer(
+          api.actOnAlarm(id, "acknowledge", { by, ...(comment && { comment }) }),
+        );
         this.#chosen.delete(id);
         if (answer instanceof Error) [refused, reason] = [refused + 1, answer.message];
         else done += 1;
       }
       this.#comment.value = "";
-      this.#said(refused ? "part" : "good", `${alarms(done)} acknowledged.${refused ? ` ${alarms(refused)} not: ${reason}.` : ""}`);
+      this.#said(
+        refused ? "part" : "good",
+        `${alarms(done)} acknowledged.${refused ? ` ${alarms(refused)} not: ${reason}.` : ""}`,
+      );
     } catch (error) {
       this.#said("bad", `Stopped after ${alarms(done)}: ${error.message}.`);
     } finally {

@@ -19,7 +19,9 @@ export class AlarmCount {
 
   /** Asks the server and shows what changed; a refusal is shown by the page that needs the list. */
   async refresh(signal) {
-    const answer = await api.answer(api.alarms({ state: "unacknowledged,returned_unacknowledged", limit: MOST }, signal));
+    const answer = await api.answer(
+      api.alarms({ state: "unacknowledged,returned_unacknowledged", limit: MOST }, signal),
+    );
     if (answer === this.#shown || answer instanceof Error) return;
     this.#shown = answer;
     const { items, next_cursor: more } = answer;

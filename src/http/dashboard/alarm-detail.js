@@ -8,7 +8,14 @@ import { utc } from "./format.js";
 import { keepName, lastName } from "./person.js";
 import { format } from "./route.js";
 
-const SHELVED_FOR = [["1", "1 hour"], ["8", "8 hours"], ["24", "1 day"], ["168", "7 days"], ["720", "30 days"], ["", "a time:"]];
+const SHELVED_FOR = [
+  ["1", "1 hour"],
+  ["8", "8 hours"],
+  ["24", "1 day"],
+  ["168", "7 days"],
+  ["720", "30 days"],
+  ["", "a time:"],
+];
 const HOUR_MS = 3_600_000;
 
 /** The panel beside the list of alarms. */
@@ -20,15 +27,40 @@ export class AlarmDetail {
   #history = h("ol", { class: "alarm-history" });
   #by = h("input", { id: "alarm-by", autocomplete: "name", maxlength: 200, required: true });
   #comment = h("textarea", { id: "alarm-comment", rows: 2, maxlength: 2000 });
-  #span = h("select", { id: "alarm-shelve", "aria-label": "How long to shelve", onchange: () => this.#offerTime() }, SHELVED_FOR.map(([value, text]) => h("option", { value }, text)));
-  #until = h("input", { id: "alarm-until", type: "datetime-local", step: 60, "aria-label": "Shelve until, UTC", hidden: true });
-  #acknowledge = h("button", { type: "button", class: "primary", onclick: () => this.#act("acknowledge") }, "Acknowledge");
+  #span = h(
+    "select",
+    { id: "alarm-shelve", "aria-label": "How long to shelve", onchange: () => this.#offerTime() },
+    SHELVED_FOR.map(([value, text]) => h("option", { value }, text)),
+  );
+  #until = h("input", {
+    id: "alarm-until",
+    type: "datetime-local",
+    step: 60,
+    "aria-label": "Shelve until, UTC",
+    hidden: true,
+  });
+  #acknowledge = h(
+    "button",
+    { type: "button", class: "primary", onclick: () => this.#act("acknowledge") },
+    "Acknowledge",
+  );
   #shelve = h("button", { type: "button", onclick: () => this.#act("shelve") }, "Shelve for");
   #unshelve = h("button", { type: "button", onclick: () => this.#act("unshelve") }, "Unshelve");
   #say = h("button", { type: "button", onclick: () => this.#act("comment") }, "Comment");
   #result = h("p", { class: "result", role: "status" });
-  #notice = h("p", { class: "notice" }, "Choose an alarm to see its history and to acknowledge or shelve it.");
-  #shelving = h("span", { class: "alarm-shelving" }, this.#shelve, this.#span, this.#until, h("span", { class: "muted utc-note", hidden: true }, "UTC"));
+  #notice = h(
+    "p",
+    { class: "notice" },
+    "Choose an alarm to see its history and to acknowledge or shelve it.",
+  );
+  #shelving = h(
+    "span",
+    { class: "alarm-shelving" },
+    this.#shelve,
+    this.#span,
+    this.#until,
+    h("span", { class: "muted utc-note", hidden: true }, "UTC"),
+  );
   #form = h(
     "form",
     { class: "alarm-actions", onsubmit: (event) => event.preventDefault() },
@@ -37,8 +69,20 @@ export class AlarmDetail {
     h("div", { class: "form-buttons" }, this.#acknowledge, this.#unshelve, this.#say, this.#shelving),
     this.#result,
   );
-  #body = h("div", { class: "alarm-body", hidden: true }, this.#head, this.#form, h("h3", {}, "History"), this.#history);
-  element = h("section", { class: "card alarm-detail", "aria-label": "Chosen alarm" }, this.#notice, this.#body);
+  #body = h(
+    "div",
+    { class: "alarm-body", hidden: true },
+    this.#head,
+    this.#form,
+    h("h3", {}, "History"),
+    this.#history,
+  );
+  element = h(
+    "section",
+    { class: "card alarm-detail", "aria-label": "Chosen alarm" },
+    this.#notice,
+    this.#body,
+  );
 
   /** `onChanged` is called after an action was taken. */
   constructor(onChanged) {
@@ -50,7 +94,8 @@ export class AlarmDetail {
   async show(id, signal) {
     if (!id) return this.#nothing("Choose an alarm to see its history and to acknowledge or shelve it.");
     const alarm = await api.answer(api.alarm(id, signal));
-    if (alarm instanceof Error) return this.#nothing(alarm.status === 404 ? "There is no such alarm on this server." : alarm.message);
+    if (alarm instanceof Error)
+      return this.#nothing(alarm.status === 404 ? "There is no such alarm on this server." : alarm.message);
     if (id !== this.#id) {
       this.#said("", "");
       this.#comment.value = "";
@@ -78,20 +123,29 @@ export class AlarmDetail {
       this.#head,
       h("div", { class: "plot-head" }, h("h2", {}, quantityWords(quantity)), severityBadge(severity, 24)),
       h("p", {}, h("a", { href: overview }, asset), ` · channel ${channel}`),
-      h("p", {}, h("strong", {}, reading(value, alarm)), `${severity ? " " : ", "}${levelWords(alarm)} · ${stateWords(alarm)}`),
+      h(
+        "p",
+        {},
+        h("strong", {}, reading(value, alarm)),
+        `${severity ? " " : ", "}${levelWords(alarm)} · ${stateWords(alarm)}`,
+      ),
       h("p", { class: "muted" }, rule ? ruleWords(alarm) : "The asset has no such rule any more."),
     );
     const todo = state === "unacknowledged" || state === "returned_unacknowledged";
     this.#acknowledge.hidden = !todo;
     this.#unshelve.hidden = state !== "shelved";
     const newest = [...alarm.history].reverse();
-    setChildren(this.#history, newest.map((change) => entry(change, alarm)));
+    setChildren(
+      this.#history,
+      newest.map((change) => entry(change, alarm)),
+    );
   }
 
   #offerTime() {
     const own = this.#span.value === "";
     for (const element of [this.#until, this.#shelving.querySelector(".utc-note")]) element.hidden = !own;
-    if (own && !this.#until.value) this.#until.value = new Date(Date.now() + 24 * HOUR_MS).toISOString().slice(0, 16);
+    if (own && !this.#until.value)
+      this.#until.value = new Date(Date.now() + 24 * HOUR_MS).toISOString().slice(0, 16);
   }
 
   #end() {
@@ -103,7 +157,11 @@ export class AlarmDetail {
   async #act(action) {
     const by = this.#by.value.trim();
     const comment = this.#comment.value.trim();
-    const missing = !by ? [this.#by, "Your name is empty, expected who does this."] : action === "comment" && !comment ? [this.#comment, "The comment is empty, expected some words."] : null;
+    const missing = !by
+      ? [this.#by, "Your name is empty, expected who does this."]
+      : action === "comment" && !comment
+        ? [this.#comment, "The comment is empty, expected some words."]
+        : null;
     for (const input of [this.#by, this.#comment]) input.removeAttribute("aria-invalid");
     if (missing) {
       missing[0].setAttribute("aria-invalid", "true");
@@ -111,13 +169,21 @@ export class AlarmDetail {
       return this.#said("bad", missing[1]);
     }
     const until = action === "shelve" ? this.#end() : undefined;
-    if (until === null) return this.#said("bad", "The time is empty, expected until when the alarm is to be shelved.");
+    if (until === null)
+      return this.#said("bad", "The time is empty, expected until when the alarm is to be shelved.");
     keepName(by);
     try {
-      const alarm = await api.actOnAlarm(this.#id, action, { by, ...(comment && { comment }), ...(until && { until }) });
+      const alarm = await api.actOnAlarm(this.#id, action, {
+        by,
+        ...(comment && { comment }),
+        ...(until && { until }),
+      });
       this.#comment.value = "";
       this.#render(alarm);
-      this.#said("good", `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${utc(until)}`, unshelve: "Unshelved", comment: "Comment kept" }[action]}.`);
+      this.#said(
+        "good",
+        `${{ acknowledge: "Acknowledged", shelve: `Shelved until ${utc(until)}`, unshelve: "Unshelved", comment: "Comment kept" }[action]}.`,
+      );
       document.dispatchEvent(new CustomEvent("recordschange"));
     } catch (error) {
       this.#said("bad", `Not done: ${error.message}.`);
@@ -133,7 +199,13 @@ export class AlarmDetail {
 
 function ruleWords(alarm) {
   const { warning, danger, hysteresis, settings } = alarm.rule;
-  const levels = [["warning", warning], ["danger", danger]].filter(([, level]) => level != null).map(([name, level]) => `${name} above ${reading(level, alarm)}`).join(", ");
+  const levels = [
+    ["warning", warning],
+    ["danger", danger],
+  ]
+    .filter(([, level]) => level != null)
+    .map(([name, level]) => `${name} above ${reading(level, alarm)}`)
+    .join(", ");
   const { raise, raise_of: of, clear, clear_of: clearOf } = settings;
   const cleared = clearOf === 1 ? "the first" : `${clear} of ${clearOf}`;
   const back = hysteresis ? `${cleared} more than ${reading(hysteresis, alarm)} below` : `${cleared} below`;
@@ -147,7 +219,13 @@ function entry(change, alarm) {
     "li",
     { class: withdrawn ? "withdrawn" : "", "data-severity": action ? "" : (change.severity ?? "none") },
     h("span", { class: "muted" }, utc(time)),
-    h("span", {}, by ? h("strong", {}, `${by}: `) : null, changeWords(change, alarm), withdrawn ? ` (withdrawn ${utc(withdrawn)}: the readings do not say so any more)` : ""),
+    h(
+      "span",
+      {},
+      by ? h("strong", {}, `${by}: `) : null,
+      changeWords(change, alarm),
+      withdrawn ? ` (withdrawn ${utc(withdrawn)}: the readings do not say so any more)` : "",
+    ),
     comment ? h("q", {}, comment) : null,
   );
 }

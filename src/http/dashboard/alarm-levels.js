@@ -1,4 +1,5 @@
-// Handles on the levels of an alarm rule over a pane of the trend plot: dragged, or moved with the arrow keys.
+// Handles on the levels of an alarm rule over a pane of the trend plot: dragged, or moved with the arrow
+// keys.
 
 import { h, setChildren } from "./dom.js";
 import { number } from "./format.js";
@@ -26,7 +27,10 @@ export class LevelHandles {
   show(pane, levels) {
     const focused = document.activeElement?.dataset?.level;
     [this.#pane, this.#levels] = [pane, pane === null ? [] : levels];
-    setChildren(this.element, this.#levels.map((level) => this.#handle(level)));
+    setChildren(
+      this.element,
+      this.#levels.map((level) => this.#handle(level)),
+    );
     this.#place();
     if (!this.#plot.dataset.handled && this.#plot.on) {
       this.#plot.dataset.handled = "true";
@@ -40,7 +44,22 @@ export class LevelHandles {
   }
 
   #handle({ key, value, label, severity, words }) {
-    const handle = h("button", { type: "button", class: "level-handle", role: "slider", "data-level": key, "data-severity": severity, "aria-label": label, "aria-orientation": "vertical", "aria-valuenow": value, "aria-valuetext": words }, h("span", { "aria-hidden": "true" }, "↕"), h("output", {}));
+    const handle = h(
+      "button",
+      {
+        type: "button",
+        class: "level-handle",
+        role: "slider",
+        "data-level": key,
+        "data-severity": severity,
+        "aria-label": label,
+        "aria-orientation": "vertical",
+        "aria-valuenow": value,
+        "aria-valuetext": words,
+      },
+      h("span", { "aria-hidden": "true" }, "↕"),
+      h("output", {}),
+    );
     handle.addEventListener("pointerdown", (event) => this.#drag(event, handle, key));
     handle.addEventListener("keydown", (event) => this.#step(event, key, value));
     return handle;
@@ -94,7 +113,9 @@ export class LevelHandles {
   }
 
   #step(event, key, value) {
-    const direction = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10 }[event.key];
+    const direction = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10 }[
+      event.key
+    ];
     const axis = this.#axis();
     if (!direction || !axis) return;
     event.preventDefault();

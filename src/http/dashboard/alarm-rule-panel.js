@@ -1,4 +1,5 @@
-// An alarm rule made on the trend plot: levels typed, dragged or taken from the baseline, tried on the history, and saved.
+// An alarm rule made on the trend plot: levels typed, dragged or taken from the baseline, tried on the
+// history, and saved.
 
 import { reading } from "./alarm-words.js";
 import * as api from "./api.js";
@@ -15,7 +16,8 @@ const TRY_AFTER_MS = 250;
 const FROM_SERVER = ["summary", "created_at", "updated_at", "revision"];
 
 const quantityOf = (name) => (name === "novelty" ? "novelty" : { indicator: name });
-const watches = (rule, name) => (name === "novelty" ? rule.quantity === "novelty" : rule.quantity?.indicator === name);
+const watches = (rule, name) =>
+  name === "novelty" ? rule.quantity === "novelty" : rule.quantity?.indicator === name;
 const some = (n, word) => `${count(n)} ${n === 1 ? word : `${word}s`}`;
 
 /** The panel below the trends. `onDraft` is called when the rule on show has changed, `onName(name)` when another indicator is chosen. */
@@ -30,7 +32,18 @@ export class AlarmRulePanel {
   #trying = new AbortController();
   #timer;
   #quantity = h("select", { id: "rule-quantity" });
-  #inputs = new Map(LEVELS.map(([key, label]) => [key, h("input", { id: `rule-${key}`, type: "number", step: "any", "aria-label": label, onchange: () => this.#typed() })]));
+  #inputs = new Map(
+    LEVELS.map(([key, label]) => [
+      key,
+      h("input", {
+        id: `rule-${key}`,
+        type: "number",
+        step: "any",
+        "aria-label": label,
+        onchange: () => this.#typed(),
+      }),
+    ]),
+  );
   #units = LEVELS.map(([key, label]) => [key, label, h("span")]);
   #k = h("input", { id: "rule-k", type: "number", min: 0, step: 0.5, value: 4 });
   #trial = h("p", { class: "rule-trial", role: "status" });
@@ -42,12 +55,29 @@ export class AlarmRulePanel {
   constructor(onDraft, onName) {
     this.#onDraft = onDraft;
     this.#quantity.addEventListener("change", () => onName(this.#quantity.value));
-    const fields = this.#units.map(([key, , label]) => h("label", { class: "field", for: `rule-${key}` }, label, this.#inputs.get(key)));
-    const suggest = h("span", { class: "rule-suggest" }, h("button", { type: "button", onclick: () => this.#suggest() }, "Suggest from the baseline"), h("label", { class: "check", for: "rule-k" }, "mean +", this.#k, "σ"));
+    const fields = this.#units.map(([key, , label]) =>
+      h("label", { class: "field", for: `rule-${key}` }, label, this.#inputs.get(key)),
+    );
+    const suggest = h(
+      "span",
+      { class: "rule-suggest" },
+      h("button", { type: "button", onclick: () => this.#suggest() }, "Suggest from the baseline"),
+      h("label", { class: "check", for: "rule-k" }, "mean +", this.#k, "σ"),
+    );
     this.element = h(
       "form",
-      { class: "rule-panel", hidden: true, "aria-label": "Alarm levels", onsubmit: (event) => this.#submit(event) },
-      h("div", { class: "fields" }, h("label", { class: "field", for: "rule-quantity" }, h("span", {}, "Alarm on"), this.#quantity), fields),
+      {
+        class: "rule-panel",
+        hidden: true,
+        "aria-label": "Alarm levels",
+        onsubmit: (event) => this.#submit(event),
+      },
+      h(
+        "div",
+        { class: "fields" },
+        h("label", { class: "field", for: "rule-quantity" }, h("span", {}, "Alarm on"), this.#quantity),
+        fields,
+      ),
       h("div", { class: "form-buttons" }, suggest, this.#save, this.#reset),
       this.#trial,
       this.#result,
@@ -66,9 +96,13 @@ export class AlarmRulePanel {
     const isOther = name !== this.#name || channel !== this.#channel || asset.id !== this.#asset?.id;
     const isNews = asset !== this.#asset;
     [this.#asset, this.#channel, this.#name, this.#unit] = [asset, channel, name, unit(units[name])];
-    setChildren(this.#quantity, names.map((each) => h("option", { value: each }, indicatorName(each))));
+    setChildren(
+      this.#quantity,
+      names.map((each) => h("option", { value: each }, indicatorName(each))),
+    );
     this.#quantity.value = name;
-    for (const [, label, element] of this.#units) setText(element, this.#unit ? `${label} (${this.#unit})` : label);
+    for (const [, label, element] of this.#units)
+      setText(element, this.#unit ? `${label} (${this.#unit})` : label);
     if (isOther) this.#said("", "");
     if (isOther || (isNews && !this.#isChanged)) this.#begin(false);
     return [...rules.filter((rule) => !watches(rule, name)), this.#rule];
@@ -77,7 +111,13 @@ export class AlarmRulePanel {
   /** The levels that are set, for handles on the plot. */
   levels() {
     if (this.#name === null) return [];
-    return LEVELS.filter(([key]) => this.#rule?.[key] != null).map(([key, label, severity]) => ({ key, value: this.#rule[key], severity, label: `${label}, ${indicatorName(this.#name)}`, words: `${number(this.#rule[key])} ${this.#unit}`.trim() }));
+    return LEVELS.filter(([key]) => this.#rule?.[key] != null).map(([key, label, severity]) => ({
+      key,
+      value: this.#rule[key],
+      severity,
+      label: `${label}, ${indicatorName(this.#name)}`,
+      words: `${number(this.#rule[key])} ${this.#unit}`.trim(),
+    }));
   }
 
   /** Takes a level that was dragged. */
@@ -112,15 +152,23 @@ export class AlarmRulePanel {
 
   async #suggest() {
     const k = Number(this.#k.value);
-    if (!(k > 0)) return this.#said("bad", `The factor is ${this.#k.value || "empty"}, expected a number above 0.`);
+    if (!(k > 0))
+      return this.#said("bad", `The factor is ${this.#k.value || "empty"}, expected a number above 0.`);
     try {
       const known = await api.baseline(this.#asset.id, this.#channel, this.#name);
       const { mean, standard_deviation: deviation, records } = known.items[0] ?? {};
-      if (deviation == null) return this.#said("bad", `The baseline has ${some(records ?? 0, "value")} of ${indicatorName(this.#name)}, expected at least 2.`);
+      if (deviation == null)
+        return this.#said(
+          "bad",
+          `The baseline has ${some(records ?? 0, "value")} of ${indicatorName(this.#name)}, expected at least 2.`,
+        );
       this.#inputs.get("warning").value = Number((mean + k * deviation).toPrecision(3));
       this.#inputs.get("danger").value = Number((mean + 2 * k * deviation).toPrecision(3));
       this.#typed();
-      this.#said("good", `Baseline of ${some(records, "record")}: mean ${number(mean)}, σ ${number(deviation, 3)} ${this.#unit}. Warning at mean + ${number(k)} σ, danger at mean + ${number(2 * k)} σ.`);
+      this.#said(
+        "good",
+        `Baseline of ${some(records, "record")}: mean ${number(mean)}, σ ${number(deviation, 3)} ${this.#unit}. Warning at mean + ${number(k)} σ, danger at mean + ${number(2 * k)} σ.`,
+      );
     } catch (error) {
       this.#said("bad", `Nothing suggested: ${error.message}.`);
     }
@@ -129,14 +177,22 @@ export class AlarmRulePanel {
   #tryLater() {
     clearTimeout(this.#timer);
     this.#trying.abort();
-    if (this.levels().length === 0) return setText(this.#trial, "Without a level nothing is raised. Type one, or take one from the baseline.");
+    if (this.levels().length === 0)
+      return setText(
+        this.#trial,
+        "Without a level nothing is raised. Type one, or take one from the baseline.",
+      );
     this.#timer = setTimeout(() => this.#try(), TRY_AFTER_MS);
   }
 
   async #try() {
     this.#trying = new AbortController();
     try {
-      const trial = await api.tryRule(this.#asset.id, { rule: this.#rule, channel: this.#channel }, this.#trying.signal);
+      const trial = await api.tryRule(
+        this.#asset.id,
+        { rule: this.#rule, channel: this.#channel },
+        this.#trying.signal,
+      );
       setText(this.#trial, this.#trialWords(trial));
     } catch (error) {
       if (error.name !== "AbortError") setText(this.#trial, `Not tried: ${error.message}.`);
@@ -149,20 +205,24 @@ export class AlarmRulePanel {
     const raised = warnings + dangers;
     if (raised === 0) return `${base}, this rule would have raised nothing.`;
     const first = changes.find((change) => change.severity);
-    const at = first ? ` first at ${utc(first.time)} with ${reading(first.value, { quantity: this.#rule.quantity, asset_id: this.#asset.id, channel: this.#channel })};` : "";
+    const at = first
+      ? ` first at ${utc(first.time)} with ${reading(first.value, { quantity: this.#rule.quantity, asset_id: this.#asset.id, channel: this.#channel })};`
+      : "";
     return `${base}, this rule would have raised ${some(raised, "alarm")}: ${some(warnings, "warning")} and ${some(dangers, "danger")},${at} ${severity ?? "nothing"} after the last record.`;
   }
 
   async #submit(event) {
     event.preventDefault();
-    if (this.levels().length === 0) return this.#said("bad", "No level is set, expected at least one. Rules are removed in the settings.");
+    if (this.levels().length === 0)
+      return this.#said("bad", "No level is set, expected at least one. Rules are removed in the settings.");
     this.#save.disabled = true;
     try {
       const { id } = this.#asset;
       const asset = await api.asset(id); // what others changed meanwhile stays
       const rules = asset.alarms ?? asset.summary.alarm_rules ?? [];
       const place = rules.findIndex((rule) => watches(rule, this.#name));
-      const alarms = place < 0 ? [...rules, this.#rule] : rules.map((rule, n) => (n === place ? this.#rule : rule));
+      const alarms =
+        place < 0 ? [...rules, this.#rule] : rules.map((rule, n) => (n === place ? this.#rule : rule));
       const spec = Object.fromEntries(Object.entries(asset).filter(([name]) => !FROM_SERVER.includes(name)));
       await api.replaceAsset(id, { ...spec, alarms });
       this.#isChanged = false;

@@ -1,4 +1,5 @@
-// Alarms in words and symbols: what is watched, how bad it is, where the alarm stands, and what happened to it.
+// Alarms in words and symbols: what is watched, how bad it is, where the alarm stands, and what happened to
+// it.
 
 import { unitOf } from "./alarm-units.js";
 import { h } from "./dom.js";
@@ -8,7 +9,11 @@ import { badge } from "./symbols.js";
 /** Where an alarm stands; `open` ones ask for somebody. */
 export const ALARM_STATES = {
   unacknowledged: { word: "Unacknowledged", words: "raised, and nobody has said that they know", open: true },
-  returned_unacknowledged: { word: "Returned, unacknowledged", words: "it was raised and is over, and nobody has said that they know", open: true },
+  returned_unacknowledged: {
+    word: "Returned, unacknowledged",
+    words: "it was raised and is over, and nobody has said that they know",
+    open: true,
+  },
   acknowledged: { word: "Acknowledged", words: "raised, and somebody knows", open: false },
   shelved: { word: "Shelved", words: "put aside until a time", open: false },
   normal: { word: "Normal", words: "nothing is raised", open: false },
@@ -18,7 +23,15 @@ export const ALARM_STATES = {
 export function quantityWords(quantity) {
   if (quantity?.indicator) return indicatorName(quantity.indicator);
   if (quantity?.rate_per_day) return `Change a day: ${quantityWords(quantity.rate_per_day)}`;
-  return { wear_um: "Wear depth", wear_above_limit: "Probability of having passed the limit", novelty: "Novelty (−log₁₀ of the p-value)", sensor_fault: "Sensor fault", stale_s: "Time without a record" }[quantity] ?? String(quantity);
+  return (
+    {
+      wear_um: "Wear depth",
+      wear_above_limit: "Probability of having passed the limit",
+      novelty: "Novelty (−log₁₀ of the p-value)",
+      sensor_fault: "Sensor fault",
+      stale_s: "Time without a record",
+    }[quantity] ?? String(quantity)
+  );
 }
 
 /** A reading or level of an alarm with its unit. */
@@ -36,10 +49,16 @@ export function reading(value, alarm) {
 export function levelWords(alarm) {
   const { rule, severity, value } = alarm;
   if (!rule) return "";
-  const sides = (name) => [["above", rule[name]], ["below", rule[`${name}_below`]]].filter(([, level]) => level != null);
+  const sides = (name) =>
+    [
+      ["above", rule[name]],
+      ["below", rule[`${name}_below`]],
+    ].filter(([, level]) => level != null);
   const words = ([side, level]) => `${side} ${reading(level, alarm)}`;
   if (severity) {
-    const passed = sides(severity).filter(([side, level]) => value == null || (side === "above" ? value > level : value < level));
+    const passed = sides(severity).filter(
+      ([side, level]) => value == null || (side === "above" ? value > level : value < level),
+    );
     return (passed.length ? passed : sides(severity)).map(words)[0] ?? "";
   }
   return ["warning", "danger"].flatMap((name) => sides(name).map((side) => `${name} ${words(side)}`))[0];
@@ -60,7 +79,12 @@ export function stateWords({ state, shelved_until: until }, within = false) {
   return state === "shelved" && until ? `${word} until ${utc(until)}` : word;
 }
 
-const ACTIONS = { acknowledge: "acknowledged", unshelve: "unshelved", comment: "comment", shelving_over: "no longer shelved: its time was over" };
+const ACTIONS = {
+  acknowledge: "acknowledged",
+  unshelve: "unshelved",
+  comment: "comment",
+  shelving_over: "no longer shelved: its time was over",
+};
 
 /** One entry of an alarm's history in words. */
 export function changeWords(change, alarm) {
@@ -69,5 +93,7 @@ export function changeWords(change, alarm) {
   if (action && !action.stale) return ACTIONS[action] ?? String(action).replaceAll("_", " ");
   const at = value == null ? "" : ` at ${reading(value, alarm)}`;
   if (severity) return `${severity} raised${at}`;
-  return state === "normal" || state === "returned_unacknowledged" ? `back to normal${at}` : `${state.replaceAll("_", " ")}${at}`;
+  return state === "normal" || state === "returned_unacknowledged"
+    ? `back to normal${at}`
+    : `${state.replaceAll("_", " ")}${at}`;
 }

@@ -1,9 +1,17 @@
-// Every alarm that has been raised or acted on, filtered by where it stands; the chosen one with its history and what can be done about it.
+// Every alarm that has been raised or acted on, filtered by where it stands; the chosen one with its history
+// and what can be done about it.
 
 import { BulkAcknowledge } from "./alarm-bulk.js";
 import { AlarmDetail } from "./alarm-detail.js";
 import { learnUnits } from "./alarm-units.js";
-import { ALARM_STATES, levelWords, quantityWords, reading, severityBadge, stateWords } from "./alarm-words.js";
+import {
+  ALARM_STATES,
+  levelWords,
+  quantityWords,
+  reading,
+  severityBadge,
+  stateWords,
+} from "./alarm-words.js";
 import * as api from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { age, utc } from "./format.js";
@@ -25,9 +33,30 @@ export class AlarmsPage {
   #asked = "";
   #chips = new Map();
   #total = h("p", { class: "muted", "aria-live": "polite" });
-  #asset = h("button", { type: "button", class: "chip", "aria-pressed": "true", hidden: true, onclick: () => change({ asset: null }) });
+  #asset = h("button", {
+    type: "button",
+    class: "chip",
+    "aria-pressed": "true",
+    hidden: true,
+    onclick: () => change({ asset: null }),
+  });
   #body = h("tbody");
-  #table = h("table", { class: "alarms", hidden: true }, h("thead", {}, h("tr", {}, ["Severity", "Asset", "What", "Reading", "Since", "State"].map((text) => h("th", { scope: "col" }, text)))), this.#body);
+  #table = h(
+    "table",
+    { class: "alarms", hidden: true },
+    h(
+      "thead",
+      {},
+      h(
+        "tr",
+        {},
+        ["Severity", "Asset", "What", "Reading", "Since", "State"].map((text) =>
+          h("th", { scope: "col" }, text),
+        ),
+      ),
+    ),
+    this.#body,
+  );
   #notice = h("p", { class: "notice" }, "Loading the alarms…");
   #detail = new AlarmDetail(() => this.refresh());
   #bulk = new BulkAcknowledge(() => this.refresh());
@@ -37,12 +66,23 @@ export class AlarmsPage {
     this.#query = route.query;
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Which alarms" });
     for (const [key, label] of FILTERS) {
-      const chip = h("button", { type: "button", class: "chip", onclick: () => change({ show: key || null }) }, label);
+      const chip = h(
+        "button",
+        { type: "button", class: "chip", onclick: () => change({ show: key || null }) },
+        label,
+      );
       this.#chips.set(key, chip);
       chips.append(chip);
     }
     chips.append(this.#asset);
-    const list = h("section", { class: "card table-card", "aria-label": "List of alarms" }, h("div", { class: "fleet-tools" }, chips, this.#total), this.#bulk.element, this.#table, this.#notice);
+    const list = h(
+      "section",
+      { class: "card table-card", "aria-label": "List of alarms" },
+      h("div", { class: "fleet-tools" }, chips, this.#total),
+      this.#bulk.element,
+      this.#table,
+      this.#notice,
+    );
     setChildren(root, h("h1", {}, "Alarms"), h("div", { class: "alarm-grid" }, list, this.#detail.element));
     document.title = "Alarms · flankwatch";
   }
@@ -57,7 +97,10 @@ export class AlarmsPage {
   async refresh(signal) {
     const { show = "", asset, alarm } = this.#query;
     const [, , state] = FILTERS.find(([key]) => key === show) ?? FILTERS[0];
-    const [answer] = await Promise.all([api.answer(api.alarms({ state, asset, limit: LIMIT }, signal)), this.#detail.show(alarm, signal)]);
+    const [answer] = await Promise.all([
+      api.answer(api.alarms({ state, asset, limit: LIMIT }, signal)),
+      this.#detail.show(alarm, signal),
+    ]);
     const asked = JSON.stringify([show, asset, alarm]);
     if (answer === this.#shown && asked === this.#asked) return;
     if (!(answer instanceof Error)) await learnUnits(answer.items, signal);
@@ -74,33 +117,83 @@ export class AlarmsPage {
     this.#table.hidden = items.length === 0;
     this.#notice.hidden = items.length > 0;
     if (answer instanceof Error) setText(this.#notice, answer.message);
-    else setText(this.#notice, show === "" ? "Nothing to do: every alarm has been acknowledged." : show === "all" ? "No alarm has been raised yet." : "No alarm stands like this.");
-    setText(this.#total, answer instanceof Error ? "" : `${answer.next_cursor ? `the latest ${LIMIT}` : items.length} ${items.length === 1 ? "alarm" : "alarms"}`);
+    else
+      setText(
+        this.#notice,
+        show === ""
+          ? "Nothing to do: every alarm has been acknowledged."
+          : show === "all"
+            ? "No alarm has been raised yet."
+            : "No alarm stands like this.",
+      );
+    setText(
+      this.#total,
+      answer instanceof Error
+        ? ""
+        : `${answer.next_cursor ? `the latest ${LIMIT}` : items.length} ${items.length === 1 ? "alarm" : "alarms"}`,
+    );
     this.#bulk.offer(items.filter(({ state }) => ALARM_STATES[state]?.open).map(({ id }) => id));
     const picking = document.activeElement?.classList.contains("alarm-pick");
-    const focused = this.#body.contains(document.activeElement) ? document.activeElement.closest("tr").dataset.alarm : null;
+    const focused = this.#body.contains(document.activeElement)
+      ? document.activeElement.closest("tr").dataset.alarm
+      : null;
     this.#ages = [];
     const rows = items.map((alarm) => this.#row(alarm));
     setChildren(this.#body, rows);
-    rows.find((row) => row.dataset.alarm === focused)?.querySelector(picking ? ".alarm-pick" : ".alarm-open")?.focus();
+    rows
+      .find((row) => row.dataset.alarm === focused)
+      ?.querySelector(picking ? ".alarm-pick" : ".alarm-open")
+      ?.focus();
   }
 
   #row(alarm) {
-    const { id, asset_id: asset, channel, quantity, severity, value, state, raised_at: raised, changed_at: changed } = alarm;
+    const {
+      id,
+      asset_id: asset,
+      channel,
+      quantity,
+      severity,
+      value,
+      state,
+      raised_at: raised,
+      changed_at: changed,
+    } = alarm;
     const since = h("span", { title: utc(raised ?? changed) });
     this.#ages.push([since, raised ?? changed]);
     const { query } = parse(location.hash);
-    const open = h("a", { class: "alarm-open", href: format({ page: "alarms", query: { ...query, alarm: id } }) }, quantityWords(quantity));
+    const open = h(
+      "a",
+      { class: "alarm-open", href: format({ page: "alarms", query: { ...query, alarm: id } }) },
+      quantityWords(quantity),
+    );
     const { open: todo, words } = ALARM_STATES[state] ?? {};
     const row = h(
       "tr",
       { "data-alarm": id, "data-state": state, "aria-current": this.#query.alarm === id ? "true" : null },
-      h("td", { "data-label": "Severity" }, h("span", { class: "alarm-severity" }, todo ? this.#bulk.box(id, `${quantityWords(quantity)} of ${asset}, channel ${channel}`) : null, severityBadge(severity))),
-      h("th", { scope: "row" }, h("a", { href: format({ page: "asset", id: asset, query: { channel } }) }, asset), h("span", { class: "muted id" }, channel)),
+      h(
+        "td",
+        { "data-label": "Severity" },
+        h(
+          "span",
+          { class: "alarm-severity" },
+          todo ? this.#bulk.box(id, `${quantityWords(quantity)} of ${asset}, channel ${channel}`) : null,
+          severityBadge(severity),
+        ),
+      ),
+      h(
+        "th",
+        { scope: "row" },
+        h("a", { href: format({ page: "asset", id: asset, query: { channel } }) }, asset),
+        h("span", { class: "muted id" }, channel),
+      ),
       h("td", { "data-label": "What" }, open, h("span", { class: "muted id" }, levelWords(alarm))),
       h("td", { "data-label": "Reading" }, reading(value, alarm)),
       h("td", { "data-label": "Since" }, since),
-      h("td", { "data-label": "State" }, h("span", { class: todo ? "alarm-todo" : "", title: words }, stateWords(alarm))),
+      h(
+        "td",
+        { "data-label": "State" },
+        h("span", { class: todo ? "alarm-todo" : "", title: words }, stateWords(alarm)),
+      ),
     );
     setText(since, age(raised ?? changed));
     return row;

@@ -1,4 +1,5 @@
-// The only place that talks to the server. A repeated answer gives the same object back, so callers can see by identity that nothing changed.
+// The only place that talks to the server. A repeated answer gives the same object back, so callers can see
+// by identity that nothing changed.
 
 const REMEMBERED = 48;
 const REMEMBERED_CHARACTERS = 40e6; // a spectrum at full resolution has some millions
@@ -18,7 +19,10 @@ export class ConnectionError extends Error {}
 
 /** Begins a session with a token: the server keeps it in a cookie, which goes along with every request and link, and no script reads. */
 export async function logIn(token) {
-  const { response, text } = await request(address(["session"]), { method: "POST", headers: { authorization: `Bearer ${token.trim()}` } });
+  const { response, text } = await request(address(["session"]), {
+    method: "POST",
+    headers: { authorization: `Bearer ${token.trim()}` },
+  });
   if (!response.ok) throw failure(response.status, text);
   memory.clear();
 }
@@ -62,7 +66,9 @@ function parsed(text) {
 export function failure(status, text) {
   const problem = parsed(text) ?? {};
   const gone = status === 502 || status === 503 || status === 504;
-  return gone ? new ConnectionError(problem.detail ?? `the server answered ${status}`) : new ApiError(status, problem);
+  return gone
+    ? new ConnectionError(problem.detail ?? `the server answered ${status}`)
+    : new ApiError(status, problem);
 }
 
 async function request(href, options) {
@@ -95,7 +101,12 @@ async function get(segments, parameters, signal) {
 
 async function send(method, segments, body, signal, parameters) {
   const headers = { accept: "application/json", ...(body && { "content-type": "application/json" }) };
-  const { response, text } = await request(address(segments, parameters), { method, headers, signal, body: body && JSON.stringify(body) });
+  const { response, text } = await request(address(segments, parameters), {
+    method,
+    headers,
+    signal,
+    body: body && JSON.stringify(body),
+  });
   if (!response.ok) throw failure(response.status, text);
   return parsed(text);
 }
@@ -114,30 +125,39 @@ export async function assets(signal) {
 
 export const asset = (id, signal) => get(["assets", id], {}, signal);
 export const wear = (id, channel, signal) => get(["assets", id, "wear"], { channel }, signal);
-export const wearHistory = (id, channel, signal) => get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
+export const wearHistory = (id, channel, signal) =>
+  get(["assets", id, "wear", "history"], { channel, max_points: 2000 }, signal);
 export const indicators = (id, channel, names, signal) =>
   get(["assets", id, "indicators"], { channel, names: names.join(","), max_points: 2000 }, signal);
-export const indicatorUnits = (id, channel, name, signal) => get(["assets", id, "indicators"], { channel, names: name, max_points: 10 }, signal);
-export const segments = (id, channel, signal) => get(["assets", id, "segments"], { channel, limit: 1000, order: "desc" }, signal);
+export const indicatorUnits = (id, channel, name, signal) =>
+  get(["assets", id, "indicators"], { channel, names: name, max_points: 10 }, signal);
+export const segments = (id, channel, signal) =>
+  get(["assets", id, "segments"], { channel, limit: 1000, order: "desc" }, signal);
 export const segment = (id, signal) => get(["segments", id], {}, signal);
-export const waveform = (id, from, to, signal) => get(["segments", id, "waveform"], { max_points: 4000, from_s: from, to_s: to }, signal);
-export const orders = (id, from, to, points, signal) => get(["segments", id, "orders"], { from_order: from, to_order: to, max_points: points }, signal);
+export const waveform = (id, from, to, signal) =>
+  get(["segments", id, "waveform"], { max_points: 4000, from_s: from, to_s: to }, signal);
+export const orders = (id, from, to, points, signal) =>
+  get(["segments", id, "orders"], { from_order: from, to_order: to, max_points: points }, signal);
 export const turn = (id, signal) => get(["segments", id, "turn"], {}, signal);
-export const cepstrum = (id, end, signal) => get(["segments", id, "cepstrum"], { max_points: 4000, max_s: end }, signal);
+export const cepstrum = (id, end, signal) =>
+  get(["segments", id, "cepstrum"], { max_points: 4000, max_s: end }, signal);
 export const match = (id, signal) => get(["segments", id, "match"], {}, signal);
 export const waterfall = (id, parameters, signal) => get(["assets", id, "waterfall"], parameters, signal);
 export const libraries = (signal) => get(["libraries"], { limit: 1000 }, signal);
 export const library = (id, signal) => get(["libraries", id], {}, signal);
 export const libraryStates = (id, signal) => get(["libraries", id, "states"], {}, signal);
-export const libraryState = (id, index, signal) => get(["libraries", id, "states", String(index)], {}, signal);
+export const libraryState = (id, index, signal) =>
+  get(["libraries", id, "states", String(index)], {}, signal);
 export const flank = (id, depth, signal) => get(["libraries", id, "flank"], { wear_um: depth }, signal);
 export const createAsset = (body) => send("POST", ["assets"], body);
 export const deleteAsset = (id) => send("DELETE", ["assets", id]);
 export const preview = (body, signal) => send("POST", ["preview"], body, signal);
 export const pairPresets = (signal) => get(["pair-presets"], {}, signal);
 export const replaceAsset = (id, body) => send("PUT", ["assets", id], body);
-export const spectrum = (id, from, to, points, signal) => get(["segments", id, "spectrum"], { from_hz: from, to_hz: to, max_points: points }, signal);
-export const envelope = (id, from, to, points, signal) => get(["segments", id, "envelope"], { from_hz: from, to_hz: to, max_points: points }, signal);
+export const spectrum = (id, from, to, points, signal) =>
+  get(["segments", id, "spectrum"], { from_hz: from, to_hz: to, max_points: points }, signal);
+export const envelope = (id, from, to, points, signal) =>
+  get(["segments", id, "envelope"], { from_hz: from, to_hz: to, max_points: points }, signal);
 export const alarms = (parameters, signal) => get(["alarms"], parameters, signal);
 export const alarm = (id, signal) => get(["alarms", id], {}, signal);
 export const actOnAlarm = (id, action, body) => send("POST", ["alarms", id, action], body);
@@ -145,11 +165,15 @@ export const maintenance = (id, signal) => get(["assets", id, "maintenance"], { 
 export const tellMaintenance = (id, body) => send("POST", ["assets", id, "maintenance"], body);
 export const takeBackMaintenance = (id, event) => send("DELETE", ["assets", id, "maintenance", event]);
 export const recordsPage = (id, parameters, signal) => get(["assets", id, "segments"], parameters, signal);
-export const recordCount = (id, parameters, signal) => get(["assets", id, "segments", "count"], parameters, signal);
+export const recordCount = (id, parameters, signal) =>
+  get(["assets", id, "segments", "count"], parameters, signal);
 /** `action` is "exclude" or "include"; the records are those of a range or of `ids`. */
-export const markRecords = (id, action, parameters) => send("POST", ["assets", id, "segments", action], undefined, undefined, parameters);
-export const deleteRecords = (id, parameters) => send("DELETE", ["assets", id, "segments"], undefined, undefined, parameters);
-export const baseline = (id, channel, name, signal) => get(["assets", id, "indicators", "baseline"], { channel, names: name }, signal);
+export const markRecords = (id, action, parameters) =>
+  send("POST", ["assets", id, "segments", action], undefined, undefined, parameters);
+export const deleteRecords = (id, parameters) =>
+  send("DELETE", ["assets", id, "segments"], undefined, undefined, parameters);
+export const baseline = (id, channel, name, signal) =>
+  get(["assets", id, "indicators", "baseline"], { channel, names: name }, signal);
 export const tryRule = (id, body, signal) => send("POST", ["assets", id, "alarms", "try"], body, signal);
 export const tokens = (signal) => get(["tokens"], { limit: 1000 }, signal);
 export const createToken = (body) => send("POST", ["tokens"], body);

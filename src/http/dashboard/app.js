@@ -11,7 +11,13 @@ import { bindThemeButton } from "./theme.js";
 
 const byId = (id) => document.getElementById(id);
 const main = byId("main");
-const view = { live: byId("live"), text: byId("live-text"), banner: byId("banner"), bannerText: byId("banner-text"), bannerWait: byId("banner-wait") };
+const view = {
+  live: byId("live"),
+  text: byId("live-text"),
+  banner: byId("banner"),
+  bannerText: byId("banner-text"),
+  bannerWait: byId("banner-wait"),
+};
 
 let page;
 let shown = {};
@@ -31,7 +37,11 @@ const live = new Live(
 class UnknownPage {
   constructor(root) {
     document.title = "Not found · flankwatch";
-    setChildren(root, h("h1", {}, "No such page"), h("p", { class: "notice" }, "This address leads nowhere. ", h("a", { href: "#/" }, "Go to the fleet")));
+    setChildren(
+      root,
+      h("h1", {}, "No such page"),
+      h("p", { class: "notice" }, "This address leads nowhere. ", h("a", { href: "#/" }, "Go to the fleet")),
+    );
   }
   update() {
     return false;
@@ -59,7 +69,8 @@ class UnreachedPage {
       this.#lost ||= error instanceof api.ConnectionError;
       throw error;
     }
-    // a browser does not fetch a module again that it once failed to get; where the server was never away a reload would not help either
+    // a browser does not fetch a module again that it once failed to get; where the server was never away a
+    // reload would not help either
     if (this.#lost) location.reload();
   }
   tick() {}
@@ -86,7 +97,14 @@ const PAGES = {
 
 /** Says in the page's header which of its links is the current one. */
 function markNavigation(current) {
-  const sections = { fleet: "fleet", new: "fleet", alarms: "alarms", libraries: "libraries", library: "libraries", tokens: "tokens" };
+  const sections = {
+    fleet: "fleet",
+    new: "fleet",
+    alarms: "alarms",
+    libraries: "libraries",
+    library: "libraries",
+    tokens: "tokens",
+  };
   const section = sections[current] ?? "";
   for (const link of document.querySelectorAll(".sections a")) {
     if (link.dataset.section === section) link.setAttribute("aria-current", "page");
@@ -125,7 +143,10 @@ bindLogin(() => {
 });
 byId("banner-retry").addEventListener("click", () => live.now());
 addEventListener("hashchange", follow);
-addEventListener("popstate", () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && follow());
+addEventListener(
+  "popstate",
+  () => JSON.stringify(parse(location.hash)) !== JSON.stringify(shown) && follow(),
+);
 document.addEventListener("themechange", () => page?.redraw?.());
 document.addEventListener("sessionchange", lookForSession);
 document.addEventListener("recordschange", () => live.now());

@@ -3,20 +3,48 @@
 import { h, setChildren } from "./dom.js";
 import { format } from "./route.js";
 
-const VIEWS = [["asset", "Overview"], ["records", "Records"], ["import", "Import"], ["waterfall", "Waterfall"], ["match", "Match"], ["wear", "What wear does"], ["settings", "Settings"]];
+const VIEWS = [
+  ["asset", "Overview"],
+  ["records", "Records"],
+  ["import", "Import"],
+  ["waterfall", "Waterfall"],
+  ["match", "Match"],
+  ["wear", "What wear does"],
+  ["settings", "Settings"],
+];
 const KEPT = ["channel", "segment"]; // what is looked at goes along
 
 /** Links between the pages of an asset. */
 export function assetTabs(id, current, query = {}) {
   const kept = Object.fromEntries(KEPT.filter((name) => query[name]).map((name) => [name, query[name]]));
-  const link = ([page, label]) => h("a", { href: format({ page, id, query: kept }), "aria-current": page === current ? "page" : null }, label);
-  const report = h("a", { href: new URL(`v1/assets/${encodeURIComponent(id)}/report`, document.baseURI).href, target: "_blank", rel: "noopener" }, "Report");
+  const link = ([page, label]) =>
+    h(
+      "a",
+      { href: format({ page, id, query: kept }), "aria-current": page === current ? "page" : null },
+      label,
+    );
+  const report = h(
+    "a",
+    {
+      href: new URL(`v1/assets/${encodeURIComponent(id)}/report`, document.baseURI).href,
+      target: "_blank",
+      rel: "noopener",
+    },
+    "Report",
+  );
   return h("nav", { class: "tabs", "aria-label": "Pages of this asset" }, VIEWS.map(link), report);
 }
 
 /** The way back. */
 export function crumbs(...links) {
-  return h("nav", { class: "crumbs", "aria-label": "Breadcrumb" }, links.flatMap(([href, text], place) => [place ? h("span", { "aria-hidden": "true" }, "›") : null, h("a", { href }, text)]));
+  return h(
+    "nav",
+    { class: "crumbs", "aria-label": "Breadcrumb" },
+    links.flatMap(([href, text], place) => [
+      place ? h("span", { "aria-hidden": "true" }, "›") : null,
+      h("a", { href }, text),
+    ]),
+  );
 }
 
 /** The head of a page that shows one side of an asset; `update` when the asset or the address changes. */
@@ -31,7 +59,13 @@ export class AssetFrame {
     this.#id = id;
     this.#page = page;
     this.#title.textContent = id;
-    this.element = h("header", { class: "asset-header" }, crumbs(["#/", "Fleet"], [format({ page: "asset", id }), id]), this.#title, this.#tabs);
+    this.element = h(
+      "header",
+      { class: "asset-header" },
+      crumbs(["#/", "Fleet"], [format({ page: "asset", id }), id]),
+      this.#title,
+      this.#tabs,
+    );
   }
 
   /** Shows the asset's name and links that keep what is looked at. */
@@ -47,5 +81,9 @@ export class AssetFrame {
 export function refusal(root, id, error) {
   const words = error.status === 404 ? `There is no asset “${id}” on this server.` : error.message;
   document.title = "Not found · flankwatch";
-  setChildren(root, h("h1", {}, id), h("p", { class: "notice" }, `${words} `, h("a", { href: "#/" }, "Go to the fleet")));
+  setChildren(
+    root,
+    h("h1", {}, id),
+    h("p", { class: "notice" }, `${words} `, h("a", { href: "#/" }, "Go to the fleet")),
+  );
 }

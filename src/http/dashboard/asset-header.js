@@ -25,8 +25,17 @@ function small(text, title) {
 }
 
 function speedFact(speed, gear, known) {
-  if (!speed) return fact("Shaft speed", known ? "not found" : hertz(gear.shaft_speed_hz), small(known ? `nominal ${hertz(gear.shaft_speed_hz)}` : "nominal"));
-  return fact("Shaft speed", `${hertz(speed.shaft_speed_hz)}, ${number(speed.shaft_speed_hz * 60, 4)} rpm`, small(speedDoubt(speed) ?? speedSource(speed)));
+  if (!speed)
+    return fact(
+      "Shaft speed",
+      known ? "not found" : hertz(gear.shaft_speed_hz),
+      small(known ? `nominal ${hertz(gear.shaft_speed_hz)}` : "nominal"),
+    );
+  return fact(
+    "Shaft speed",
+    `${hertz(speed.shaft_speed_hz)}, ${number(speed.shaft_speed_hz * 60, 4)} rpm`,
+    small(speedDoubt(speed) ?? speedSource(speed)),
+  );
 }
 
 const STAGES = {
@@ -39,7 +48,8 @@ const STAGES = {
 /** How far a simulation is, in words. */
 function simulationWords({ stage, fraction, remaining_s: left }) {
   if (stage === "waiting") return STAGES.waiting;
-  const time = left == null ? "" : left < 90 ? `, ${Math.ceil(left)} s left` : `, ${Math.ceil(left / 60)} min left`;
+  const time =
+    left == null ? "" : left < 90 ? `, ${Math.ceil(left)} s left` : `, ${Math.ceil(left / 60)} min left`;
   return `${STAGES[stage] ?? stage}: ${Math.floor(100 * fraction)} % simulated${time}`;
 }
 
@@ -47,27 +57,45 @@ function libraryFact({ library_id: id, library_state: state, library_error: erro
   const best = wear?.best_state;
   const words = best ? `state ${best.index}, ${depth(best.wear_um)} µm` : (LIBRARY_STATES[state] ?? state);
   const detail = simulation ? simulationWords(simulation) : error ? `failed: ${error}` : null;
-  return fact(best ? "Best library state" : "Library", words, detail ? small(detail) : null, id ? small(`library ${id.slice(0, 8)}`, id) : null);
+  return fact(
+    best ? "Best library state" : "Library",
+    words,
+    detail ? small(detail) : null,
+    id ? small(`library ${id.slice(0, 8)}`, id) : null,
+  );
 }
 
 function limitFact(wear) {
   const left = timeToLimit(wear);
   if (!left) return null;
   const words = left.from === "from now" ? left.median : `${left.median} ${left.from}`;
-  return fact(`Time to ${depth(left.limit)} µm`, words, small(`5 to 95 %: ${left.interval}; ${utc(left.date).replace(/:\d\d UTC$/, " UTC")}; wear grows ${number(left.rate, 2)} µm a day`));
+  return fact(
+    `Time to ${depth(left.limit)} µm`,
+    words,
+    small(
+      `5 to 95 %: ${left.interval}; ${utc(left.date).replace(/:\d\d UTC$/, " UTC")}; wear grows ${number(left.rate, 2)} µm a day`,
+    ),
+  );
 }
 
 function facts(asset, wear, last) {
   const { summary, gear } = asset;
   const speed = wear?.shaft_speed;
   const { have, need } = wear?.baseline ?? {};
-  const baseline = have >= need ? [`complete, ${need} records`] : [baselineBar({ have: have ?? 0, need: need ?? asset.baseline.records })];
+  const baseline =
+    have >= need
+      ? [`complete, ${need} records`]
+      : [baselineBar({ have: have ?? 0, need: need ?? asset.baseline.records })];
   return [
     limitFact(wear),
     fact("Baseline", ...baseline),
     libraryFact(summary, wear),
     speedFact(speed, gear, Boolean(wear?.segment_id)),
-    fact("Mesh frequency", hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]), small(speed ? "teeth × shaft speed" : "from the nominal speed")),
+    fact(
+      "Mesh frequency",
+      hertz(speed?.mesh_frequency_hz ?? gear.shaft_speed_hz * gear.teeth[0]),
+      small(speed ? "teeth × shaft speed" : "from the nominal speed"),
+    ),
     fact("Gears", `${gear.teeth[0]} / ${gear.teeth[1]} teeth`, small(gear.pair?.name || "driving / driven")),
     fact("Records", `${count(summary.segments)} ${summary.segments === 1 ? "record" : "records"}`, last),
   ];
@@ -84,10 +112,23 @@ export class AssetHeader {
   #facts = h("dl", { class: "facts" });
   #age = h("span", { class: "muted" });
   #last;
-  #channel = h("select", { id: "channel", onchange: () => change({ channel: this.#channel.value, segment: null }) });
-  #channelField = h("label", { class: "field", for: "channel", hidden: true }, h("span", {}, "Channel"), this.#channel);
+  #channel = h("select", {
+    id: "channel",
+    onchange: () => change({ channel: this.#channel.value, segment: null }),
+  });
+  #channelField = h(
+    "label",
+    { class: "field", for: "channel", hidden: true },
+    h("span", {}, "Channel"),
+    this.#channel,
+  );
   #tabs = h("div");
-  #verdict = h("div", { class: "card verdict" }, h("div", { class: "verdict-main" }, this.#state, this.#number, this.#bar, this.#sentence), this.#facts);
+  #verdict = h(
+    "div",
+    { class: "card verdict" },
+    h("div", { class: "verdict-main" }, this.#state, this.#number, this.#bar, this.#sentence),
+    this.#facts,
+  );
   element;
 
   constructor(onAddRecords) {
@@ -96,7 +137,12 @@ export class AssetHeader {
       "header",
       { class: "asset-header" },
       crumbs(["#/", "Fleet"]),
-      h("div", { class: "asset-title" }, h("div", {}, this.#name, this.#id), h("div", { class: "asset-actions" }, this.#channelField, add)),
+      h(
+        "div",
+        { class: "asset-title" },
+        h("div", {}, this.#name, this.#id),
+        h("div", { class: "asset-actions" }, this.#channelField, add),
+      ),
       this.#tabs,
       this.#verdict,
     );
@@ -112,7 +158,11 @@ export class AssetHeader {
     const overall = assetState(asset);
     const several = summary.channels.length > 1 && wear?.segment_id;
     const state = several ? channelState(asset, wear, events?.alarms ?? []) : overall;
-    setChildren(this.#state, badge(state, 30), several && events ? wholeAsset(asset, overall, state, channel, events.others, query) : null);
+    setChildren(
+      this.#state,
+      badge(state, 30),
+      several && events ? wholeAsset(asset, overall, state, channel, events.others, query) : null,
+    );
     this.#verdict.dataset.severity = STATES[state].severity;
     document.title = `${STATES[overall].short} · ${name} · flankwatch`;
     const known = wear?.median_um != null;
@@ -133,14 +183,25 @@ export class AssetHeader {
     const last = wear.median_um == null ? items.findLast((item) => item.median_um != null) : null;
     if (!last) return;
     this.#number.hidden = false;
-    setChildren(this.#number, h("span", {}, `Last estimate ${depth(last.median_um)} µm`), h("span", { class: "muted" }, `5 to 95 %: ${depth(last.p05_um)} to ${depth(last.p95_um)} µm, ${utc(last.start_time)}`));
+    setChildren(
+      this.#number,
+      h("span", {}, `Last estimate ${depth(last.median_um)} µm`),
+      h(
+        "span",
+        { class: "muted" },
+        `5 to 95 %: ${depth(last.p05_um)} to ${depth(last.p95_um)} µm, ${utc(last.start_time)}`,
+      ),
+    );
   }
 
   #updateChannels(channels, chosen) {
     this.#channelField.hidden = channels.length < 2;
     if (this.#channel.dataset.channels !== JSON.stringify(channels)) {
       this.#channel.dataset.channels = JSON.stringify(channels);
-      setChildren(this.#channel, channels.map((name) => h("option", { value: name }, name)));
+      setChildren(
+        this.#channel,
+        channels.map((name) => h("option", { value: name }, name)),
+      );
     }
     this.#channel.value = chosen ?? "";
   }
@@ -156,8 +217,21 @@ function wholeAsset({ id, summary }, overall, state, channel, others, query) {
   if (overall === state) return null;
   const alarmed = others.find(({ severity }) => overall === `alarm_${severity}`)?.channel;
   const speaker = alarmed ?? summary.wear_channel;
-  const link = speaker && speaker !== channel ? h("a", { href: format({ page: "asset", id, query: { ...query, channel: speaker, segment: null } }) }, `channel ${speaker}`) : null;
-  return h("p", { class: "whole-asset" }, h("span", { class: "muted" }, "The asset:"), badge(overall, 18), link && h("span", { class: "muted" }, "by ", link));
+  const link =
+    speaker && speaker !== channel
+      ? h(
+          "a",
+          { href: format({ page: "asset", id, query: { ...query, channel: speaker, segment: null } }) },
+          `channel ${speaker}`,
+        )
+      : null;
+  return h(
+    "p",
+    { class: "whole-asset" },
+    h("span", { class: "muted" }, "The asset:"),
+    badge(overall, 18),
+    link && h("span", { class: "muted" }, "by ", link),
+  );
 }
 
 function wearNumber(wear, limits) {
@@ -166,5 +240,8 @@ function wearNumber(wear, limits) {
   const [value, um] = depthNumber.split(/ (?=µm$)/);
   const share = use ? ` · ${Math.round(100 * use.share)} % of the ${use.name} limit` : "";
   const unclear = wear.status === "not_identifiable";
-  return [h("strong", {}, unclear ? "Unclear" : value, h("span", {}, unclear ? "" : ` ${um}`)), h("span", { class: "muted" }, `${interval}${unclear ? "" : share}`)];
+  return [
+    h("strong", {}, unclear ? "Unclear" : value, h("span", {}, unclear ? "" : ` ${um}`)),
+    h("span", { class: "muted" }, `${interval}${unclear ? "" : share}`),
+  ];
 }

@@ -43,12 +43,45 @@ export class AssetPage {
   #maintenance;
   #events;
   #panes = new Map();
-  #log = h("input", { type: "checkbox", id: "trend-log", onchange: () => change({ log: this.#log.checked ? "1" : null }, { quiet: true }) });
-  #more = h("select", { id: "trend-more", hidden: true, "aria-label": "Add another indicator", onchange: () => this.#togglePane(this.#more.value) });
-  #bins = h("select", { id: "trend-bins", "aria-label": "Colour by operating point", onchange: () => change({ bins: this.#bins.value }, { quiet: true }) }, [["", "All alike"], ["speed", "By speed"], ["torque", "By torque"], ["own", "By operating bin"]].map(([value, text]) => h("option", { value }, text)));
-  #levels = new AlarmRulePanel(() => this.redraw(), (name) => change({ levels: name }, { quiet: true }));
+  #log = h("input", {
+    type: "checkbox",
+    id: "trend-log",
+    onchange: () => change({ log: this.#log.checked ? "1" : null }, { quiet: true }),
+  });
+  #more = h("select", {
+    id: "trend-more",
+    hidden: true,
+    "aria-label": "Add another indicator",
+    onchange: () => this.#togglePane(this.#more.value),
+  });
+  #bins = h(
+    "select",
+    {
+      id: "trend-bins",
+      "aria-label": "Colour by operating point",
+      onchange: () => change({ bins: this.#bins.value }, { quiet: true }),
+    },
+    [
+      ["", "All alike"],
+      ["speed", "By speed"],
+      ["torque", "By torque"],
+      ["own", "By operating bin"],
+    ].map(([value, text]) => h("option", { value }, text)),
+  );
+  #levels = new AlarmRulePanel(
+    () => this.redraw(),
+    (name) => change({ levels: name }, { quiet: true }),
+  );
   #handles = new LevelHandles(this.#trends.plot, (key, value) => this.#levels.setLevel(key, value));
-  #levelsButton = h("button", { type: "button", "aria-expanded": "false", onclick: () => change({ levels: this.#query.levels ? null : this.#levelNames()[0] }, { quiet: true }) }, "Alarm levels…");
+  #levelsButton = h(
+    "button",
+    {
+      type: "button",
+      "aria-expanded": "false",
+      onclick: () => change({ levels: this.#query.levels ? null : this.#levelNames()[0] }, { quiet: true }),
+    },
+    "Alarm levels…",
+  );
   #empty = h("section", { class: "card empty", hidden: true });
   #grid;
 
@@ -58,15 +91,28 @@ export class AssetPage {
     this.#query = route.query;
     this.#dialog = new RecordsDialog(route.id);
     this.#maintenance = new MaintenanceDialog(route.id);
-    this.#events = new EventsCard(() => this.#maintenance.open(this.#data?.segment?.start_time), (event) => this.#maintenance.takeBack(event));
+    this.#events = new EventsCard(
+      () => this.#maintenance.open(this.#data?.segment?.start_time),
+      (event) => this.#maintenance.takeBack(event),
+    );
     this.#header = new AssetHeader(() => this.#dialog.open());
     const chips = h("div", { class: "chips", role: "group", "aria-label": "Indicators" });
     for (const { key, label } of PANES) {
-      const chip = h("button", { type: "button", class: "chip", "data-key": key, onclick: () => this.#togglePane(key) }, label);
+      const chip = h(
+        "button",
+        { type: "button", class: "chip", "data-key": key, onclick: () => this.#togglePane(key) },
+        label,
+      );
       this.#panes.set(key, chip);
       chips.append(chip);
     }
-    this.#trends.tools.append(chips, this.#more, this.#bins, h("label", { class: "check", for: "trend-log" }, this.#log, "Log"), this.#levelsButton);
+    this.#trends.tools.append(
+      chips,
+      this.#more,
+      this.#bins,
+      h("label", { class: "check", for: "trend-log" }, this.#log, "Log"),
+      this.#levelsButton,
+    );
     this.#trends.frame.append(this.#handles.element);
     this.#trends.element.append(this.#levels.element);
     this.#grid = h(
@@ -88,7 +134,9 @@ export class AssetPage {
 
   /** The indicators on show that an alarm's levels can be set for. */
   #levelNames() {
-    return chosenPanes(this.#query.trend).filter((pane) => pane.names.length === 1).map((pane) => pane.names[0]);
+    return chosenPanes(this.#query.trend)
+      .filter((pane) => pane.names.length === 1)
+      .map((pane) => pane.names[0]);
   }
 
   /** Follows a changed address. */
@@ -130,8 +178,22 @@ export class AssetPage {
     const channel = this.#query.channel ?? summary.wear_channel ?? summary.channels[0];
     const latest = await answer(api.wear(this.#id, channel, signal));
     if (latest instanceof Error) return this.#refused(latest);
-    if (!this.#header.element.isConnected) setChildren(this.#root, this.#header.element, this.#empty, this.#grid, this.#dialog.element, this.#maintenance.element);
-    this.#header.update(asset, latest, latest.channel ?? channel, this.#query, this.#data?.channel === channel ? this.#data?.events : undefined);
+    if (!this.#header.element.isConnected)
+      setChildren(
+        this.#root,
+        this.#header.element,
+        this.#empty,
+        this.#grid,
+        this.#dialog.element,
+        this.#maintenance.element,
+      );
+    this.#header.update(
+      asset,
+      latest,
+      latest.channel ?? channel,
+      this.#query,
+      this.#data?.channel === channel ? this.#data?.events : undefined,
+    );
     if (!latest.segment_id) {
       this.#showEmpty();
     } else {
@@ -150,16 +212,29 @@ export class AssetPage {
     const panes = chosenPanes(this.#query.trend);
     // a record that was refused is not asked for again at every look
     const known = this.#data?.id === id && this.#data.segment instanceof Error ? this.#data : null;
-    const record = known ? Promise.resolve(known.segment) : answer(api.segment(id, signal)).then((segment) => {
-      const foreign = !(segment instanceof Error) && segment.asset_id !== this.#id;
-      return foreign ? new api.ApiError(404, { detail: `segment ${id} belongs to another asset` }) : segment;
-    });
+    const record = known
+      ? Promise.resolve(known.segment)
+      : answer(api.segment(id, signal)).then((segment) => {
+          const foreign = !(segment instanceof Error) && segment.asset_id !== this.#id;
+          return foreign
+            ? new api.ApiError(404, { detail: `segment ${id} belongs to another asset` })
+            : segment;
+        });
     const trends = record.then(async (segment) => {
       const names = paneNames(panes, segment);
       const { bins } = this.#query;
       const own = asset.operating_bins ?? [];
-      const [trend, operating] = await Promise.all([names.length ? answer(api.indicators(this.#id, channel, names, signal)) : null, bins && bins !== "own" ? answer(api.segments(this.#id, channel, signal)) : null]);
-      return { names, panes, answer: trend, bins: bins === "own" ? namedBins(trend, own) : operatingBins(operating, bins), others: otherNames(segment) };
+      const [trend, operating] = await Promise.all([
+        names.length ? answer(api.indicators(this.#id, channel, names, signal)) : null,
+        bins && bins !== "own" ? answer(api.segments(this.#id, channel, signal)) : null,
+      ]);
+      return {
+        names,
+        panes,
+        answer: trend,
+        bins: bins === "own" ? namedBins(trend, own) : operatingBins(operating, bins),
+        others: otherNames(segment),
+      };
     });
     const { pin } = this.#query;
     const [segment, recordPanes, pinned, others, history, trend, events] = await Promise.all([
@@ -171,7 +246,19 @@ export class AssetPage {
       trends,
       fetchEvents(this.#id, channel, signal),
     ]);
-    this.#data = { asset, latest, channel, id, segment, panes: recordPanes, pinned, others, history, trend, events };
+    this.#data = {
+      asset,
+      latest,
+      channel,
+      id,
+      segment,
+      panes: recordPanes,
+      pinned,
+      others,
+      history,
+      trend,
+      events,
+    };
   }
 
   /** Draws everything again from what is known, for a changed address or theme. */
@@ -184,7 +271,11 @@ export class AssetPage {
     const points = history instanceof Error ? [] : history.items;
     this.#header.update(asset, latest, channel, this.#query, events);
     this.#header.recall(points, latest);
-    this.#record.place(points.map((item) => item.segment_id), id, !this.#query.segment);
+    this.#record.place(
+      points.map((item) => item.segment_id),
+      id,
+      !this.#query.segment,
+    );
     await Promise.all([
       this.#drawWear(history, latest, selected, revision, events),
       this.#drawTrends(trend, selected, revision, events, history, latest),
@@ -202,35 +293,66 @@ export class AssetPage {
     if (history.items.length === 0) return this.#wear.say("No records of this channel yet.");
     const reason = withoutEstimate(history.items, Boolean(this.#data.asset.gear.pair));
     if (reason) return this.#wear.say(reason);
-    return this.#wear.show(wearDrawing(history, latest.limits, selected, revision, latest, events, timeOf(this.#query.time)), `${this.#id}-wear`);
+    return this.#wear.show(
+      wearDrawing(history, latest.limits, selected, revision, latest, events, timeOf(this.#query.time)),
+      `${this.#id}-wear`,
+    );
   }
 
-  #drawTrends({ names, panes, answer: indicators, bins, others }, selected, revision, events, history, latest) {
+  #drawTrends(
+    { names, panes, answer: indicators, bins, others },
+    selected,
+    revision,
+    events,
+    history,
+    latest,
+  ) {
     this.#bins.value = this.#query.bins ?? "";
     this.#bins.querySelector("[value=own]").hidden = !this.#data.asset.operating_bins?.length;
     this.#offer(others, panes);
     const logarithmic = this.#query.log === "1";
     this.#log.checked = logarithmic;
-    for (const [key, chip] of this.#panes) chip.setAttribute("aria-pressed", String(panes.some((pane) => pane.key === key)));
+    for (const [key, chip] of this.#panes)
+      chip.setAttribute("aria-pressed", String(panes.some((pane) => pane.key === key)));
     if (!indicators) return this.#trends.say("This record has no such indicators.");
     if (indicators instanceof Error) return this.#trends.say(indicators.message);
     const range = timeOf(this.#query.time) ?? timeRange(history, latest);
     this.#trends.plot.style.setProperty("--panes", panes.length);
-    const rules = this.#levels.show({ asset: this.#data.asset, channel: indicators.channel, names: this.#levelNames(), units: indicators.units, name: this.#query.levels });
+    const rules = this.#levels.show({
+      asset: this.#data.asset,
+      channel: indicators.channel,
+      names: this.#levelNames(),
+      units: indicators.units,
+      name: this.#query.levels,
+    });
     this.#levelsButton.hidden = this.#levelNames().length === 0;
     this.#levelsButton.setAttribute("aria-expanded", String(!this.#levels.element.hidden));
-    const drawing = trendDrawing(indicators, panes, names, logarithmic, selected, { revision, bins, events, range, rules });
+    const drawing = trendDrawing(indicators, panes, names, logarithmic, selected, {
+      revision,
+      bins,
+      events,
+      range,
+      rules,
+    });
     const pane = panes.findIndex((each) => each.names.length === 1 && each.names[0] === this.#query.levels);
-    return this.#trends.show(drawing, `${this.#id}-trends`).then(() => this.#handles.show(pane < 0 ? null : pane, this.#levels.levels()));
+    return this.#trends
+      .show(drawing, `${this.#id}-trends`)
+      .then(() => this.#handles.show(pane < 0 ? null : pane, this.#levels.levels()));
   }
 
   /** The indicators that have no chip of their own; a chosen one is taken away by choosing it again. */
   #offer(others, panes) {
     const chosen = panes.map((pane) => pane.key);
-    const options = [["", "More…"], ...others.map((name) => [name, `${chosen.includes(name) ? "✓ " : ""}${indicatorName(name)}`])];
+    const options = [
+      ["", "More…"],
+      ...others.map((name) => [name, `${chosen.includes(name) ? "✓ " : ""}${indicatorName(name)}`]),
+    ];
     if (this.#more.dataset.options !== JSON.stringify(options)) {
       this.#more.dataset.options = JSON.stringify(options);
-      setChildren(this.#more, options.map(([value, text]) => h("option", { value }, text)));
+      setChildren(
+        this.#more,
+        options.map(([value, text]) => h("option", { value }, text)),
+      );
     }
     this.#more.value = "";
     this.#more.hidden = others.length === 0;
@@ -243,7 +365,11 @@ export class AssetPage {
     setChildren(
       this.#empty,
       h("h2", {}, "Waiting for the first record"),
-      h("p", {}, "Send vibration records taken while the gears are healthy: they become the baseline that later records are compared with."),
+      h(
+        "p",
+        {},
+        "Send vibration records taken while the gears are healthy: they become the baseline that later records are compared with.",
+      ),
       h("pre", { tabindex: "0" }, h("code", {}, example)),
       h("button", { type: "button", onclick: () => this.#dialog.open() }, "Add records…"),
     );

@@ -10,22 +10,50 @@ export function cepstrumDrawing(cepstrum, other, revision) {
   const x = seconds.map((second) => 1000 * second);
   const periods = [];
   if (shaft) {
-    periods.push({ name: "mesh", period: 1000 / (shaft * teeth[0]) }, { name: "driving turn", period: 1000 / shaft });
-    if (teeth[0] !== teeth[1]) periods.push({ name: "driven turn", period: (1000 * teeth[1]) / (shaft * teeth[0]) });
+    periods.push(
+      { name: "mesh", period: 1000 / (shaft * teeth[0]) },
+      { name: "driving turn", period: 1000 / shaft },
+    );
+    if (teeth[0] !== teeth[1])
+      periods.push({ name: "driven turn", period: (1000 * teeth[1]) / (shaft * teeth[0]) });
   }
   const shown = periods.filter(({ period }) => period <= x.at(-1));
   // the lowest quefrencies describe the path, not the machine, and would flatten everything else
   const from = shaft ? 1000 / (shaft * teeth[0] * 4) : x[0];
   const compared = other && !(other instanceof Error);
-  const heights = [cepstrum, ...(compared ? [other] : [])].flatMap((each) => each.value.filter((_, index) => 1000 * each.quefrency_s[index] >= from));
+  const heights = [cepstrum, ...(compared ? [other] : [])].flatMap((each) =>
+    each.value.filter((_, index) => 1000 * each.quefrency_s[index] >= from),
+  );
   const [low, high] = heights.reduce(([a, b], y) => [Math.min(a, y), Math.max(b, y)], [0, 0]);
-  const line = (curve, stroke) => ({ x: curve.quefrency_s.map((second) => 1000 * second), y: curve.value, mode: "lines", line: { color: stroke, width: 1 }, hovertemplate: "%{x:.2f} ms: %{y:.3g}<extra></extra>" });
+  const line = (curve, stroke) => ({
+    x: curve.quefrency_s.map((second) => 1000 * second),
+    y: curve.value,
+    mode: "lines",
+    line: { color: stroke, width: 1 },
+    hovertemplate: "%{x:.2f} ms: %{y:.3g}<extra></extra>",
+  });
   return {
     traces: [line(cepstrum, colour.accent)],
     others: compared ? [line(other, colour.other)] : null,
-    legend: compared ? [["line", colour.accent, "selected record"], ["line", colour.other, "pinned record"]] : [],
-    table: () => [["quefrency_s", seconds], ["value", value], ...(compared ? [["pinned quefrency_s", other.quefrency_s], ["pinned value", other.value]] : [])],
-    sub: shaft ? `A peak at one turn says that there are sidebands one shaft speed (${hertz(shaft)}) apart.` : "No shaft speed is known for this record, so no period is marked.",
+    legend: compared
+      ? [
+          ["line", colour.accent, "selected record"],
+          ["line", colour.other, "pinned record"],
+        ]
+      : [],
+    table: () => [
+      ["quefrency_s", seconds],
+      ["value", value],
+      ...(compared
+        ? [
+            ["pinned quefrency_s", other.quefrency_s],
+            ["pinned value", other.value],
+          ]
+        : []),
+    ],
+    sub: shaft
+      ? `A peak at one turn says that there are sidebands one shaft speed (${hertz(shaft)}) apart.`
+      : "No shaft speed is known for this record, so no period is marked.",
     summary: `Cepstrum; ${shown.map(({ name, period }) => `${name} at ${number(period)} ms`).join(", ")}.`,
     layout: {
       uirevision: revision,
@@ -33,7 +61,18 @@ export function cepstrumDrawing(cepstrum, other, revision) {
       xaxis: { title: { text: "Quefrency (ms)" }, range: [0, x.at(-1)] },
       yaxis: { title: { text: "Real cepstrum (–)" }, range: [1.15 * low, 1.25 * high || 1] },
       shapes: shown.map(({ period }) => verticalLine(period, colour.reference, "dot")),
-      annotations: shown.map(({ name, period }, index) => ({ x: period, yref: "paper", y: 1 - 0.09 * index, yanchor: "top", xanchor: "left", xshift: 3, text: name, showarrow: false, bgcolor: colour.surface, font: { color: colour.reference } })),
+      annotations: shown.map(({ name, period }, index) => ({
+        x: period,
+        yref: "paper",
+        y: 1 - 0.09 * index,
+        yanchor: "top",
+        xanchor: "left",
+        xshift: 3,
+        text: name,
+        showarrow: false,
+        bgcolor: colour.surface,
+        font: { color: colour.reference },
+      })),
     },
   };
 }

@@ -1,4 +1,5 @@
-// Two records one above the other, over the same axis and on the same scale: drawn into one another, the stronger would hide the weaker.
+// Two records one above the other, over the same axis and on the same scale: drawn into one another, the
+// stronger would hide the weaker.
 
 import { utc } from "./format.js";
 import { palette } from "./plots.js";
@@ -10,7 +11,19 @@ export function compared(drawing, selected, pinned) {
   const colour = palette();
   const { layout, traces, others } = drawing;
   const half = (1 - GAP) / 2;
-  const name = (words, record, ink, y) => ({ xref: "paper", x: 1, xanchor: "right", yref: "paper", y, yanchor: "top", text: `${words}, ${utc(record.start_time)}`, showarrow: false, bgcolor: colour.surface, borderpad: 2, font: { color: ink } });
+  const name = (words, record, ink, y) => ({
+    xref: "paper",
+    x: 1,
+    xanchor: "right",
+    yref: "paper",
+    y,
+    yanchor: "top",
+    text: `${words}, ${utc(record.start_time)}`,
+    showarrow: false,
+    bgcolor: colour.surface,
+    borderpad: 2,
+    font: { color: ink },
+  });
   return {
     ...drawing,
     isCompared: true,
@@ -20,7 +33,11 @@ export function compared(drawing, selected, pinned) {
       xaxis: { ...layout.xaxis, anchor: "y2" },
       yaxis: { ...layout.yaxis, domain: [1 - half, 1] },
       yaxis2: { ...layout.yaxis, domain: [0, half], matches: "y" },
-      annotations: [...(layout.annotations ?? []), name("selected", selected, colour.accent, 1), name("pinned", pinned, colour.other, half)],
+      annotations: [
+        ...(layout.annotations ?? []),
+        name("selected", selected, colour.accent, 1),
+        name("pinned", pinned, colour.other, half),
+      ],
     },
   };
 }

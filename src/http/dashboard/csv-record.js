@@ -1,4 +1,5 @@
-// A CSV file of samples as 32-bit floats, which the server takes: each column is a channel, no sample changes but by rounding to 32 bits.
+// A CSV file of samples as 32-bit floats, which the server takes: each column is a channel, no sample changes
+// but by rounding to 32 bits.
 
 import { stampSeconds, startOf, timeColumn } from "./csv-time.js";
 
@@ -25,7 +26,9 @@ function formOf(lines) {
   const comma = separator !== ",";
   const first = cells(lines[0], separator);
   const isNumber = (cell) => cell !== "" && Number.isFinite(Number(comma ? cell.replace(",", ".") : cell));
-  const headed = !first.every((cell, column) => isNumber(cell) || (column === 0 && !Number.isNaN(stampSeconds(cell))));
+  const headed = !first.every(
+    (cell, column) => isNumber(cell) || (column === 0 && !Number.isNaN(stampSeconds(cell))),
+  );
   const names = headed ? first : first.map((_, index) => String(index + 1));
   const stamps = !Number.isNaN(stampSeconds(cells(lines[headed ? 1 : 0] ?? "", separator)[0]));
   return { separator, comma, headed, names, stamps };
@@ -40,18 +43,27 @@ function linesOf(text) {
 /** Rows of numbers with their headings; `stamps` says that the first column held dates, which are seconds since the first one now. */
 export function parseCsv(text) {
   const lines = linesOf(text);
-  if (lines.length < 2) throw new CsvError(`the file has ${lines.length} ${lines.length === 1 ? "line" : "lines"}, expected samples in rows`);
+  if (lines.length < 2)
+    throw new CsvError(
+      `the file has ${lines.length} ${lines.length === 1 ? "line" : "lines"}, expected samples in rows`,
+    );
   const { separator, comma, headed, names, stamps } = formOf(lines);
   const begin = headed ? 1 : 0;
   const columns = names.map(() => new Float64Array(lines.length - begin));
   const origin = stamps ? stampSeconds(cells(lines[begin], separator)[0]) : 0;
   for (let line = begin; line < lines.length; line++) {
     const row = cells(lines[line], separator);
-    if (row.length !== names.length) throw new CsvError(`line ${line + 1} has ${row.length} values, expected ${names.length} as in the first line`);
+    if (row.length !== names.length)
+      throw new CsvError(
+        `line ${line + 1} has ${row.length} values, expected ${names.length} as in the first line`,
+      );
     row.forEach((cell, column) => {
       const stamp = stamps && column === 0;
       const value = stamp ? stampSeconds(cell) - origin : numberAt(cell, line + 1, names[column], comma);
-      if (Number.isNaN(value)) throw new CsvError(`line ${line + 1}, column “${names[column]}” is “${cell}”, expected a time as in the first row`);
+      if (Number.isNaN(value))
+        throw new CsvError(
+          `line ${line + 1}, column “${names[column]}” is “${cell}”, expected a time as in the first row`,
+        );
       columns[column][line - begin] = value;
     });
   }
@@ -78,17 +90,30 @@ export function floatWav(channels, rate) {
   text(0, "RIFF");
   view.setUint32(4, 36 + size, true);
   text(8, "WAVEfmt ");
-  [[16, 16, 32], [20, 3, 16], [22, channels.length, 16], [24, rate, 32], [28, rate * block, 32], [32, block, 16], [34, 32, 16]].forEach(([at, value, bits]) => (bits === 32 ? view.setUint32(at, value, true) : view.setUint16(at, value, true)));
+  [
+    [16, 16, 32],
+    [20, 3, 16],
+    [22, channels.length, 16],
+    [24, rate, 32],
+    [28, rate * block, 32],
+    [32, block, 16],
+    [34, 32, 16],
+  ].forEach(([at, value, bits]) =>
+    bits === 32 ? view.setUint32(at, value, true) : view.setUint16(at, value, true),
+  );
   text(36, "data");
   view.setUint32(40, size, true);
-  for (let frame = 0; frame < frames; frame++) channels.forEach((channel, n) => view.setFloat32(44 + frame * block + 4 * n, channel[frame], true));
+  for (let frame = 0; frame < frames; frame++)
+    channels.forEach((channel, n) => view.setFloat32(44 + frame * block + 4 * n, channel[frame], true));
   return new Blob([view], { type: "audio/wav" });
 }
 
 /** 32-bit floats without a head, channels interleaved: these take any rate. */
 function bareFloats(channels) {
   const floats = new Float32Array(channels.length * channels[0].length);
-  channels.forEach((channel, n) => channel.forEach((value, frame) => (floats[frame * channels.length + n] = value)));
+  channels.forEach((channel, n) =>
+    channel.forEach((value, frame) => (floats[frame * channels.length + n] = value)),
+  );
   return new Blob([floats]);
 }
 
@@ -101,9 +126,17 @@ export function channelsOfCsv(text, rate, roles) {
   const { names, columns, stamps } = parseCsv(text);
   const time = timeColumn(names, columns, stamps, roles?.indexOf("time"));
   if (time.words) throw Object.assign(new CsvError(time.words), { names });
-  if (rate && time.rate && Math.abs(time.rate - rate) > SAME_RATE * rate) throw new CsvError(`the sampling rate is ${rate} Hz, expected ${Number(time.rate.toPrecision(6))} Hz as column “${names[time.index]}” says`);
-  const channels = columns.map((values, place) => ({ place, values })).filter(({ place }) => (roles ? roles[place] === "channel" : place !== time.index));
-  if (channels.length === 0) throw Object.assign(new CsvError("there is no column beside the time, expected one with samples"), { names });
+  if (rate && time.rate && Math.abs(time.rate - rate) > SAME_RATE * rate)
+    throw new CsvError(
+      `the sampling rate is ${rate} Hz, expected ${Number(time.rate.toPrecision(6))} Hz as column “${names[time.index]}” says`,
+    );
+  const channels = columns
+    .map((values, place) => ({ place, values }))
+    .filter(({ place }) => (roles ? roles[place] === "channel" : place !== time.index));
+  if (channels.length === 0)
+    throw Object.assign(new CsvError("there is no column beside the time, expected one with samples"), {
+      names,
+    });
   return { rate: rate || time.rate, names, time: time.index, channels };
 }
 
@@ -118,11 +151,22 @@ export async function csvBegin(file, most) {
  * for `channelsOfCsv`, of which the columns at the places `chosen` are taken.
  */
 export async function recordOfCsv(file, rate, roles, chosen) {
-  if (file.size > MOST_BYTES) throw new CsvError(`the file has ${Math.round(file.size / 1e6)} MB, expected at most 64 MB here; “flankwatch convert” takes larger ones`);
+  if (file.size > MOST_BYTES)
+    throw new CsvError(
+      `the file has ${Math.round(file.size / 1e6)} MB, expected at most 64 MB here; “flankwatch convert” takes larger ones`,
+    );
   const { rate: known, names, channels: all } = channelsOfCsv(await file.text(), rate, roles);
-  if (!known) throw new CsvError(`no column is the time (columns: ${names.join(", ")}), so the sampling rate is needed: type it in above`);
+  if (!known)
+    throw new CsvError(
+      `no column is the time (columns: ${names.join(", ")}), so the sampling rate is needed: type it in above`,
+    );
   const channels = all.filter(({ place }) => !chosen || chosen.includes(place)).map(({ values }) => values);
   // a WAV file holds whole rates only
-  if (Math.abs(known - Math.round(known)) <= 1e-4 * known) return { body: floatWav(channels, Math.round(known)), type: "audio/wav", parameters: {} };
-  return { body: bareFloats(channels), type: "application/octet-stream", parameters: { sample: "f32", sample_rate_hz: known, channels: channels.length } };
+  if (Math.abs(known - Math.round(known)) <= 1e-4 * known)
+    return { body: floatWav(channels, Math.round(known)), type: "audio/wav", parameters: {} };
+  return {
+    body: bareFloats(channels),
+    type: "application/octet-stream",
+    parameters: { sample: "f32", sample_rate_hz: known, channels: channels.length },
+  };
 }

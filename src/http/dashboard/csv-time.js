@@ -1,10 +1,12 @@
-// The time column of a CSV file: how it is told from vibration, and what it says of the sampling rate and the start.
+// The time column of a CSV file: how it is told from vibration, and what it says of the sampling rate and the
+// start.
 
-const NAMES = /^(t|time|zeit|zeitstempel|zeitpunkt|uhrzeit|datum|date|date ?time|time ?stamp|elapsed|seconds?|sekunden?|temps|tiempo|tempo|tijd|tid|czas)$/i;
+const NAMES =
+  /^(t|time|zeit|zeitstempel|zeitpunkt|uhrzeit|datum|date|date ?time|time ?stamp|elapsed|seconds?|sekunden?|temps|tiempo|tempo|tijd|tid|czas)$/i;
 const BEGINS = /^(time|zeit)[ _\-/:]/i; // Time - a1, Zeit_1
 const BRACKETED = /[([]\s*(s|sec|sek|seconds?|ms|µs|μs|us|ns)\.?\s*[)\]]$/i;
 const AFTER = /[ _/,]\s*(s|sec|sek|seconds?|ms|µs|μs|us|ns)$/i; // time_s, t / ms
-const SCALES = { ms: 1e-3, "µs": 1e-6, "μs": 1e-6, us: 1e-6, ns: 1e-9 };
+const SCALES = { ms: 1e-3, µs: 1e-6, μs: 1e-6, us: 1e-6, ns: 1e-9 };
 const EVEN = 0.5; // of a step that one step may differ: times are often rounded
 const EPOCH = 1e8; // as seconds this is the year 1973: no record is so long
 
@@ -26,14 +28,21 @@ export function stampSeconds(text) {
 function isNamedTime(name, rises) {
   const text = name.trim();
   const stem = text.replace(BRACKETED, "").replace(AFTER, "").trim();
-  return NAMES.test(text) || NAMES.test(stem) || BEGINS.test(text) || BRACKETED.test(text) || (AFTER.test(text) && rises);
+  return (
+    NAMES.test(text) ||
+    NAMES.test(stem) ||
+    BEGINS.test(text) ||
+    BRACKETED.test(text) ||
+    (AFTER.test(text) && rises)
+  );
 }
 
 /** The first place where values do not go on as on average, from 0; -1 where they rise evenly throughout. */
 function unevenAt(values) {
   const step = (values.at(-1) - values[0]) / (values.length - 1);
   if (!(step > 0 && Number.isFinite(step))) return 0;
-  for (let n = 0; n < values.length - 1; n++) if (!(Math.abs((values[n + 1] - values[n]) / step - 1) <= EVEN)) return n;
+  for (let n = 0; n < values.length - 1; n++)
+    if (!(Math.abs((values[n + 1] - values[n]) / step - 1) <= EVEN)) return n;
   return -1;
 }
 
@@ -62,13 +71,23 @@ export function timeColumn(names, columns, stamps, chosen) {
   const index = chosen ?? (isFirst ? 0 : names.findIndex((name) => NAMES.test(name.trim())));
   if (index < 0) {
     const ramp = uneven < 0 && columns.length > 1 && columns[0].length > 3;
-    return ramp ? { words: `column “${names[0]}” rises by the same step from row to row, which no vibration does: call it time if it is the time, or take it out` } : { index };
+    return ramp
+      ? {
+          words: `column “${names[0]}” rises by the same step from row to row, which no vibration does: call it time if it is the time, or take it out`,
+        }
+      : { index };
   }
   const times = columns[index];
   const [last, at] = [times.length - 1, unevenAt(times)];
   const scale = stamps && index === 0 ? 1 : scaleOf(names[index].trim(), times[0]);
   const rate = last / ((times[last] - times[0]) * scale);
-  if (!(rate > 0 && Number.isFinite(rate))) return { words: `the times in column “${names[index]}” run from ${times[0]} to ${times[last]}, expected rising times` };
-  if (at >= 0) return { words: `between rows ${at + 1} and ${at + 2} the time in column “${names[index]}” goes on by ${(times[at + 1] - times[at]) * scale} s, expected ${1 / rate} s as on average: samples are missing` };
+  if (!(rate > 0 && Number.isFinite(rate)))
+    return {
+      words: `the times in column “${names[index]}” run from ${times[0]} to ${times[last]}, expected rising times`,
+    };
+  if (at >= 0)
+    return {
+      words: `between rows ${at + 1} and ${at + 2} the time in column “${names[index]}” goes on by ${(times[at + 1] - times[at]) * scale} s, expected ${1 / rate} s as on average: samples are missing`,
+    };
   return { index, rate };
 }

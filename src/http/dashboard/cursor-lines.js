@@ -13,14 +13,23 @@ export function parseCursor(text) {
 
 /** The cursor as an address has it. */
 export function formatCursor({ kind, base, spacing }) {
-  return [kind, base, spacing].filter((part) => part !== undefined).map((part) => (typeof part === "number" ? Number(part.toPrecision(7)) : part)).join("~");
+  return [kind, base, spacing]
+    .filter((part) => part !== undefined)
+    .map((part) => (typeof part === "number" ? Number(part.toPrecision(7)) : part))
+    .join("~");
 }
 
 /** Its lines up to the spectrum's `end`: `x` in the unit of the axis and a `label`. */
 export function cursorLines({ kind, base, spacing }, end) {
-  if (kind === "h") return Array.from({ length: Math.min(MOST_HARMONICS, Math.floor(end / base)) }, (_, n) => ({ x: (n + 1) * base, label: `${n + 1}×` }));
+  if (kind === "h")
+    return Array.from({ length: Math.min(MOST_HARMONICS, Math.floor(end / base)) }, (_, n) => ({
+      x: (n + 1) * base,
+      label: `${n + 1}×`,
+    }));
   const offsets = Array.from({ length: 2 * SIDEBANDS + 1 }, (_, n) => n - SIDEBANDS);
-  return offsets.map((k) => ({ x: base + k * spacing, label: k === 0 ? "0" : `${k > 0 ? "+" : "−"}${Math.abs(k)}` })).filter(({ x }) => x > 0 && x <= end);
+  return offsets
+    .map((k) => ({ x: base + k * spacing, label: k === 0 ? "0" : `${k > 0 ? "+" : "−"}${Math.abs(k)}` }))
+    .filter(({ x }) => x > 0 && x <= end);
 }
 
 /** `[from, to]` of what a cursor reads, with room for a line more and in large steps, so that a cursor that is moved a little reads the same. */
@@ -29,5 +38,8 @@ export function cursorReach({ kind, base, spacing }, end) {
   if (kind === "h") return [0, Math.min(end, upwards((MOST_HARMONICS + 1) * base))];
   const reach = (SIDEBANDS + 1) * spacing;
   const step = upwards(reach);
-  return [Math.max(0, Math.floor((base - reach) / step) * step), Math.min(end, Math.ceil((base + reach) / step) * step)];
+  return [
+    Math.max(0, Math.floor((base - reach) / step) * step),
+    Math.min(end, Math.ceil((base + reach) / step) * step),
+  ];
 }

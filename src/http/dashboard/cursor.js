@@ -1,5 +1,5 @@
-// A cursor over a spectrum: a family of equally spaced lines that follows a dragged one. Lines are elements of their own over the plot,
-// so that a drag moves them without drawing the plot anew.
+// A cursor over a spectrum: a family of equally spaced lines that follows a dragged one. Lines are elements
+// of their own over the plot, so that a drag moves them without drawing the plot anew.
 
 import { cursorLines } from "./cursor-lines.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -28,7 +28,12 @@ export class CursorLayer {
     this.#handles.spacing = this.#handle("spacing");
     // the lines lie under the plot: they would cover the peaks that they measure
     this.#ground = h("div", { class: "cursor-layer", hidden: true }, this.#lines);
-    this.#layer = h("div", { class: "cursor-layer", hidden: true }, this.#handles.base, this.#handles.spacing);
+    this.#layer = h(
+      "div",
+      { class: "cursor-layer", hidden: true },
+      this.#handles.base,
+      this.#handles.spacing,
+    );
     frame.prepend(this.#ground);
     frame.append(this.#layer); // beside the plot, which is one picture to a screen reader
   }
@@ -49,31 +54,53 @@ export class CursorLayer {
     if (!cursor) return;
     if (!this.#plot.dataset.cursor && this.#plot.on) {
       this.#plot.dataset.cursor = "true";
-      for (const event of ["plotly_relayout", "plotly_relayouting", "plotly_afterplot"]) this.#plot.on(event, () => this.#place());
+      for (const event of ["plotly_relayout", "plotly_relayouting", "plotly_afterplot"])
+        this.#plot.on(event, () => this.#place());
     }
     this.#place();
   }
 
   #axis() {
     const layout = this.#plot._fullLayout;
-    return layout ? { axis: layout.xaxis, left: layout._size.l, top: layout._size.t, height: layout._size.h, width: layout._size.w } : null;
+    return layout
+      ? {
+          axis: layout.xaxis,
+          left: layout._size.l,
+          top: layout._size.t,
+          height: layout._size.h,
+          width: layout._size.w,
+        }
+      : null;
   }
 
   #place() {
     const frame = this.#cursor && this.#axis();
     if (!frame) return;
     const { axis, left, top, height, width } = frame;
-    for (const layer of [this.#ground, this.#layer]) Object.assign(layer.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
+    for (const layer of [this.#ground, this.#layer])
+      Object.assign(layer.style, {
+        left: `${left}px`,
+        top: `${top}px`,
+        width: `${width}px`,
+        height: `${height}px`,
+      });
     const shown = cursorLines(this.#cursor, this.#spectrum.frequency_hz.at(-1));
     const inside = (x) => x >= 0 && x <= width;
     const labelled = shown.length <= 12 || Math.abs(axis.l2p(shown[1].x) - axis.l2p(shown[0].x)) > 26;
-    setChildren(this.#lines, shown.map(({ x, label }, index) => {
-      const at = axis.l2p(x);
-      if (!inside(at)) return null;
-      const line = h("span", { class: "cursor-line" }, labelled || index === 0 ? h("span", {}, label) : null);
-      line.style.left = `${at}px`;
-      return line;
-    }));
+    setChildren(
+      this.#lines,
+      shown.map(({ x, label }, index) => {
+        const at = axis.l2p(x);
+        if (!inside(at)) return null;
+        const line = h(
+          "span",
+          { class: "cursor-line" },
+          labelled || index === 0 ? h("span", {}, label) : null,
+        );
+        line.style.left = `${at}px`;
+        return line;
+      }),
+    );
     const put = (handle, x, name) => {
       const at = axis.l2p(x);
       handle.hidden = !inside(at);
@@ -85,7 +112,11 @@ export class CursorLayer {
       handle.setAttribute("aria-valuetext", axisOf(this.#spectrum).say(x));
     };
     const { kind, base, spacing } = this.#cursor;
-    put(this.#handles.base, base, kind === "h" ? "Fundamental of the harmonic cursor" : "Centre of the sideband cursor");
+    put(
+      this.#handles.base,
+      base,
+      kind === "h" ? "Fundamental of the harmonic cursor" : "Centre of the sideband cursor",
+    );
     if (kind === "s") put(this.#handles.spacing, base + spacing, "First upper sideband of the cursor");
     else this.#handles.spacing.hidden = true;
     setText(this.readout, this.#words(shown));
@@ -97,7 +128,10 @@ export class CursorLayer {
     const { say } = axisOf(spectrum);
     const amplitudes = shown.map(({ x, label }) => ({ label, amplitude: amplitudeAt(spectrum, x) }));
     // dragged beyond the lines that were fetched for it: the rest comes when it is let go of
-    const value = (amplitude) => (amplitudes.some((line) => line.amplitude === undefined) ? "…" : `${number(amplitude, 3)} ${unit(spectrum.unit)}`.trim());
+    const value = (amplitude) =>
+      amplitudes.some((line) => line.amplitude === undefined)
+        ? "…"
+        : `${number(amplitude, 3)} ${unit(spectrum.unit)}`.trim();
     if (kind === "h") {
       if (shown.length === 0) return `Harmonics: ${say(base)} lies beyond the spectrum`;
       const strongest = amplitudes.reduce((a, b) => (b.amplitude > a.amplitude ? b : a));
@@ -126,7 +160,8 @@ export class CursorLayer {
     event.stopPropagation();
     handle.focus();
     handle.setPointerCapture(event.pointerId);
-    const move = (moved) => this.#move(what, axis.p2l(moved.clientX - this.#plot.getBoundingClientRect().left - left));
+    const move = (moved) =>
+      this.#move(what, axis.p2l(moved.clientX - this.#plot.getBoundingClientRect().left - left));
     const end = () => {
       handle.removeEventListener("pointermove", move);
       const { base, spacing } = this.#cursor;
@@ -144,7 +179,10 @@ export class CursorLayer {
     event.preventDefault();
     const { base, spacing } = this.#cursor;
     const lines = event.shiftKey ? 10 : 1;
-    this.#move(what, (what === "base" ? base : base + spacing) + direction * lines * this.#spectrum.resolution_hz);
+    this.#move(
+      what,
+      (what === "base" ? base : base + spacing) + direction * lines * this.#spectrum.resolution_hz,
+    );
     this.#onSet(this.#cursor);
   }
 }

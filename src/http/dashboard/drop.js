@@ -1,4 +1,5 @@
-// Files dropped anywhere on a page: those of an asset become its records, on another page it is said where they belong.
+// Files dropped anywhere on a page: those of an asset become its records, on another page it is said where
+// they belong.
 
 import { h } from "./dom.js";
 
@@ -23,8 +24,17 @@ function acceptDrops(element, onFiles) {
 function dialogWithout(files) {
   const close = h("button", { type: "button", onclick: () => dialog.close() }, "Close");
   const what = files.length === 1 ? files[0].name : `${files.length} files`;
-  const words = h("p", {}, `${what} cannot be taken here: records belong to an asset. Open the asset, and drop them on one of its pages.`);
-  const dialog = h("dialog", { class: "records", "aria-label": "Not uploaded" }, words, h("div", { class: "form-buttons" }, close));
+  const words = h(
+    "p",
+    {},
+    `${what} cannot be taken here: records belong to an asset. Open the asset, and drop them on one of its pages.`,
+  );
+  const dialog = h(
+    "dialog",
+    { class: "records", "aria-label": "Not uploaded" },
+    words,
+    h("div", { class: "form-buttons" }, close),
+  );
   return dialog;
 }
 

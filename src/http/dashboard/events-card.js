@@ -15,11 +15,28 @@ function alarmItem(alarm, elsewhere = false) {
   const { id, quantity, severity, history, asset_id: asset, channel } = alarm;
   const latest = history.findLast(({ action, withdrawn_at: withdrawn }) => !action && !withdrawn);
   const words = latest ? `${changeWords(latest, alarm)}, ${utc(latest.time)}` : "";
-  const link = h("a", { href: format({ page: "alarms", query: { asset, show: "all", alarm: id } }) }, quantityWords(quantity));
-  return h("li", {}, symbol(KEYS[severity] ?? "normal", 20), h("span", {}, elsewhere ? `Channel ${channel}: ` : null, link, `: ${stateWords(alarm, true)}`), h("span", { class: "muted" }, words));
+  const link = h(
+    "a",
+    { href: format({ page: "alarms", query: { asset, show: "all", alarm: id } }) },
+    quantityWords(quantity),
+  );
+  return h(
+    "li",
+    {},
+    symbol(KEYS[severity] ?? "normal", 20),
+    h("span", {}, elsewhere ? `Channel ${channel}: ` : null, link, `: ${stateWords(alarm, true)}`),
+    h("span", { class: "muted" }, words),
+  );
 }
 
-const wrench = () => svg("svg", { class: "wrench", viewBox: "0 0 24 24", width: 20, height: 20, "aria-hidden": "true" }, svg("path", { d: "M21 6.500a5.500 5.500 0 0 1-7.300 5.200L6.400 19a2.400 2.400 0 0 1-3.400-3.400l7.300-7.300A5.500 5.500 0 0 1 17.500 3l-3.200 3.200 3.500 3.500z" }));
+const wrench = () =>
+  svg(
+    "svg",
+    { class: "wrench", viewBox: "0 0 24 24", width: 20, height: 20, "aria-hidden": "true" },
+    svg("path", {
+      d: "M21 6.500a5.500 5.500 0 0 1-7.300 5.200L6.400 19a2.400 2.400 0 0 1-3.400-3.400l7.300-7.300A5.500 5.500 0 0 1 17.500 3l-3.200 3.200 3.500 3.500z",
+    }),
+  );
 
 /** The list of an asset's alarms and maintenance. */
 export class EventsCard {
@@ -33,7 +50,13 @@ export class EventsCard {
   constructor(onTell, onRemove) {
     this.#onRemove = onRemove;
     const tell = h("button", { type: "button", onclick: onTell }, "Enter maintenance…");
-    this.element = h("section", { class: "card events-card", "aria-label": "Alarms and maintenance" }, h("div", { class: "plot-head" }, h("h2", {}, "Alarms and maintenance"), tell), this.#words, this.#list);
+    this.element = h(
+      "section",
+      { class: "card events-card", "aria-label": "Alarms and maintenance" },
+      h("div", { class: "plot-head" }, h("h2", {}, "Alarms and maintenance"), tell),
+      this.#words,
+      this.#list,
+    );
   }
 
   /** Shows an answer of `fetchEvents`. */
@@ -43,16 +66,48 @@ export class EventsCard {
     const { maintenance, alarms, others, refused } = events;
     const told = maintenance instanceof Error ? [] : maintenance.items;
     const trouble = refused ?? (maintenance instanceof Error ? maintenance : null);
-    this.#words.textContent = trouble ? trouble.message : alarms.length + others.length + told.length ? "" : "No alarm of this channel has been raised, and no maintenance was entered.";
+    this.#words.textContent = trouble
+      ? trouble.message
+      : alarms.length + others.length + told.length
+        ? ""
+        : "No alarm of this channel has been raised, and no maintenance was entered.";
     this.#words.hidden = !this.#words.textContent;
     this.#list.hidden = alarms.length + others.length + told.length === 0;
-    setChildren(this.#list, alarms.map((alarm) => alarmItem(alarm)), others.map((alarm) => alarmItem(alarm, true)), told.map((event) => this.#told(event)));
+    setChildren(
+      this.#list,
+      alarms.map((alarm) => alarmItem(alarm)),
+      others.map((alarm) => alarmItem(alarm, true)),
+      told.map((event) => this.#told(event)),
+    );
   }
 
   #told(event) {
     const { time, kind, by, comment, inspection } = event;
-    const said = [inspection && inspectionWords(inspection), utc(time), by && `entered by ${by}`, comment && `“${comment}”`].filter(Boolean).join(", ");
-    const remove = h("button", { type: "button", class: "quiet", "aria-label": `Take back: ${maintenanceWord(kind)}, ${utc(time)}`, onclick: () => this.#onRemove(event) }, "Take back");
-    return h("li", {}, wrench(), h("strong", { title: MAINTENANCE[kind]?.words }, maintenanceWord(kind)), remove, h("span", { class: "muted" }, said));
+    const said = [
+      inspection && inspectionWords(inspection),
+      utc(time),
+      by && `entered by ${by}`,
+      comment && `“${comment}”`,
+    ]
+      .filter(Boolean)
+      .join(", ");
+    const remove = h(
+      "button",
+      {
+        type: "button",
+        class: "quiet",
+        "aria-label": `Take back: ${maintenanceWord(kind)}, ${utc(time)}`,
+        onclick: () => this.#onRemove(event),
+      },
+      "Take back",
+    );
+    return h(
+      "li",
+      {},
+      wrench(),
+      h("strong", { title: MAINTENANCE[kind]?.words }, maintenanceWord(kind)),
+      remove,
+      h("span", { class: "muted" }, said),
+    );
   }
 }

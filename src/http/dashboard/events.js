@@ -1,4 +1,5 @@
-// What the server tells of itself: a stream of server-sent events, read with fetch, because EventSource cannot show a token.
+// What the server tells of itself: a stream of server-sent events, read with fetch, because EventSource
+// cannot show a token.
 
 import { address } from "./api.js";
 
@@ -50,7 +51,10 @@ export class Events {
   }
 
   #take(block) {
-    const fields = block.split("\n").map((line) => /^(\w+): ?(.*)$/.exec(line)).filter(Boolean);
+    const fields = block
+      .split("\n")
+      .map((line) => /^(\w+): ?(.*)$/.exec(line))
+      .filter(Boolean);
     const field = (name) => fields.find(([, key]) => key === name)?.[2];
     const id = field("id");
     if (id) this.#last = id;

@@ -5,15 +5,20 @@ import { depth, featureName, number } from "./format.js";
 import { palette } from "./plots.js";
 
 const KINDS = ["ln_mesh", "ln_sideband", "ln_env", "ln_rms", "ln_kurtosis"];
-const place = ({ name }) => KINDS.findIndex((kind) => name.startsWith(kind)) * 100 + Number(/\d+$/.exec(name)?.[0] ?? 0);
+const place = ({ name }) =>
+  KINDS.findIndex((kind) => name.startsWith(kind)) * 100 + Number(/\d+$/.exec(name)?.[0] ?? 0);
 
 /** The drawing of measured and expected changes in dB. */
-export function featureDrawing({ features, wear_um: wear, interval_um: [low, high], baseline_records: records }, revision) {
+export function featureDrawing(
+  { features, wear_um: wear, interval_um: [low, high], baseline_records: records },
+  revision,
+) {
   const colour = palette();
   const rows = [...features].sort((a, b) => place(a) - place(b));
   const y = rows.map((row) => featureName(row.name));
   const expected = rows.filter((row) => row.expected_db != null);
-  const words = (row) => `${featureName(row.name)}: measured ${number(row.measured_db, 3)} dB ± ${number(whisker(row), 2)}, expected ${row.expected_db == null ? "–" : `${number(row.expected_db, 3)} dB`}${row.above_noise ? (counts(row) ? (agrees(row) ? ": agrees" : ": does not agree") : "") : ", in the noise when healthy: left out"}`;
+  const words = (row) =>
+    `${featureName(row.name)}: measured ${number(row.measured_db, 3)} dB ± ${number(whisker(row), 2)}, expected ${row.expected_db == null ? "–" : `${number(row.expected_db, 3)} dB`}${row.above_noise ? (counts(row) ? (agrees(row) ? ": agrees" : ": does not agree") : "") : ", in the noise when healthy: left out"}`;
   const odd = (row) => counts(row) && !agrees(row);
   const point = (filter, symbol, name, ink) => {
     const some = rows.filter(filter);
@@ -40,7 +45,18 @@ export function featureDrawing({ features, wear_um: wear, interval_um: [low, hig
         width: 0.8,
         hoverinfo: "skip",
       },
-      { x: expected.map((row) => row.expected_db), y: expected.map((row) => featureName(row.name)), mode: "markers", marker: { symbol: "line-ns-open", size: 15, color: colour.accent, line: { width: 3, color: colour.accent } }, hoverinfo: "skip" },
+      {
+        x: expected.map((row) => row.expected_db),
+        y: expected.map((row) => featureName(row.name)),
+        mode: "markers",
+        marker: {
+          symbol: "line-ns-open",
+          size: 15,
+          color: colour.accent,
+          line: { width: 3, color: colour.accent },
+        },
+        hoverinfo: "skip",
+      },
       point((row) => row.above_noise && !odd(row), "diamond", "measured", colour.ink),
       point(odd, "x", "does not agree", colour.danger),
       point((row) => !row.above_noise, "diamond-open", "in the noise", colour.ink),
@@ -50,17 +66,36 @@ export function featureDrawing({ features, wear_um: wear, interval_um: [low, hig
       ["line", colour.accent, `library at ${depth(wear)} µm`],
       ["filled", colour.ink, "measured, with its whisker"],
       ...(rows.some(odd) ? [["cross", colour.danger, "measured, does not agree"]] : []),
-      ...(rows.some((row) => !row.above_noise) ? [["diamond", colour.ink, "in the noise when healthy: left out"]] : []),
+      ...(rows.some((row) => !row.above_noise)
+        ? [["diamond", colour.ink, "in the noise when healthy: left out"]]
+        : []),
     ],
-    table: () => [["feature", rows.map((row) => row.name)], ["measured_db", rows.map((row) => row.measured_db)], ["scatter_db", rows.map((row) => row.scatter_db)], ["expected_db", rows.map((row) => row.expected_db)], ["above_noise", rows.map((row) => row.above_noise)]],
+    table: () => [
+      ["feature", rows.map((row) => row.name)],
+      ["measured_db", rows.map((row) => row.measured_db)],
+      ["scatter_db", rows.map((row) => row.scatter_db)],
+      ["expected_db", rows.map((row) => row.expected_db)],
+      ["above_noise", rows.map((row) => row.above_noise)],
+    ],
     sub: `Amplitudes against the mean of the first ${records} records. ${AGREEMENT_RULE}.`,
     summary: rows.map(words).join("; "),
     layout: {
       uirevision: revision,
       hovermode: "closest",
       barmode: "overlay",
-      xaxis: { title: { text: "Change since the baseline (dB)" }, zeroline: true, zerolinecolor: colour.edge },
-      yaxis: { autorange: "reversed", type: "category", categoryorder: "array", categoryarray: y, ticks: "", dtick: 1 },
+      xaxis: {
+        title: { text: "Change since the baseline (dB)" },
+        zeroline: true,
+        zerolinecolor: colour.edge,
+      },
+      yaxis: {
+        autorange: "reversed",
+        type: "category",
+        categoryorder: "array",
+        categoryarray: y,
+        ticks: "",
+        dtick: 1,
+      },
     },
   };
 }

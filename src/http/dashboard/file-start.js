@@ -1,14 +1,19 @@
-// When a file's record began: from its contents, from a date in its name, or from when the file was changed last.
+// When a file's record began: from its contents, from a date in its name, or from when the file was changed
+// last.
 
 import { csvStart } from "./csv-record.js";
 
-const NAME = /(?<!\d)((?:19|20)\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])(?:[T _.-]*([01]\d|2[0-3])[-_.:h]?([0-5]\d)(?:[-_.:m]?([0-5]\d)(?:[.,_](\d{1,6}))?)?)?(?!\d)/;
+const NAME =
+  /(?<!\d)((?:19|20)\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])(?:[T _.-]*([01]\d|2[0-3])[-_.:h]?([0-5]\d)(?:[-_.:m]?([0-5]\d)(?:[.,_](\d{1,6}))?)?)?(?!\d)/;
 
 /** The time that a file's name holds, read as UTC, as an ISO time; null without one. */
 export function startInName(name) {
-  const [, year, month, day, hour = 0, minute = 0, second = 0, fraction = ""] = NAME.exec(name.replace(/\.\w+$/, "")) ?? [];
+  const [, year, month, day, hour = 0, minute = 0, second = 0, fraction = ""] =
+    NAME.exec(name.replace(/\.\w+$/, "")) ?? [];
   if (!year) return null;
-  const time = new Date(Date.UTC(year, month - 1, day, hour, minute, second) + Math.round(1000 * Number(`0.${fraction || 0}`)));
+  const time = new Date(
+    Date.UTC(year, month - 1, day, hour, minute, second) + Math.round(1000 * Number(`0.${fraction || 0}`)),
+  );
   return time.getUTCDate() === Number(day) ? time.toISOString() : null; // there is no 31 February
 }
 
@@ -18,5 +23,8 @@ export async function startOfFile(file, type) {
   if (told) return { time: told, source: "from its time column" };
   const named = startInName(file.name);
   if (named) return { time: named, source: "from its name, read as UTC" };
-  return { time: new Date(file.lastModified).toISOString(), source: "when the file was changed last: check it" };
+  return {
+    time: new Date(file.lastModified).toISOString(),
+    source: "when the file was changed last: check it",
+  };
 }

@@ -1,5 +1,5 @@
-// The lines of a spectrum at full resolution: those of the part that is looked at, and those that a cursor reads. The whole is drawn from
-// fewer points, of which each stands for the greatest of many lines.
+// The lines of a spectrum at full resolution: those of the part that is looked at, and those that a cursor
+// reads. The whole is drawn from fewer points, of which each stands for the greatest of many lines.
 
 import { cursorReach, parseCursor } from "./cursor-lines.js";
 
@@ -22,7 +22,8 @@ class FineLines {
     const nearest = Math.round(frequency / this.step) - this.first;
     if (!(nearest >= 0 && nearest < this.amplitude.length)) return -1;
     let best = nearest;
-    for (let n = Math.max(0, nearest - reach); n <= nearest + reach; n++) if (this.amplitude[n] > this.amplitude[best]) best = n;
+    for (let n = Math.max(0, nearest - reach); n <= nearest + reach; n++)
+      if (this.amplitude[n] > this.amplitude[best]) best = n;
     return best;
   }
 
@@ -69,7 +70,10 @@ function spliced({ frequency_hz: x, amplitude: y }, part) {
   const before = x.findIndex((value) => value >= inner[0]);
   const after = x.findIndex((value) => value > inner.at(-1));
   const [head, tail] = [before < 0 ? x.length : before, after < 0 ? x.length : after];
-  return { frequency_hz: [...x.slice(0, head), ...inner, ...x.slice(tail)], amplitude: [...y.slice(0, head), ...amplitude, ...y.slice(tail)] };
+  return {
+    frequency_hz: [...x.slice(0, head), ...inner, ...x.slice(tail)],
+    amplitude: [...y.slice(0, head), ...amplitude, ...y.slice(tail)],
+  };
 }
 
 /**
@@ -77,7 +81,8 @@ function spliced({ frequency_hz: x, amplitude: y }, part) {
  * `read` are `[from, to]` or null; `ask(from, to, points)` asks the server.
  */
 export async function withFineLines(spectrum, part, read, ask) {
-  if (!spectrum.reduced || spectrum.frequency_hz.length === 0) return { ...spectrum, fine: [FineLines.of(spectrum)] };
+  if (!spectrum.reduced || spectrum.frequency_hz.length === 0)
+    return { ...spectrum, fine: [FineLines.of(spectrum)] };
   const { resolution_hz: step } = spectrum;
   const fine = read ? [await linesOf(ask, step, read)] : [];
   if (!part) return { ...spectrum, fine };

@@ -13,7 +13,10 @@ function command(title, text) {
       button.textContent = "Select and copy by hand";
     }
   });
-  return [h("div", { class: "command-head" }, title, button), h("pre", { tabindex: "0" }, h("code", {}, text))];
+  return [
+    h("div", { class: "command-head" }, title, button),
+    h("pre", { tabindex: "0" }, h("code", {}, text)),
+  ];
 }
 
 /** The steps from nothing to a first wear estimate, with this server's own address in them. */
@@ -30,14 +33,33 @@ export function firstSteps() {
     "section",
     { class: "card first-steps" },
     h("h2", {}, "No assets yet"),
-    h("p", {}, "An asset is one gear mesh seen by one or more accelerometers. Describe one, then send it vibration records: its first 20 records, taken while the gears are healthy, become the baseline."),
+    h(
+      "p",
+      {},
+      "An asset is one gear mesh seen by one or more accelerometers. Describe one, then send it vibration records: its first 20 records, taken while the gears are healthy, become the baseline.",
+    ),
     h(
       "ol",
       {},
-      h("li", {}, h("h3", {}, "Describe the gear mesh"), h("p", { class: "first-step" }, h("a", { class: "button primary", href: "#/new" }, "New asset"), " with its gear pair drawn and previewed as you type."), command(h("span", {}, "Or by the API:"), asset)),
+      h(
+        "li",
+        {},
+        h("h3", {}, "Describe the gear mesh"),
+        h(
+          "p",
+          { class: "first-step" },
+          h("a", { class: "button primary", href: "#/new" }, "New asset"),
+          " with its gear pair drawn and previewed as you type.",
+        ),
+        command(h("span", {}, "Or by the API:"), asset),
+      ),
       h("li", {}, command(h("h3", {}, "Send a vibration record"), record)),
       h("li", {}, command(h("h3", {}, "Or watch a simulated gear wear out"), "flankwatch demo")),
     ),
-    h("p", { class: "muted" }, "Teeth are those of the driving and the driven gear; the shaft speed is the driving shaft's, in Hz. For a wear estimate in µm the asset also needs its gear pair (gear.pair); without it indicators are computed. This page shows the asset as soon as it exists."),
+    h(
+      "p",
+      { class: "muted" },
+      "Teeth are those of the driving and the driven gear; the shaft speed is the driving shaft's, in Hz. For a wear estimate in µm the asset also needs its gear pair (gear.pair); without it indicators are computed. This page shows the asset as soon as it exists.",
+    ),
   );
 }

@@ -1,4 +1,5 @@
-// A tooth of each gear with what wear has taken from its working flank, drawn larger than it is, with its scale.
+// A tooth of each gear with what wear has taken from its working flank, drawn larger than it is, with its
+// scale.
 
 import { h, setChildren, setText, svg } from "./dom.js";
 import { depth, number } from "./format.js";
@@ -6,10 +7,23 @@ import { depth, number } from "./format.js";
 const SHOWN_MM = 0.9; // how wide the deepest wear is drawn, in mm of the tooth
 const MARGIN = 0.6;
 
-const path = (points, close = false) => `M${points.map(([x, y]) => `${x.toFixed(3)} ${y.toFixed(3)}`).join("L")}${close ? "Z" : ""}`;
+const path = (points, close = false) =>
+  `M${points.map(([x, y]) => `${x.toFixed(3)} ${y.toFixed(3)}`).join("L")}${close ? "Z" : ""}`;
 
 /** One tooth: its centre line is vertical, the tip on top, the worn flank on the right. */
-function tooth({ teeth, root_radius_mm: root, tip_radius_mm: tip, pitch_radius_mm: pitch, x_mm: xs, y_mm: ys, depth_um: depths }, exaggeration, name) {
+function tooth(
+  {
+    teeth,
+    root_radius_mm: root,
+    tip_radius_mm: tip,
+    pitch_radius_mm: pitch,
+    x_mm: xs,
+    y_mm: ys,
+    depth_um: depths,
+  },
+  exaggeration,
+  name,
+) {
   const flank = xs.map((x, n) => [ys[n], -x]);
   const worn = xs.map((x, n) => [ys[n] - (depths[n] / 1000) * exaggeration, -x]);
   const foot = [flank[0][0] * 1.08, -root];
@@ -25,7 +39,11 @@ function tooth({ teeth, root_radius_mm: root, tip_radius_mm: tip, pitch_radius_m
     { class: "tooth" },
     svg(
       "svg",
-      { viewBox: box, role: "img", "aria-label": `${name}, ${teeth} teeth: deepest wear ${depth(deepest)} µm at a radius of ${number(Math.hypot(xs[where], ys[where]), 4)} mm` },
+      {
+        viewBox: box,
+        role: "img",
+        "aria-label": `${name}, ${teeth} teeth: deepest wear ${depth(deepest)} µm at a radius of ${number(Math.hypot(xs[where], ys[where]), 4)} mm`,
+      },
       svg("path", { class: "tooth-body", d: path(outline, true) }),
       svg("path", { class: "tooth-lost", d: path(lost, true) }),
       svg("path", { class: "tooth-unworn", d: path(flank) }),
@@ -45,7 +63,12 @@ export class FlankCard {
   element;
 
   constructor(title = "Flanks at the estimated wear") {
-    this.element = h("figure", { class: "card plot-card", "data-plot": "flank" }, h("figcaption", {}, h("h2", {}, title), this.#sub), this.#teeth);
+    this.element = h(
+      "figure",
+      { class: "card plot-card", "data-plot": "flank" },
+      h("figcaption", {}, h("h2", {}, title), this.#sub),
+      this.#teeth,
+    );
   }
 
   /** Shows the flanks of an answer, or its error. */
@@ -56,7 +79,13 @@ export class FlankCard {
     }
     const { gears, wear_um: wear } = flank;
     const exaggeration = wear > 0.5 ? Math.max(1, Math.round(SHOWN_MM / (wear / 1000))) : 1;
-    setText(this.#sub, `Wear drawn ${exaggeration} × as deep as it is (red); the tooth itself is to scale. Dashed: pitch circle, where the teeth roll. ${depth(match.wear_um)} µm is the deepest place, from the wear shape of the gear pair.`);
-    return setChildren(this.#teeth, gears.map((gear, index) => tooth(gear, exaggeration, index ? "Driven gear" : "Driving gear")));
+    setText(
+      this.#sub,
+      `Wear drawn ${exaggeration} × as deep as it is (red); the tooth itself is to scale. Dashed: pitch circle, where the teeth roll. ${depth(match.wear_um)} µm is the deepest place, from the wear shape of the gear pair.`,
+    );
+    return setChildren(
+      this.#teeth,
+      gears.map((gear, index) => tooth(gear, exaggeration, index ? "Driven gear" : "Driving gear")),
+    );
   }
 }

@@ -1,4 +1,5 @@
-// The fleet by place: site, machine and gearbox of each asset, or what stands before the last slash of a name such as “North plant / line 3 / mesh”.
+// The fleet by place: site, machine and gearbox of each asset, or what stands before the last slash of a name
+// such as “North plant / line 3 / mesh”.
 
 import { h, setChildren, setText } from "./dom.js";
 import { assetName } from "./fleet-row.js";
@@ -11,7 +12,12 @@ export function placeOf(asset) {
   const { site, machine, gearbox } = asset.location ?? {};
   const place = [site, machine, gearbox].filter(Boolean).join(" / ");
   if (place) return place;
-  return assetName(asset).split("/").slice(0, -1).map((part) => part.trim()).filter(Boolean).join(" / ");
+  return assetName(asset)
+    .split("/")
+    .slice(0, -1)
+    .map((part) => part.trim())
+    .filter(Boolean)
+    .join(" / ");
 }
 
 /** `{ place, members, open, closed }` for each place, followed by its assets where it is open; `closedText` is the address's list of closed ones. */
@@ -32,11 +38,22 @@ export class GroupRow {
   #sign = h("span");
   #name = h("span");
   #words = h("span", { class: "muted" });
-  #button = h("button", { type: "button", onclick: () => this.#toggle() }, this.#icon, this.#sign, this.#name, this.#words);
+  #button = h(
+    "button",
+    { type: "button", onclick: () => this.#toggle() },
+    this.#icon,
+    this.#sign,
+    this.#name,
+    this.#words,
+  );
   element;
 
   constructor(columns) {
-    this.element = h("tr", { class: "group", role: "row" }, h("th", { scope: "colgroup", role: "rowheader", colspan: columns }, this.#button));
+    this.element = h(
+      "tr",
+      { class: "group", role: "row" },
+      h("th", { scope: "colgroup", role: "rowheader", colspan: columns }, this.#button),
+    );
   }
 
   #toggle() {
@@ -53,7 +70,10 @@ export class GroupRow {
     setText(this.#icon, open ? "▾" : "▸");
     setChildren(this.#sign, symbol(worst, 18));
     setText(this.#name, place || "Without a place");
-    setText(this.#words, `${members.length} ${members.length === 1 ? "asset" : "assets"}, worst: ${STATES[worst].short}`);
+    setText(
+      this.#words,
+      `${members.length} ${members.length === 1 ? "asset" : "assets"}, worst: ${STATES[worst].short}`,
+    );
     this.#button.setAttribute("aria-expanded", String(open));
   }
 }

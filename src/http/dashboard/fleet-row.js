@@ -40,10 +40,22 @@ function wearContent(asset, state) {
       { class: "wear-number" },
       h("strong", {}, state === "unclear" ? "unclear" : number),
       h("span", { class: "muted" }, interval.replace("5 to 95 %: ", "")),
-      use && state !== "unclear" ? h("span", { class: "muted use", title: `${use.name} limit` }, `${Math.round(100 * use.share)} % of ${depth(use.limit)} µm`) : null,
+      use && state !== "unclear"
+        ? h(
+            "span",
+            { class: "muted use", title: `${use.name} limit` },
+            `${Math.round(100 * use.share)} % of ${depth(use.limit)} µm`,
+          )
+        : null,
     ),
     wearBar(wear, asset.limits),
-    error && state !== "unclear" ? h("span", { class: "muted transmission-words", title: error.interval }, `transmission error due to wear ${error.number}`) : null,
+    error && state !== "unclear"
+      ? h(
+          "span",
+          { class: "muted transmission-words", title: error.interval },
+          `transmission error due to wear ${error.number}`,
+        )
+      : null,
   ].filter(Boolean);
 }
 
@@ -52,12 +64,20 @@ function limitContent({ wear, last_start_time: last }, limits) {
   if (!left && limitUse(wear, limits)?.share >= 1) return [note("passed")];
   if (!left) return [note("–")];
   const title = `${depth(left.limit)} µm is expected at ${utc(left.date)}`;
-  return [h("strong", { title }, left.median), h("span", { class: "muted interval-words" }, left.interval), left.from === "from now" ? null : h("span", { class: "muted interval-words" }, left.from)];
+  return [
+    h("strong", { title }, left.median),
+    h("span", { class: "muted interval-words" }, left.interval),
+    left.from === "from now" ? null : h("span", { class: "muted interval-words" }, left.from),
+  ];
 }
 
 function alarmWords({ danger = 0, warning = 0, unacknowledged = 0, shelved = 0 } = {}) {
   const raised = danger + warning;
-  const parts = [raised && `${raised} ${raised === 1 ? "alarm" : "alarms"}`, unacknowledged && `${unacknowledged} unacknowledged`, shelved && `${shelved} shelved`].filter(Boolean);
+  const parts = [
+    raised && `${raised} ${raised === 1 ? "alarm" : "alarms"}`,
+    unacknowledged && `${unacknowledged} unacknowledged`,
+    shelved && `${shelved} shelved`,
+  ].filter(Boolean);
   return parts.length ? h("span", { class: "muted alarm-words" }, parts.join(", ")) : null;
 }
 
@@ -73,7 +93,17 @@ export class FleetRow {
   #limit = cell("Time to limit");
   #last = cell("Last record", this.#age);
   #segments = cell("Records");
-  element = h("tr", { role: "row" }, h("th", { scope: "row", role: "rowheader" }, this.#link, this.#id), this.#state, this.#wear, this.#trend, this.#limit, this.#last, this.#segments);
+  element = h(
+    "tr",
+    { role: "row" },
+    h("th", { scope: "row", role: "rowheader" }, this.#link, this.#id),
+    this.#state,
+    this.#wear,
+    this.#trend,
+    this.#limit,
+    this.#last,
+    this.#segments,
+  );
 
   /** Shows an asset; the same object again costs nothing. */
   update(asset) {
@@ -88,7 +118,10 @@ export class FleetRow {
     setText(this.#id, [asset.location?.mesh, asset.name && asset.id].filter(Boolean).join(" · "));
     setChildren(this.#state, badge(state), alarmWords(summary.alarms));
     setChildren(this.#wear, ...wearContent(asset, state));
-    setChildren(this.#trend, summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"));
+    setChildren(
+      this.#trend,
+      summary.recent_wear_um?.length > 1 ? sparkline(summary.recent_wear_um, asset.limits) : note("–"),
+    );
     setChildren(this.#limit, ...limitContent(summary, asset.limits));
     setText(this.#segments, count(summary.segments));
     this.#last.title = summary.last_start_time ? utc(summary.last_start_time) : "";

@@ -1,4 +1,5 @@
-// Of a long table only the rows on view are in the page; empty rows as high as the missing ones keep the scroll bar true.
+// Of a long table only the rows on view are in the page; empty rows as high as the missing ones keep the
+// scroll bar true.
 
 import { h } from "./dom.js";
 
@@ -68,7 +69,8 @@ export class RowWindow {
 
   #place() {
     this.#tops = [0];
-    for (const item of this.#items) this.#tops.push(this.#tops.at(-1) + (this.#heights.get(this.#kind(item)) ?? 80));
+    for (const item of this.#items)
+      this.#tops.push(this.#tops.at(-1) + (this.#heights.get(this.#kind(item)) ?? 80));
   }
 
   /** The first row that ends below `y`, in the table's own pixels. */
@@ -94,7 +96,8 @@ export class RowWindow {
     const held = this.#body.contains(document.activeElement) ? document.activeElement : null;
     const focused = held ? this.#items.findIndex((item) => this.#draw(item, true)?.contains(held)) : -1;
     if (focused >= 0) {
-      for (let index = Math.max(0, focused - BEYOND); index <= Math.min(count - 1, focused + BEYOND); index++) wanted.add(index);
+      for (let index = Math.max(0, focused - BEYOND); index <= Math.min(count - 1, focused + BEYOND); index++)
+        wanted.add(index);
     }
     return [...wanted].sort((a, b) => a - b);
   }
@@ -154,7 +157,8 @@ export class RowWindow {
     const at = this.#items.findIndex((item) => this.#draw(item, true)?.contains(event.target));
     const last = this.#items.length - 1;
     const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: last }[event.key];
-    if (at < 0 || to === undefined || to < 0 || to > last || event.altKey || event.ctrlKey || event.metaKey) return;
+    if (at < 0 || to === undefined || to < 0 || to > last || event.altKey || event.ctrlKey || event.metaKey)
+      return;
     event.preventDefault();
     const top = this.#body.getBoundingClientRect().top + scrollY + this.#tops[to];
     const above = document.querySelector(".topbar")?.offsetHeight ?? 0;

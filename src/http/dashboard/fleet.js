@@ -11,19 +11,30 @@ import { assetState, rank, STATES, timeToLimit } from "./state.js";
 import { symbol } from "./symbols.js";
 
 const wearOf = (asset) => asset.summary.wear?.median_um ?? -1;
-const leftOf = ({ summary }) => timeToLimit(summary.wear, summary.last_start_time)?.seconds ?? Number.MAX_VALUE;
+const leftOf = ({ summary }) =>
+  timeToLimit(summary.wear, summary.last_start_time)?.seconds ?? Number.MAX_VALUE;
 const lastOf = (asset) => Date.parse(asset.summary.last_start_time ?? 0);
 const collator = new Intl.Collator("en", { numeric: true });
 const byName = (a, b) => collator.compare(assetName(a), assetName(b));
 
 const COLUMNS = [
   { key: "name", label: "Asset", compare: byName },
-  { key: "state", label: "State", descends: true, compare: (a, b) => rank(assetState(a)) - rank(assetState(b)) || wearOf(b) - wearOf(a) },
+  {
+    key: "state",
+    label: "State",
+    descends: true,
+    compare: (a, b) => rank(assetState(a)) - rank(assetState(b)) || wearOf(b) - wearOf(a),
+  },
   { key: "wear", label: "Wear, 5 to 95 %", descends: true, compare: (a, b) => wearOf(b) - wearOf(a) },
   { label: "Wear over the life" },
   { key: "limit", label: "Time to limit", compare: (a, b) => leftOf(a) - leftOf(b) },
   { key: "last", label: "Last record", descends: true, compare: (a, b) => lastOf(b) - lastOf(a) },
-  { key: "segments", label: "Records", descends: true, compare: (a, b) => b.summary.segments - a.summary.segments },
+  {
+    key: "segments",
+    label: "Records",
+    descends: true,
+    compare: (a, b) => b.summary.segments - a.summary.segments,
+  },
 ];
 
 /** The fleet page. */
@@ -37,8 +48,18 @@ export class FleetPage {
   #window;
   #total = h("p", { class: "muted", "aria-live": "polite" });
   #states = h("div", { class: "chips", role: "group", "aria-label": "Show only one state" });
-  #search = h("input", { type: "search", id: "fleet-search", placeholder: "Name, id or place", autocomplete: "off", oninput: () => change({ q: this.#search.value }, { quiet: true }) });
-  #grouped = h("input", { type: "checkbox", id: "fleet-grouped", onchange: () => change({ flat: this.#grouped.checked ? null : "1" }) });
+  #search = h("input", {
+    type: "search",
+    id: "fleet-search",
+    placeholder: "Name, id or place",
+    autocomplete: "off",
+    oninput: () => change({ q: this.#search.value }, { quiet: true }),
+  });
+  #grouped = h("input", {
+    type: "checkbox",
+    id: "fleet-grouped",
+    onchange: () => change({ flat: this.#grouped.checked ? null : "1" }),
+  });
   #groupField = h("label", { class: "check", for: "fleet-grouped", hidden: true }, this.#grouped, "By place");
   #groups = new Map();
   #order = h("select", { id: "fleet-sort", onchange: () => change({ sort: this.#order.value, desc: null }) });
@@ -48,7 +69,8 @@ export class FleetPage {
 
   constructor(root, route) {
     this.#query = route.query;
-    for (const { key, label } of COLUMNS.filter((column) => column.key)) this.#order.append(h("option", { value: key }, label));
+    for (const { key, label } of COLUMNS.filter((column) => column.key))
+      this.#order.append(h("option", { value: key }, label));
     const tools = h(
       "div",
       { class: "fleet-tools" },
@@ -58,19 +80,46 @@ export class FleetPage {
       this.#states,
       this.#total,
     );
-    const columns = h("thead", { role: "rowgroup" }, h("tr", { role: "row", "aria-rowindex": "1" }, COLUMNS.map((column) => this.#header(column))));
+    const columns = h(
+      "thead",
+      { role: "rowgroup" },
+      h(
+        "tr",
+        { role: "row", "aria-rowindex": "1" },
+        COLUMNS.map((column) => this.#header(column)),
+      ),
+    );
     // the roles are said although the elements have them: cards on a narrow screen would lose them
-    this.#table = h("table", { role: "table", "aria-label": "Assets", "aria-colcount": String(COLUMNS.length) }, columns, this.#body);
-    this.#window = new RowWindow(this.#table, this.#body, (item, known) => this.#rowOf(item, known), (item) => (item.members ? "group" : "asset"));
+    this.#table = h(
+      "table",
+      { role: "table", "aria-label": "Assets", "aria-colcount": String(COLUMNS.length) },
+      columns,
+      this.#body,
+    );
+    this.#window = new RowWindow(
+      this.#table,
+      this.#body,
+      (item, known) => this.#rowOf(item, known),
+      (item) => (item.members ? "group" : "asset"),
+    );
     this.#list.append(tools, this.#table);
-    const head = h("header", { class: "fleet-head" }, h("h1", {}, "Fleet"), h("a", { class: "button primary", href: "#/new" }, "New asset"));
+    const head = h(
+      "header",
+      { class: "fleet-head" },
+      h("h1", {}, "Fleet"),
+      h("a", { class: "button primary", href: "#/new" }, "New asset"),
+    );
     setChildren(root, head, this.#loading, this.#empty, this.#list);
     document.title = "Fleet · flankwatch";
   }
 
   #header({ key, label }) {
     if (!key) return h("th", { scope: "col", role: "columnheader" }, label);
-    const header = h("th", { scope: "col", role: "columnheader" }, h("button", { type: "button", class: "sort", onclick: () => this.#sortBy(key) }, label));
+    const header = h(
+      "th",
+      { scope: "col", role: "columnheader" },
+      h("button", { type: "button", class: "sort", onclick: () => this.#sortBy(key) }, label),
+    );
     this.#headers.set(key, header);
     return header;
   }
@@ -122,10 +171,17 @@ export class FleetPage {
 
   #chosen(q, state, sort, desc) {
     const words = q.toLowerCase().split(/\s+/).filter(Boolean);
-    const matches = (asset) => words.every((word) => `${asset.name} ${asset.id} ${Object.values(asset.location ?? {}).join(" ")}`.toLowerCase().includes(word));
+    const matches = (asset) =>
+      words.every((word) =>
+        `${asset.name} ${asset.id} ${Object.values(asset.location ?? {}).join(" ")}`
+          .toLowerCase()
+          .includes(word),
+      );
     const { compare } = COLUMNS.find((column) => column.key === sort) ?? COLUMNS[1];
     const sign = desc ? -1 : 1;
-    return this.#assets.filter((asset) => matches(asset) && (!state || assetState(asset) === state)).sort((a, b) => sign * compare(a, b) || byName(a, b));
+    return this.#assets
+      .filter((asset) => matches(asset) && (!state || assetState(asset) === state))
+      .sort((a, b) => sign * compare(a, b) || byName(a, b));
   }
 
   #renderRows(assets) {
@@ -134,12 +190,19 @@ export class FleetPage {
     this.#grouped.checked = placed && !this.#query.flat;
     this.#window.show(this.#grouped.checked ? grouped(assets, this.#query.closed) : assets);
     const all = this.#assets.length;
-    setText(this.#total, assets.length === all ? `${all} ${all === 1 ? "asset" : "assets"}` : `${assets.length} of ${all} assets`);
+    setText(
+      this.#total,
+      assets.length === all
+        ? `${all} ${all === 1 ? "asset" : "assets"}`
+        : `${assets.length} of ${all} assets`,
+    );
   }
 
   /** The row of an asset or the heading of a group; with `known` only where there is one already. */
   #rowOf(item, known) {
-    const [rows, key, make] = item.members ? [this.#groups, item.place, () => new GroupRow(COLUMNS.length)] : [this.#rows, item.id, () => new FleetRow()];
+    const [rows, key, make] = item.members
+      ? [this.#groups, item.place, () => new GroupRow(COLUMNS.length)]
+      : [this.#rows, item.id, () => new FleetRow()];
     if (known) return rows.get(key)?.element;
     if (!rows.has(key)) rows.set(key, make());
     rows.get(key).update(item);
@@ -154,11 +217,18 @@ export class FleetPage {
     if (this.#states.dataset.signature === signature) return;
     this.#states.dataset.signature = signature;
     const focused = this.#states.contains(document.activeElement) ? document.activeElement.dataset.key : null;
-    const chips = [...counts].sort(([a], [b]) => rank(a) - rank(b)).map(([key, number]) => {
-      const pressed = key === chosen;
-      const onclick = () => change({ state: pressed ? null : key });
-      return h("button", { type: "button", class: "chip", "data-key": key, "aria-pressed": String(pressed), onclick }, symbol(key, 16), `${STATES[key].short} ${number}`);
-    });
+    const chips = [...counts]
+      .sort(([a], [b]) => rank(a) - rank(b))
+      .map(([key, number]) => {
+        const pressed = key === chosen;
+        const onclick = () => change({ state: pressed ? null : key });
+        return h(
+          "button",
+          { type: "button", class: "chip", "data-key": key, "aria-pressed": String(pressed), onclick },
+          symbol(key, 16),
+          `${STATES[key].short} ${number}`,
+        );
+      });
     setChildren(this.#states, chips);
     chips.find((chip) => chip.dataset.key === focused)?.focus();
   }
@@ -166,7 +236,8 @@ export class FleetPage {
   #renderSort(sort, desc) {
     for (const [key, header] of this.#headers) {
       const { descends = false } = COLUMNS.find((column) => column.key === key);
-      if (key === sort) header.setAttribute("aria-sort", descends !== Boolean(desc) ? "descending" : "ascending");
+      if (key === sort)
+        header.setAttribute("aria-sort", descends !== Boolean(desc) ? "descending" : "ascending");
       else header.removeAttribute("aria-sort");
     }
   }

@@ -16,7 +16,13 @@ export function forecastOf(items, latest, colour) {
   const farthest = end + Math.max(MOST_OF_HISTORY * (end - first), 60_000);
   const shown = Math.min(Math.max(Date.parse(p95 ?? median), Date.parse(median)), farthest);
   const hoverinfo = "skip";
-  const line = (time, dash, width) => ({ x: [last.start_time, time], y: [last.median_um, limit], mode: "lines", line: { color: colour.series[1], width, dash }, hoverinfo });
+  const line = (time, dash, width) => ({
+    x: [last.start_time, time],
+    y: [last.median_um, limit],
+    mode: "lines",
+    line: { color: colour.series[1], width, dash },
+    hoverinfo,
+  });
   const late = p95 ?? new Date(farthest * 2 - end).toISOString();
   return {
     traces: [line(p05, "dot", 1), line(late, "dot", 1), line(median, "dash", 2)],

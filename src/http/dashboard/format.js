@@ -1,6 +1,18 @@
 // Numbers, units and times as people read them. Times are always UTC and say so.
 
-const SUPERSCRIPTS = { "-": "⁻", 0: "⁰", 1: "¹", 2: "²", 3: "³", 4: "⁴", 5: "⁵", 6: "⁶", 7: "⁷", 8: "⁸", 9: "⁹" };
+const SUPERSCRIPTS = {
+  "-": "⁻",
+  0: "⁰",
+  1: "¹",
+  2: "²",
+  3: "³",
+  4: "⁴",
+  5: "⁵",
+  6: "⁶",
+  7: "⁷",
+  8: "⁸",
+  9: "⁹",
+};
 const NONE = "–";
 
 /** A number with so many significant digits; a power of ten outside 0.001 … 100 000. */
@@ -165,14 +177,23 @@ const SPEED_SOURCES = {
 export function speedSource(speed) {
   const words = SPEED_SOURCES[speed.source] ?? speed.source;
   const comb = speed.comb_to_background;
-  const support = speed.harmonics_sought ? `, ${speed.harmonics_found} of ${speed.harmonics_sought} harmonics stand out` : "";
+  const support = speed.harmonics_sought
+    ? `, ${speed.harmonics_found} of ${speed.harmonics_sought} harmonics stand out`
+    : "";
   return comb ? `${words}, ${number(comb, 2)} times the background${support}` : words;
 }
 
 /** Why a shaft speed or the number of teeth may be wrong, in words; null where nothing speaks against them. */
-export function speedDoubt({ doubt, mesh_frequency_hz: mesh, harmonics_found: found, harmonics_sought: sought }) {
+export function speedDoubt({
+  doubt,
+  mesh_frequency_hz: mesh,
+  harmonics_found: found,
+  harmonics_sought: sought,
+}) {
   if (!doubt) return null;
-  if (doubt.reason === "other_mesh") return `in doubt: the lines fit a mesh at ${hertz(doubt.mesh_frequency_hz)} better than at ${hertz(mesh)}; check teeth, speed and other meshes`;
-  if (doubt.reason === "other_shaft") return `in doubt: the lines of the shaft stand ${hertz(doubt.shaft_speed_hz)} apart; check the number of teeth`;
+  if (doubt.reason === "other_mesh")
+    return `in doubt: the lines fit a mesh at ${hertz(doubt.mesh_frequency_hz)} better than at ${hertz(mesh)}; check teeth, speed and other meshes`;
+  if (doubt.reason === "other_shaft")
+    return `in doubt: the lines of the shaft stand ${hertz(doubt.shaft_speed_hz)} apart; check the number of teeth`;
   return `in doubt: ${found} of ${sought} harmonics of the mesh stand out, at least 2 are needed`;
 }

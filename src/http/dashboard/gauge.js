@@ -24,36 +24,60 @@ export function wearBar(wear, limits) {
   const bar = h("div", { class: "wear-bar", role: "img", "aria-label": describe(wear, limits) });
   const end = scaleEnd(wear, limits);
   const { warning_um: warning, danger_um: danger } = limits ?? {};
-  if (warning != null) bar.append(place(h("span", { class: "zone zone-warning" }), warning / end, (danger ?? end) / end));
+  if (warning != null)
+    bar.append(place(h("span", { class: "zone zone-warning" }), warning / end, (danger ?? end) / end));
   if (danger != null) bar.append(place(h("span", { class: "zone zone-danger" }), danger / end, 1));
   if (wear?.median_um != null) {
     bar.dataset.state = wearState(wear, limits);
     bar.append(place(h("span", { class: "interval" }), wear.p05_um / end, Math.min(wear.p95_um / end, 1)));
     bar.append(place(h("span", { class: "median" }), Math.min(wear.median_um / end, 0.995)));
   }
-  if (warning != null) bar.append(place(h("span", { class: "limit limit-warning", title: `warning limit ${depth(warning)} µm` }), warning / end));
-  if (danger != null) bar.append(place(h("span", { class: "limit limit-danger", title: `danger limit ${depth(danger)} µm` }), danger / end));
+  if (warning != null)
+    bar.append(
+      place(
+        h("span", { class: "limit limit-warning", title: `warning limit ${depth(warning)} µm` }),
+        warning / end,
+      ),
+    );
+  if (danger != null)
+    bar.append(
+      place(
+        h("span", { class: "limit limit-danger", title: `danger limit ${depth(danger)} µm` }),
+        danger / end,
+      ),
+    );
   return bar;
 }
 
 function describe(wear, limits) {
-  const number = wear?.median_um == null ? "no wear estimate" : `wear ${Object.values(depthWords(wear)).join(", ")}`;
+  const number =
+    wear?.median_um == null ? "no wear estimate" : `wear ${Object.values(depthWords(wear)).join(", ")}`;
   const limit = (name, value) => (value == null ? "" : `, ${name} limit ${depth(value)} µm`);
   return number + limit("warning", limits?.warning_um) + limit("danger", limits?.danger_um);
 }
 
 /** Wear medians over the life as a line from zero, the danger limit dashed where it is near. */
 export function sparkline(values, limits, width = 120, height = 32) {
-  const drawing = svg("svg", { class: "sparkline", viewBox: `0 0 ${width} ${height}`, width, height, "aria-hidden": "true" });
+  const drawing = svg("svg", {
+    class: "sparkline",
+    viewBox: `0 0 ${width} ${height}`,
+    width,
+    height,
+    "aria-hidden": "true",
+  });
   if (!values || values.length < 2) return drawing;
   const danger = limits?.danger_um;
   const top = Math.max(...values, danger ?? 0) * 1.08 || 1;
   const y = (value) => height - 2 - (value / top) * (height - 4);
   const x = (index) => 2 + (index / (values.length - 1)) * (width - 6);
   const points = values.map((value, index) => `${x(index).toFixed(1)},${y(value).toFixed(1)}`);
-  if (danger != null) drawing.append(svg("line", { class: "spark-limit", x1: 0, x2: width, y1: y(danger), y2: y(danger) }));
+  if (danger != null)
+    drawing.append(svg("line", { class: "spark-limit", x1: 0, x2: width, y1: y(danger), y2: y(danger) }));
   drawing.append(
-    svg("polygon", { class: "spark-area", points: `${x(0)},${y(0)} ${points.join(" ")} ${x(values.length - 1)},${y(0)}` }),
+    svg("polygon", {
+      class: "spark-area",
+      points: `${x(0)},${y(0)} ${points.join(" ")} ${x(values.length - 1)},${y(0)}`,
+    }),
     svg("polyline", { class: "spark-line", points: points.join(" ") }),
     svg("circle", { class: "spark-end", cx: x(values.length - 1), cy: y(values.at(-1)), r: 2.5 }),
   );
@@ -63,5 +87,10 @@ export function sparkline(values, limits, width = 120, height = 32) {
 /** How far the baseline has come, as a bar with its numbers. */
 export function baselineBar({ have, need }) {
   const label = `Baseline ${have} of ${need} records`;
-  return h("div", { class: "baseline" }, h("progress", { max: need, value: have, "aria-label": label }), h("span", {}, `${have} of ${need}`));
+  return h(
+    "div",
+    { class: "baseline" },
+    h("progress", { max: need, value: have, "aria-label": label }),
+    h("span", {}, `${have} of ${need}`),
+  );
 }

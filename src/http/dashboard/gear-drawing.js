@@ -7,7 +7,18 @@ const POINTS = 9;
 const involute = (angle) => Math.tan(angle) - angle;
 
 /** Radii in mm and angles of one gear of a pair; null where the numbers make no gear. */
-function resolve({ teeth, module_mm: module, pressure_angle_deg: angle = 20, addendum = [1, 1], dedendum = [1.25, 1.25], profile_shift: shift = [0, 0], bore_radius_mm: bore }, index) {
+function resolve(
+  {
+    teeth,
+    module_mm: module,
+    pressure_angle_deg: angle = 20,
+    addendum = [1, 1],
+    dedendum = [1.25, 1.25],
+    profile_shift: shift = [0, 0],
+    bore_radius_mm: bore,
+  },
+  index,
+) {
   const z = Number(teeth?.[index]);
   const alpha = (Number(angle) * Math.PI) / 180;
   const reference = (Number(module) * z) / 2;
@@ -39,7 +50,8 @@ function outline(gear, turn) {
     const centre = turn + (2 * Math.PI * tooth) / gear.teeth;
     const lower = [[gear.root, -flank[0][1]], ...flank.map(([radius, angle]) => [radius, -angle])];
     const upper = [...lower].reverse().map(([radius, angle]) => [radius, -angle]);
-    for (const [radius, angle] of [...lower, ...upper]) points.push([radius * Math.cos(centre + angle), radius * Math.sin(centre + angle)]);
+    for (const [radius, angle] of [...lower, ...upper])
+      points.push([radius * Math.cos(centre + angle), radius * Math.sin(centre + angle)]);
   }
   return `M${points.map(([x, y]) => `${x.toFixed(2)} ${y.toFixed(2)}`).join("L")}Z`;
 }
@@ -51,14 +63,27 @@ function wheel(gear, x, turn, name) {
     svg("path", { class: "wheel-body", d: outline(gear, turn) }),
     svg("circle", { class: "wheel-pitch", r: gear.reference }),
     gear.bore > 0 ? svg("circle", { class: "wheel-bore", r: gear.bore }) : null,
-    svg("text", { class: "wheel-text", "text-anchor": "middle", y: gear.bore + (gear.root - gear.bore) / 2, "font-size": gear.reference / 7 }, `${name} ${gear.teeth}`),
+    svg(
+      "text",
+      {
+        class: "wheel-text",
+        "text-anchor": "middle",
+        y: gear.bore + (gear.root - gear.bore) / 2,
+        "font-size": gear.reference / 7,
+      },
+      `${name} ${gear.teeth}`,
+    ),
   );
 }
 
 /** Draws a pair's basic data into an element; says what is missing where they make no pair. */
 export function drawPair(element, geometry) {
   const gears = [resolve(geometry, 0), resolve(geometry, 1)];
-  if (!gears[0] || !gears[1]) return setChildren(element, h("p", { class: "notice" }, "Tooth numbers and module are needed to draw the gears."));
+  if (!gears[0] || !gears[1])
+    return setChildren(
+      element,
+      h("p", { class: "notice" }, "Tooth numbers and module are needed to draw the gears."),
+    );
   const distance = Number(geometry.centre_distance_mm) || gears[0].reference + gears[1].reference;
   const [left, right] = gears;
   const [low, high] = [-left.tip, distance + right.tip];
@@ -72,12 +97,24 @@ export function drawPair(element, geometry) {
     element,
     svg(
       "svg",
-      { viewBox: `${low - pad} ${-tall - pad} ${high - low + 2 * pad} ${2 * tall + 2 * pad}`, role: "img", "aria-label": words },
+      {
+        viewBox: `${low - pad} ${-tall - pad} ${high - low + 2 * pad} ${2 * tall + 2 * pad}`,
+        role: "img",
+        "aria-label": words,
+      },
       wheel(left, 0, 0, "drives:"),
       wheel(right, distance, turn, "driven:"),
       svg("line", { class: "tooth-scale", x1: low, x2: low + bar, y1: tall, y2: tall }),
-      svg("text", { class: "tooth-text", x: low, y: tall - pad, "font-size": (high - low) / 38 }, `${bar} mm`),
+      svg(
+        "text",
+        { class: "tooth-text", x: low, y: tall - pad, "font-size": (high - low) / 38 },
+        `${bar} mm`,
+      ),
     ),
-    h("p", { class: "muted" }, `${words}; tip circles ${number(2 * left.tip, 5)} and ${number(2 * right.tip, 5)} mm across.`),
+    h(
+      "p",
+      { class: "muted" },
+      `${words}; tip circles ${number(2 * left.tip, 5)} and ${number(2 * right.tip, 5)} mm across.`,
+    ),
   );
 }

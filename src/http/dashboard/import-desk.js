@@ -1,4 +1,5 @@
-// The import desk: files are looked into, mended and sent together; what an import has stored can be taken back.
+// The import desk: files are looked into, mended and sent together; what an import has stored can be taken
+// back.
 
 import { deleteRecords } from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
@@ -20,12 +21,24 @@ const records = (n) => `${count(n)} ${n === 1 ? "record" : "records"}`;
 export class ImportDesk {
   #asset;
   #files = [];
-  #file = h("input", { type: "file", id: "upload-file", multiple: true, accept: ".wav,.mcap,.csv,.json,.pb", onchange: () => this.take([...this.#file.files]) });
+  #file = h("input", {
+    type: "file",
+    id: "upload-file",
+    multiple: true,
+    accept: ".wav,.mcap,.csv,.json,.pb",
+    onchange: () => this.take([...this.#file.files]),
+  });
   #unit = field("upload-unit", "Unit", { placeholder: "m/s2", size: 6 });
   #speed = field("upload-speed", "Shaft speed, Hz", { type: "number", min: 0, step: "any" });
   #torque = field("upload-torque", "Torque, N·m", { type: "number", step: "any" });
   #temperature = field("upload-temperature", "Temperature, °C", { type: "number", step: "any" });
-  #rate = field("upload-rate", "Sampling rate of a CSV file, Hz", { type: "number", min: 0, step: "any", placeholder: "from its time column", onchange: () => this.#lookAgain() });
+  #rate = field("upload-rate", "Sampling rate of a CSV file, Hz", {
+    type: "number",
+    min: 0,
+    step: "any",
+    placeholder: "from its time column",
+    onchange: () => this.#lookAgain(),
+  });
   #list = h("ul", { class: "files" });
   #send = h("button", { type: "button", class: "primary", hidden: true, onclick: () => this.#sendAll() });
   #sending = Promise.resolve();
@@ -37,13 +50,36 @@ export class ImportDesk {
 
   constructor(asset) {
     this.#asset = asset;
-    const drop = h("label", { class: "drop", for: "upload-file" }, h("strong", {}, "Drop WAV, MCAP or CSV files here, or anywhere on the page"), h("span", {}, "or choose some:"), this.#file);
+    const drop = h(
+      "label",
+      { class: "drop", for: "upload-file" },
+      h("strong", {}, "Drop WAV, MCAP or CSV files here, or anywhere on the page"),
+      h("span", {}, "or choose some:"),
+      this.#file,
+    );
     // the page takes what is dropped, here as anywhere; this only shows that here is right
     drop.addEventListener("dragover", () => drop.classList.add("over"));
     for (const end of ["dragleave", "drop"]) drop.addEventListener(end, () => drop.classList.remove("over"));
-    const fields = [this.#unit, this.#speed, this.#torque, this.#temperature, this.#rate].map(({ element }) => element);
-    const optional = h("details", {}, h("summary", {}, "For WAV and CSV files: unit, operating point, sampling rate"), h("div", { class: "fields" }, fields));
-    this.element = h("section", { class: "import-desk" }, h("h3", {}, "Upload files"), optional, drop, this.#list, h("div", { class: "form-buttons" }, this.#send, this.#undo), this.#undone, this.#results);
+    const fields = [this.#unit, this.#speed, this.#torque, this.#temperature, this.#rate].map(
+      ({ element }) => element,
+    );
+    const optional = h(
+      "details",
+      {},
+      h("summary", {}, "For WAV and CSV files: unit, operating point, sampling rate"),
+      h("div", { class: "fields" }, fields),
+    );
+    this.element = h(
+      "section",
+      { class: "import-desk" },
+      h("h3", {}, "Upload files"),
+      optional,
+      drop,
+      this.#list,
+      h("div", { class: "form-buttons" }, this.#send, this.#undo),
+      this.#undone,
+      this.#results,
+    );
   }
 
   /** What holds for all files that do not say it themselves. */
@@ -59,7 +95,15 @@ export class ImportDesk {
 
   /** Lists files, and looks into one after the other. */
   async take(files) {
-    const cards = files.map((file) => new ImportFile(file, this.#asset, () => this.#common(), (card) => this.#remove(card)));
+    const cards = files.map(
+      (file) =>
+        new ImportFile(
+          file,
+          this.#asset,
+          () => this.#common(),
+          (card) => this.#remove(card),
+        ),
+    );
     this.#files.push(...cards);
     this.#list.append(...cards.map(({ element }) => element));
     this.#file.value = "";
@@ -86,7 +130,9 @@ export class ImportDesk {
   /** Sends what is listed one after the other, after what is under way, and says of each what became of it. */
   #sendAll() {
     const common = this.#common();
-    const cards = this.#files.filter(({ seen }) => seen).map((card) => ({ file: card.file, seen: card.seen, entry: card.entry() }));
+    const cards = this.#files
+      .filter(({ seen }) => seen)
+      .map((card) => ({ file: card.file, seen: card.seen, entry: card.entry() }));
     this.#files = [];
     setChildren(this.#list);
     this.#offer();
@@ -107,9 +153,21 @@ export class ImportDesk {
     if (!seen.type) return progress.end("bad", refusalWords(file, new Error(seen.fault)));
     progress.begin();
     try {
-      const { kind, words, segments, listed } = await sendFile(this.#asset, file, seen, entry, common, (share) => progress.sent(share));
+      const { kind, words, segments, listed } = await sendFile(
+        this.#asset,
+        file,
+        seen,
+        entry,
+        common,
+        (share) => progress.sent(share),
+      );
       this.#stored.push(...segments);
-      progress.end(kind, listed ? words : [...words, `Of its records only the first ${count(segments.length)} can be taken back here.`]);
+      progress.end(
+        kind,
+        listed
+          ? words
+          : [...words, `Of its records only the first ${count(segments.length)} can be taken back here.`],
+      );
       changed();
     } catch (error) {
       progress.end("bad", refusalWords(file, error));
@@ -118,12 +176,19 @@ export class ImportDesk {
 
   async #takeBack() {
     const stored = this.#stored;
-    if (!confirm(`Delete the ${records(stored.length)} of this import? The history is then estimated as if they had never come.`)) return;
+    if (
+      !confirm(
+        `Delete the ${records(stored.length)} of this import? The history is then estimated as if they had never come.`,
+      )
+    )
+      return;
     this.#undo.disabled = true;
     let gone = 0;
     try {
       for (let at = 0; at < stored.length; at += AT_ONCE) {
-        const { deleted } = await deleteRecords(this.#asset, { ids: stored.slice(at, at + AT_ONCE).join(",") });
+        const { deleted } = await deleteRecords(this.#asset, {
+          ids: stored.slice(at, at + AT_ONCE).join(","),
+        });
         gone += deleted;
       }
       this.#stored = [];

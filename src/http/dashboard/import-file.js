@@ -15,8 +15,15 @@ function length(seconds) {
 
 /** The facts of a preview in one line. */
 function factWords({ form, rate, seconds, isEstimate, rateFrom, channels, summary }) {
-  const topics = summary ? `${count(summary.messages)} messages on ${summary.topics.length} ${summary.topics.length === 1 ? "topic" : "topics"}` : null;
-  const parts = [form, channels.length ? `${channels.length} ${channels.length === 1 ? "channel" : "channels"}` : topics, rate ? `${hertz(rate)}${rateFrom ? ` (${rateFrom})` : ""}` : null, seconds != null ? `${isEstimate ? "about " : ""}${length(seconds)}` : null];
+  const topics = summary
+    ? `${count(summary.messages)} messages on ${summary.topics.length} ${summary.topics.length === 1 ? "topic" : "topics"}`
+    : null;
+  const parts = [
+    form,
+    channels.length ? `${channels.length} ${channels.length === 1 ? "channel" : "channels"}` : topics,
+    rate ? `${hertz(rate)}${rateFrom ? ` (${rateFrom})` : ""}` : null,
+    seconds != null ? `${isEstimate ? "about " : ""}${length(seconds)}` : null,
+  ];
   return parts.filter(Boolean).join(" · ");
 }
 
@@ -42,8 +49,37 @@ export class ImportFile {
 
   constructor(file, asset, common, onRemove) {
     [this.file, this.#asset, this.#common] = [file, asset, common];
-    const remove = h("button", { type: "button", class: "quiet", "aria-label": `Leave out ${file.name}`, onclick: () => onRemove(this) }, "✕");
-    this.element = h("li", {}, h("span", { class: "file-name" }, h("strong", {}, file.name), h("span", { class: "muted" }, ` ${bytes(file.size)}`)), remove, h("div", { class: "file-body" }, this.#facts, this.#fault, this.#time, this.#columns, this.#body, this.#collision));
+    const remove = h(
+      "button",
+      {
+        type: "button",
+        class: "quiet",
+        "aria-label": `Leave out ${file.name}`,
+        onclick: () => onRemove(this),
+      },
+      "✕",
+    );
+    this.element = h(
+      "li",
+      {},
+      h(
+        "span",
+        { class: "file-name" },
+        h("strong", {}, file.name),
+        h("span", { class: "muted" }, ` ${bytes(file.size)}`),
+      ),
+      remove,
+      h(
+        "div",
+        { class: "file-body" },
+        this.#facts,
+        this.#fault,
+        this.#time,
+        this.#columns,
+        this.#body,
+        this.#collision,
+      ),
+    );
   }
 
   /** Looks into the file. */
@@ -52,7 +88,10 @@ export class ImportFile {
     this.seen = seen;
     setText(this.#facts, seen.type ? factWords(seen) : "cannot be taken");
     this.#fault.hidden = !seen.fault;
-    setText(this.#fault, seen.fault ? `${seen.fault[0].toUpperCase()}${seen.fault.slice(1).replace(/\.$/, "")}.` : "");
+    setText(
+      this.#fault,
+      seen.fault ? `${seen.fault[0].toUpperCase()}${seen.fault.slice(1).replace(/\.$/, "")}.` : "",
+    );
     this.#showStart();
     this.#showColumns();
     this.#showChannels();
@@ -63,13 +102,25 @@ export class ImportFile {
     const { type, start, summary, ownStart, words } = this.seen;
     if (!type) return;
     if (start && !this.#start) {
-      this.#start = h("input", { type: "datetime-local", step: "0.001", "aria-label": `Start of ${this.file.name}, UTC`, onchange: () => this.#typeStart() });
+      this.#start = h("input", {
+        type: "datetime-local",
+        step: "0.001",
+        "aria-label": `Start of ${this.file.name}, UTC`,
+        onchange: () => this.#typeStart(),
+      });
       this.#start.value = start.time.slice(0, -1);
       setText(this.#startWords, start.source);
-      this.#time.append(h("label", { class: "field" }, h("span", {}, "Start, UTC"), this.#start), this.#startWords);
+      this.#time.append(
+        h("label", { class: "field" }, h("span", {}, "Start, UTC"), this.#start),
+        this.#startWords,
+      );
     }
     if (start) return;
-    const span = summary?.start ? `, logged ${utc(summary.start)} to ${utc(summary.end)}` : ownStart ? `: ${utc(ownStart)}` : "";
+    const span = summary?.start
+      ? `, logged ${utc(summary.start)} to ${utc(summary.end)}`
+      : ownStart
+        ? `: ${utc(ownStart)}`
+        : "";
     setText(this.#startWords, `says itself when its records began${span}${words ? `; ${words}` : ""}`);
     this.#time.append(this.#startWords);
   }
@@ -85,13 +136,26 @@ export class ImportFile {
     const { columns, time, channels } = this.seen;
     this.#columns.hidden = !columns?.length;
     if (!columns?.length || this.#columns.children.length) return;
-    const role = (place) => (place === time ? "time" : channels.some((channel) => channel.place === place) ? "channel" : "skip");
+    const role = (place) =>
+      place === time ? "time" : channels.some((channel) => channel.place === place) ? "channel" : "skip";
     const selects = columns.map((name, place) => {
-      const select = h("select", { "aria-label": `Column ${name} of ${this.file.name}`, onchange: () => this.#takeRoles(selects) }, [["channel", "a channel"], ["time", "the time"], ["skip", "left out"]].map(([value, text]) => h("option", { value }, text)));
+      const select = h(
+        "select",
+        { "aria-label": `Column ${name} of ${this.file.name}`, onchange: () => this.#takeRoles(selects) },
+        [
+          ["channel", "a channel"],
+          ["time", "the time"],
+          ["skip", "left out"],
+        ].map(([value, text]) => h("option", { value }, text)),
+      );
       select.value = role(place);
       return select;
     });
-    this.#columns.append(...selects.map((select, place) => h("label", { class: "field" }, h("span", {}, `“${columns[place]}” is`), select)));
+    this.#columns.append(
+      ...selects.map((select, place) =>
+        h("label", { class: "field" }, h("span", {}, `“${columns[place]}” is`), select),
+      ),
+    );
   }
 
   #takeRoles(selects) {
@@ -108,18 +172,50 @@ export class ImportFile {
     const rows = channels.slice(0, MOST_CHANNELS).map((channel, n) => {
       const label = channel.name || `channel ${n + 1}`;
       const drawn = channel.sketch && sketch(channel.sketch, `${label} of ${this.file.name}`);
-      const part = channel.sketch && !channel.sketch.whole ? h("span", { class: "muted" }, type === "text/csv" ? "the begin" : "a sample of it") : null;
-      if (isOwn) return h("div", { class: "file-channel" }, h("p", {}, [label, unit(channel.unit)].filter(Boolean).join(", ")), h("div", {}, drawn, part));
-      const name = h("input", { placeholder: channels.length > 1 || type === "text/csv" ? channel.name : "as the asset's sensor", "aria-label": `Name of ${label} of ${this.file.name}`, size: 8 });
-      const own = type === "text/csv" ? h("input", { placeholder: "as above", "aria-label": `Unit of ${label} of ${this.file.name}`, size: 6 }) : null;
+      const part =
+        channel.sketch && !channel.sketch.whole
+          ? h("span", { class: "muted" }, type === "text/csv" ? "the begin" : "a sample of it")
+          : null;
+      if (isOwn)
+        return h(
+          "div",
+          { class: "file-channel" },
+          h("p", {}, [label, unit(channel.unit)].filter(Boolean).join(", ")),
+          h("div", {}, drawn, part),
+        );
+      const name = h("input", {
+        placeholder: channels.length > 1 || type === "text/csv" ? channel.name : "as the asset's sensor",
+        "aria-label": `Name of ${label} of ${this.file.name}`,
+        size: 8,
+      });
+      const own =
+        type === "text/csv"
+          ? h("input", {
+              placeholder: "as above",
+              "aria-label": `Unit of ${label} of ${this.file.name}`,
+              size: 6,
+            })
+          : null;
       name.value = kept[n]?.[0] ?? (type === "text/csv" && channels.length > 1 ? channel.name : "");
       if (own) own.value = kept[n]?.[1] ?? channel.unit;
       this.#fields.push({ name, unit: own, place: channel.place });
-      return h("div", { class: "file-channel" }, h("label", { class: "field" }, h("span", {}, "Channel"), name), own && h("label", { class: "field" }, h("span", {}, "Unit"), own), h("div", {}, drawn, part));
+      return h(
+        "div",
+        { class: "file-channel" },
+        h("label", { class: "field" }, h("span", {}, "Channel"), name),
+        own && h("label", { class: "field" }, h("span", {}, "Unit"), own),
+        h("div", {}, drawn, part),
+      );
     });
-    const more = channels.length > MOST_CHANNELS ? h("p", { class: "muted" }, `and ${channels.length - MOST_CHANNELS} more channels`) : null;
+    const more =
+      channels.length > MOST_CHANNELS
+        ? h("p", { class: "muted" }, `and ${channels.length - MOST_CHANNELS} more channels`)
+        : null;
     this.#scale.setAttribute("aria-label", `Full scale of ${this.file.name}`);
-    const scale = head && head.bits === 16 && head.format === 1 ? h("label", { class: "field" }, h("span", {}, "Full scale of its 16 bit, in the unit"), this.#scale) : null;
+    const scale =
+      head && head.bits === 16 && head.format === 1
+        ? h("label", { class: "field" }, h("span", {}, "Full scale of its 16 bit, in the unit"), this.#scale)
+        : null;
     setChildren(this.#body, rows, more, scale, topics(this.seen.summary));
   }
 
@@ -132,7 +228,10 @@ export class ImportFile {
     if (there.length === 0) return;
     const channels = there.map(({ channel }) => channel).join(", ");
     this.#collision.hidden = false;
-    setText(this.#collision, `There is a record of this start already, of channel ${channels}. The same samples are known again; others are stored beside it.`);
+    setText(
+      this.#collision,
+      `There is a record of this start already, of channel ${channels}. The same samples are known again; others are stored beside it.`,
+    );
   }
 
   /** The start as an ISO time; null where the file says it itself or the field is empty. */
@@ -143,15 +242,34 @@ export class ImportFile {
   /** What was typed about the file. */
   entry() {
     const { channels } = this.seen;
-    const typed = this.#fields.map(({ name, unit: own, place }) => ({ name: name.value, unit: own?.value.trim(), place }));
-    const further = channels.slice(typed.length).map(({ name, unit: own, place }) => ({ name, unit: own, place }));
-    return { start: this.start(), channels: [...typed, ...further], fullScale: Number(this.#scale.value) || null, roles: this.#roles, isTyped: this.#typed };
+    const typed = this.#fields.map(({ name, unit: own, place }) => ({
+      name: name.value,
+      unit: own?.value.trim(),
+      place,
+    }));
+    const further = channels
+      .slice(typed.length)
+      .map(({ name, unit: own, place }) => ({ name, unit: own, place }));
+    return {
+      start: this.start(),
+      channels: [...typed, ...further],
+      fullScale: Number(this.#scale.value) || null,
+      roles: this.#roles,
+      isTyped: this.#typed,
+    };
   }
 }
 
 function topics(summary) {
   if (!summary) return null;
-  const shown = summary.topics.slice(0, MOST_TOPICS).map(({ topic, messages }) => h("li", {}, h("code", {}, topic), ` ${count(messages)}`));
+  const shown = summary.topics
+    .slice(0, MOST_TOPICS)
+    .map(({ topic, messages }) => h("li", {}, h("code", {}, topic), ` ${count(messages)}`));
   const more = summary.topics.length - MOST_TOPICS;
-  return h("ul", { class: "file-topics" }, shown, more > 0 ? h("li", { class: "muted" }, `and ${more} more`) : null);
+  return h(
+    "ul",
+    { class: "file-topics" },
+    shown,
+    more > 0 ? h("li", { class: "muted" }, `and ${more} more`) : null,
+  );
 }

@@ -14,7 +14,11 @@ function send(href, body, type, onProgress) {
     request.setRequestHeader("content-type", type);
     request.setRequestHeader("accept", "application/json");
     request.upload.addEventListener("progress", ({ loaded, total }) => onProgress(loaded / total));
-    request.addEventListener("load", () => (request.status < 300 ? resolve(JSON.parse(request.responseText)) : reject(failure(request.status, request.responseText))));
+    request.addEventListener("load", () =>
+      request.status < 300
+        ? resolve(JSON.parse(request.responseText))
+        : reject(failure(request.status, request.responseText)),
+    );
     request.addEventListener("error", () => reject(new Error("the connection was lost during the upload")));
     request.send(body);
   });
@@ -39,8 +43,16 @@ async function requestsOf(file, { type, head }, entry, common) {
     const groups = Map.groupBy(entry.channels, (channel) => channel.unit || unit);
     const requests = [];
     for (const [own, channels] of groups.size ? groups : [[unit, []]]) {
-      const record = await recordOfCsv(file, rate, entry.roles, channels.length ? channels.map(({ place }) => place) : undefined);
-      requests.push({ ...record, parameters: { ...parameters, ...record.parameters, unit: own, ...named(channels) } });
+      const record = await recordOfCsv(
+        file,
+        rate,
+        entry.roles,
+        channels.length ? channels.map(({ place }) => place) : undefined,
+      );
+      requests.push({
+        ...record,
+        parameters: { ...parameters, ...record.parameters, unit: own, ...named(channels) },
+      });
     }
     return requests;
   }
@@ -48,8 +60,15 @@ async function requestsOf(file, { type, head }, entry, common) {
   const names = named(entry.channels);
   if (entry.fullScale && head?.format === PCM && head.bits === 16) {
     const body = file.slice(head.at, head.at + head.frames * head.frameBytes);
-    const layout = { sample: "i16", sample_rate_hz: head.rate, channels: head.channels, scale: entry.fullScale / 32768 };
-    return [{ body, type: "application/octet-stream", parameters: { ...parameters, unit, ...layout, ...names } }];
+    const layout = {
+      sample: "i16",
+      sample_rate_hz: head.rate,
+      channels: head.channels,
+      scale: entry.fullScale / 32768,
+    };
+    return [
+      { body, type: "application/octet-stream", parameters: { ...parameters, unit, ...layout, ...names } },
+    ];
   }
   return [{ body: file, type, parameters: { ...parameters, unit, ...names } }];
 }
@@ -67,14 +86,18 @@ export async function sendFile(asset, file, seen, entry, common, onProgress) {
   const requests = await requestsOf(file, seen, entry, common);
   const all = { kind: "good", words: [], segments: [] };
   for (const [n, { body, type, parameters }] of requests.entries()) {
-    const answer = await send(address(["assets", asset, "segments"], parameters), body, type, (share) => onProgress((n + share) / requests.length));
+    const answer = await send(address(["assets", asset, "segments"], parameters), body, type, (share) =>
+      onProgress((n + share) / requests.length),
+    );
     const refused = answer.refused_count ?? 0;
     if (refused) all.kind = answer.stored + answer.repeated + (answer.queued ?? 0) > 0 ? "part" : "bad";
     all.words.push(...words(file, answer));
     const taken = (answer.segments ?? [answer]).map((segment) => segment.id ?? segment);
     // of a single record whose start is not known here nobody can tell whether it was there before
     if (before || answer.records !== undefined) all.segments.push(...taken.filter((id) => !before?.has(id)));
-    all.listed = (all.listed ?? true) && (answer.records === undefined || answer.segments.length === answer.stored + (answer.queued ?? 0));
+    all.listed =
+      (all.listed ?? true) &&
+      (answer.records === undefined || answer.segments.length === answer.stored + (answer.queued ?? 0));
   }
   return all;
 }
@@ -83,11 +106,23 @@ function words(file, answer) {
   if (answer.records !== undefined) {
     const queued = answer.queued ? `, ${answer.queued} taken and waiting to be analysed` : "";
     const counts = `${file.name}: ${answer.records} records read, ${answer.stored} stored${queued}, ${answer.repeated} already known, ${answer.refused_count} refused.`;
-    return [counts, ...answer.refused.slice(0, 5).map(({ record, channel, reason }) => `Record ${record}${channel ? `, channel ${channel}` : ""}: ${reason}.`)];
+    return [
+      counts,
+      ...answer.refused
+        .slice(0, 5)
+        .map(
+          ({ record, channel, reason }) =>
+            `Record ${record}${channel ? `, channel ${channel}` : ""}: ${reason}.`,
+        ),
+    ];
   }
   return (answer.segments ?? [answer]).map(({ channel, start_time: start, wear, state }) => {
-    if (state === "queued") return `${file.name}: channel ${channel} taken as the record of ${utc(start)}; it waits to be analysed, and its wear shows up on the page by itself.`;
-    const estimate = wear.median_um == null ? wear.reason : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
+    if (state === "queued")
+      return `${file.name}: channel ${channel} taken as the record of ${utc(start)}; it waits to be analysed, and its wear shows up on the page by itself.`;
+    const estimate =
+      wear.median_um == null
+        ? wear.reason
+        : `wear ${depth(wear.median_um)} µm (${depth(wear.p05_um)} to ${depth(wear.p95_um)})`;
     return `${file.name}: channel ${channel} stored as the record of ${utc(start)}; ${estimate}.`;
   });
 }
@@ -96,6 +131,7 @@ function words(file, answer) {
 export function refusalWords(file, error) {
   const { field, value, expected } = error.problem ?? {};
   const parts = [`${file.name} was not taken: ${error.message}`];
-  if (expected && !error.message.includes(expected)) parts.push(`${field ?? "value"} is ${JSON.stringify(value ?? null)}, expected ${expected}`);
+  if (expected && !error.message.includes(expected))
+    parts.push(`${field ?? "value"} is ${JSON.stringify(value ?? null)}, expected ${expected}`);
   return parts;
 }

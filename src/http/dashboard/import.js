@@ -22,7 +22,11 @@ export class ImportPage {
     this.#frame.update(route.id, route.query);
     [this.#desk, this.#replay] = [new ImportDesk(route.id), new ReplayPanel(route.id)];
     const card = (panel) => h("div", { class: "card" }, panel.element);
-    setChildren(root, this.#frame.element, h("div", { class: "import-grid" }, card(this.#desk), card(this.#replay)));
+    setChildren(
+      root,
+      this.#frame.element,
+      h("div", { class: "import-grid" }, card(this.#desk), card(this.#replay)),
+    );
   }
 
   /** Follows a changed address. */

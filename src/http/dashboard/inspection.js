@@ -6,7 +6,12 @@ import { number } from "./format.js";
 export const GEARS = { "": "Deeper of both gears", 1: "Driving gear", 2: "Driven gear" };
 
 /** Places on the flank. */
-export const PLACES = { greatest: "Where it is deepest", root: "At the root", pitch: "At the pitch point", tip: "At the tip" };
+export const PLACES = {
+  greatest: "Where it is deepest",
+  root: "At the root",
+  pitch: "At the pitch point",
+  tip: "At the tip",
+};
 
 /** Depth with its standard error; the digits of the one who measured it. */
 export const measured = ({ depth_um: value, error_um: error }) => `${number(value)} ± ${number(error)} µm`;
@@ -23,7 +28,13 @@ function markers(events, symbol, colour) {
   return {
     x: events.map(({ time }) => time),
     y: events.map(({ inspection }) => inspection.depth_um),
-    error_y: { type: "data", array: events.map(({ inspection }) => inspection.error_um), color: colour.reference, thickness: 2, width: 5 },
+    error_y: {
+      type: "data",
+      array: events.map(({ inspection }) => inspection.error_um),
+      color: colour.reference,
+      thickness: 2,
+      width: 5,
+    },
     mode: "markers",
     marker: { symbol, size: 10, color: colour.reference, line: { width: 2, color: colour.reference } },
     cliponaxis: false,
@@ -31,19 +42,43 @@ function markers(events, symbol, colour) {
   };
 }
 
-const label = ({ time, inspection }, colour) => ({ x: time, y: inspection.depth_um, text: measured(inspection), xanchor: "left", xshift: 9, yanchor: "top", yshift: -6, showarrow: false, bgcolor: colour.surface, font: { color: colour.reference } });
+const label = ({ time, inspection }, colour) => ({
+  x: time,
+  y: inspection.depth_um,
+  text: measured(inspection),
+  xanchor: "left",
+  xshift: 9,
+  yanchor: "top",
+  yshift: -6,
+  showarrow: false,
+  bgcolor: colour.surface,
+  font: { color: colour.reference },
+});
 
 /** Inspections between two times as points with error bars: `{ traces, annotations, entries }`. */
 export function inspectionMarks({ maintenance }, colour, [from, to]) {
-  const within = ({ time, inspection }) => inspection && Date.parse(time) >= Date.parse(from) && Date.parse(time) <= Date.parse(to);
+  const within = ({ time, inspection }) =>
+    inspection && Date.parse(time) >= Date.parse(from) && Date.parse(time) <= Date.parse(to);
   const told = maintenance instanceof Error ? [] : maintenance.items.filter(within);
   const kinds = [
-    [told.filter(({ inspection }) => isGreatest(inspection)), "diamond", "measured depth ± its standard error"],
-    [told.filter(({ inspection }) => !isGreatest(inspection)), "diamond-open", "measured on one gear or at one place, ± its standard error"],
+    [
+      told.filter(({ inspection }) => isGreatest(inspection)),
+      "diamond",
+      "measured depth ± its standard error",
+    ],
+    [
+      told.filter(({ inspection }) => !isGreatest(inspection)),
+      "diamond-open",
+      "measured on one gear or at one place, ± its standard error",
+    ],
   ].filter(([events]) => events.length);
   return {
     traces: kinds.map(([events, symbol]) => markers(events, symbol, colour)),
     annotations: told.map((event) => label(event, colour)),
-    entries: kinds.map(([, symbol, words]) => [symbol === "diamond" ? "filled" : "diamond", colour.reference, words]),
+    entries: kinds.map(([, symbol, words]) => [
+      symbol === "diamond" ? "filled" : "diamond",
+      colour.reference,
+      words,
+    ]),
   };
 }

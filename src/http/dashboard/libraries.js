@@ -12,7 +12,8 @@ export class LibrariesPage {
 
   constructor(root) {
     document.title = "Libraries · flankwatch";
-    const words = "Each library holds one gear pair's simulated wear states, from unworn to the deepest. A record's features are compared with them.";
+    const words =
+      "Each library holds one gear pair's simulated wear states, from unworn to the deepest. A record's features are compared with them.";
     setChildren(root, h("h1", {}, "Libraries"), h("p", { class: "muted" }, words), this.#list);
   }
 
@@ -25,12 +26,25 @@ export class LibrariesPage {
     const answer = await api.libraries(signal);
     if (answer === this.#shown) return;
     this.#shown = answer;
-    if (answer.items.length === 0) return setChildren(this.#list, h("p", { class: "notice" }, "No libraries yet. The server builds one for each asset whose gear pair is described."));
+    if (answer.items.length === 0)
+      return setChildren(
+        this.#list,
+        h(
+          "p",
+          { class: "notice" },
+          "No libraries yet. The server builds one for each asset whose gear pair is described.",
+        ),
+      );
     const rows = answer.items.map((library) =>
       h(
         "tr",
         {},
-        h("th", { scope: "row" }, h("a", { href: format({ page: "library", id: library.id }) }, library.pair_name || library.id), h("span", { class: "muted id" }, library.id)),
+        h(
+          "th",
+          { scope: "row" },
+          h("a", { href: format({ page: "library", id: library.id }) }, library.pair_name || library.id),
+          h("span", { class: "muted id" }, library.id),
+        ),
         h("td", {}, String(library.states)),
         h("td", {}, `0 to ${depth(library.max_wear_um)} µm`),
         h("td", {}, library.contact),
@@ -39,7 +53,23 @@ export class LibrariesPage {
       ),
     );
     const heads = ["Gear pair", "States", "Wear", "Contact rule", "Simulated", "Computed with"];
-    setChildren(this.#list, h("table", {}, h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head)))), h("tbody", {}, rows)));
+    setChildren(
+      this.#list,
+      h(
+        "table",
+        {},
+        h(
+          "thead",
+          {},
+          h(
+            "tr",
+            {},
+            heads.map((head) => h("th", { scope: "col" }, head)),
+          ),
+        ),
+        h("tbody", {}, rows),
+      ),
+    );
   }
 
   tick() {}

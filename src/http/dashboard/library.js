@@ -16,7 +16,11 @@ const COLUMNS = [
   ["stiffness_mean_n_per_m", "Mean stiffness (N/µm)", (row) => number(row.stiffness_mean_n_per_m * 1e-6, 4)],
   ["stiffness_min_n_per_m", "Least (N/µm)", (row) => number(row.stiffness_min_n_per_m * 1e-6, 4)],
   ["stiffness_max_n_per_m", "Greatest (N/µm)", (row) => number(row.stiffness_max_n_per_m * 1e-6, 4)],
-  ["uste_peak_to_peak_rad", "Transmission error, peak to peak (µrad)", (row) => number(row.uste_peak_to_peak_rad < 1e-12 ? 0 : row.uste_peak_to_peak_rad * 1e6, 4)],
+  [
+    "uste_peak_to_peak_rad",
+    "Transmission error, peak to peak (µrad)",
+    (row) => number(row.uste_peak_to_peak_rad < 1e-12 ? 0 : row.uste_peak_to_peak_rad * 1e6, 4),
+  ],
   ["rms", "RMS (m/s²)", (row) => number(row.rms, 4)],
   ["kurtosis", "Kurtosis", (row) => number(row.kurtosis, 4)],
   ["omx", "OMX (m/s²)", (row) => number(row.omx, 4)],
@@ -29,13 +33,33 @@ function gridDrawing(rows, name, chosen, revision) {
   const x = rows.map((row) => row.wear_um);
   return {
     traces: [
-      { x, y: rows.map((row) => row[name]), mode: "lines+markers", line: { color: colour.accent, width: 1.5 }, marker: { size: 6, color: rows.map((row) => (row.index === chosen ? colour.reference : colour.accent)) }, customdata: rows.map((row) => String(row.index)), hovertemplate: "state %{customdata}, %{x:.0f} µm: %{y:.4g}<extra></extra>" },
+      {
+        x,
+        y: rows.map((row) => row[name]),
+        mode: "lines+markers",
+        line: { color: colour.accent, width: 1.5 },
+        marker: {
+          size: 6,
+          color: rows.map((row) => (row.index === chosen ? colour.reference : colour.accent)),
+        },
+        customdata: rows.map((row) => String(row.index)),
+        hovertemplate: "state %{customdata}, %{x:.0f} µm: %{y:.4g}<extra></extra>",
+      },
     ],
     legend: [],
     table: () => Object.keys(rows[0]).map((key) => [key, rows.map((row) => row[key])]),
     sub: "What the model expects at each wear depth, without a transmission path or noise. Click a point to choose a state.",
     summary: `${indicatorName(name)} over ${rows.length} wear states.`,
-    layout: { uirevision: `${revision} ${name}`, hovermode: "closest", xaxis: { title: { text: "Wear depth (µm)" } }, yaxis: { title: { text: `${indicatorName(name)} (${["kurtosis", "crest_factor"].includes(name) ? "–" : "m/s²"})` } } },
+    layout: {
+      uirevision: `${revision} ${name}`,
+      hovermode: "closest",
+      xaxis: { title: { text: "Wear depth (µm)" } },
+      yaxis: {
+        title: {
+          text: `${indicatorName(name)} (${["kurtosis", "crest_factor"].includes(name) ? "–" : "m/s²"})`,
+        },
+      },
+    },
   };
 }
 
@@ -48,11 +72,24 @@ export class LibraryPage {
   #title = h("h1", {}, "Library");
   #sub = h("p", { class: "muted" });
   #gears = h("div", { class: "gear-drawing" });
-  #name = h("select", { id: "library-indicator", "aria-label": "Indicator", onchange: () => change({ indicator: this.#name.value }, { quiet: true }) }, CHOICES.map((name) => h("option", { value: name }, indicatorName(name))));
+  #name = h(
+    "select",
+    {
+      id: "library-indicator",
+      "aria-label": "Indicator",
+      onchange: () => change({ indicator: this.#name.value }, { quiet: true }),
+    },
+    CHOICES.map((name) => h("option", { value: name }, indicatorName(name))),
+  );
   #curve = new PlotCard("grid", "Over the grid");
   #stiffness = new PlotCard("stiffness", "Mesh stiffness");
   #transmission = new PlotCard("transmission", "Unloaded transmission error");
-  #table = h("div", { class: "card table-card state-table", tabindex: "0", role: "region", "aria-label": "States of the library" });
+  #table = h("div", {
+    class: "card table-card state-table",
+    tabindex: "0",
+    role: "region",
+    "aria-label": "States of the library",
+  });
 
   constructor(root, route) {
     this.#root = root;
@@ -60,8 +97,18 @@ export class LibraryPage {
     this.#query = route.query;
     this.#curve.tools.append(this.#name);
     const pair = h("section", { class: "card" }, h("h2", {}, "Gear pair"), this.#gears);
-    const grid = h("div", { class: "asset-grid" }, h("div", { class: "column" }, pair, this.#curve.element), h("div", { class: "column" }, this.#stiffness.element, this.#transmission.element));
-    setChildren(root, h("header", { class: "asset-header" }, crumbs(["#/libraries", "Libraries"]), this.#title, this.#sub), grid, this.#table);
+    const grid = h(
+      "div",
+      { class: "asset-grid" },
+      h("div", { class: "column" }, pair, this.#curve.element),
+      h("div", { class: "column" }, this.#stiffness.element, this.#transmission.element),
+    );
+    setChildren(
+      root,
+      h("header", { class: "asset-header" }, crumbs(["#/libraries", "Libraries"]), this.#title, this.#sub),
+      grid,
+      this.#table,
+    );
     document.title = "Library · flankwatch";
   }
 
@@ -83,10 +130,18 @@ export class LibraryPage {
   async refresh(signal) {
     if (this.#data && this.#data.state.index === this.#chosen(this.#data.rows).index) return;
     const library = this.#data?.library ?? (await api.answer(api.library(this.#id, signal)));
-    if (library instanceof Error) return setChildren(this.#root, h("h1", {}, this.#id), h("p", { class: "notice" }, `${library.message}. `, h("a", { href: "#/libraries" }, "All libraries")));
+    if (library instanceof Error)
+      return setChildren(
+        this.#root,
+        h("h1", {}, this.#id),
+        h("p", { class: "notice" }, `${library.message}. `, h("a", { href: "#/libraries" }, "All libraries")),
+      );
     const rows = this.#data?.rows ?? (await api.libraryStates(this.#id, signal)).items;
     const index = this.#chosen(rows).index;
-    const [state, unworn] = await Promise.all([api.libraryState(this.#id, index, signal), api.libraryState(this.#id, 0, signal)]);
+    const [state, unworn] = await Promise.all([
+      api.libraryState(this.#id, index, signal),
+      api.libraryState(this.#id, 0, signal),
+    ]);
     this.#data = { library, rows, state, unworn };
     await this.redraw();
   }
@@ -104,8 +159,14 @@ export class LibraryPage {
     this.#fillTable(rows, state.index);
     await Promise.all([
       this.#curve.show(gridDrawing(rows, name, state.index, this.#id), `library-${this.#id}-grid`),
-      this.#stiffness.show(stiffnessDrawing(state, unworn, this.#id), `library-${this.#id}-stiffness-${state.index}`),
-      this.#transmission.show(transmissionDrawing(state, unworn, this.#id), `library-${this.#id}-transmission-error-${state.index}`),
+      this.#stiffness.show(
+        stiffnessDrawing(state, unworn, this.#id),
+        `library-${this.#id}-stiffness-${state.index}`,
+      ),
+      this.#transmission.show(
+        transmissionDrawing(state, unworn, this.#id),
+        `library-${this.#id}-transmission-error-${state.index}`,
+      ),
     ]);
     onPointClick(this.#curve.plot, (index) => change({ state: index }, { quiet: true }));
   }
@@ -115,9 +176,42 @@ export class LibraryPage {
       h(
         "tr",
         { "aria-current": state.index === chosen ? "true" : null },
-        COLUMNS.map(([key, , words]) => (key === "index" ? h("th", { scope: "row" }, h("button", { type: "button", class: "quiet", onclick: () => change({ state: String(state.index) }, { quiet: true }), "aria-label": `Show state ${state.index}` }, String(state.index))) : h("td", {}, String(words(state))))),
+        COLUMNS.map(([key, , words]) =>
+          key === "index"
+            ? h(
+                "th",
+                { scope: "row" },
+                h(
+                  "button",
+                  {
+                    type: "button",
+                    class: "quiet",
+                    onclick: () => change({ state: String(state.index) }, { quiet: true }),
+                    "aria-label": `Show state ${state.index}`,
+                  },
+                  String(state.index),
+                ),
+              )
+            : h("td", {}, String(words(state))),
+        ),
       );
-    setChildren(this.#table, h("table", {}, h("thead", {}, h("tr", {}, COLUMNS.map(([, head]) => h("th", { scope: "col" }, head)))), h("tbody", {}, rows.map(row))));
+    setChildren(
+      this.#table,
+      h(
+        "table",
+        {},
+        h(
+          "thead",
+          {},
+          h(
+            "tr",
+            {},
+            COLUMNS.map(([, head]) => h("th", { scope: "col" }, head)),
+          ),
+        ),
+        h("tbody", {}, rows.map(row)),
+      ),
+    );
   }
 
   tick() {}

@@ -1,4 +1,5 @@
-// What happened in an asset's life beside its records: maintenance, and the alarms of one channel; as marks on plots over time.
+// What happened in an asset's life beside its records: maintenance, and the alarms of one channel; as marks
+// on plots over time.
 
 import * as api from "./api.js";
 import { learnUnits } from "./alarm-units.js";
@@ -9,16 +10,29 @@ const MOST_ALARMS = 12; // histories that are asked for
 
 /** Kinds of maintenance, and what each does to the estimate. */
 export const MAINTENANCE = {
-  gear_replaced: { word: "Gears replaced", words: "Wear begins at zero again, a new baseline is learnt, and alarms on wear are over." },
-  sensor_replaced: { word: "Sensor replaced", words: "A new baseline is learnt; wear goes on from where it was." },
-  regime_changed: { word: "Operation changed", words: "Another load or speed: a new baseline is learnt; wear goes on from where it was." },
-  inspected: { word: "Wear measured", words: "The teeth were looked at and the depth was measured: the estimate goes on from there." },
+  gear_replaced: {
+    word: "Gears replaced",
+    words: "Wear begins at zero again, a new baseline is learnt, and alarms on wear are over.",
+  },
+  sensor_replaced: {
+    word: "Sensor replaced",
+    words: "A new baseline is learnt; wear goes on from where it was.",
+  },
+  regime_changed: {
+    word: "Operation changed",
+    words: "Another load or speed: a new baseline is learnt; wear goes on from where it was.",
+  },
+  inspected: {
+    word: "Wear measured",
+    words: "The teeth were looked at and the depth was measured: the estimate goes on from there.",
+  },
 };
 
 const OTHER_WORDS = { baseline_chosen: "Baseline chosen" }; // not entered in the dialog but on the table of records
 
 /** The word for a kind of maintenance. */
-export const maintenanceWord = (kind) => MAINTENANCE[kind]?.word ?? OTHER_WORDS[kind] ?? kind.replaceAll("_", " ");
+export const maintenanceWord = (kind) =>
+  MAINTENANCE[kind]?.word ?? OTHER_WORDS[kind] ?? kind.replaceAll("_", " ");
 
 const RAISED = "unacknowledged,acknowledged";
 
@@ -31,22 +45,35 @@ export async function fetchEvents(id, channel, signal) {
   ]);
   const others = raised instanceof Error ? [] : raised.items.filter((alarm) => alarm.channel !== channel);
   const listed = list instanceof Error ? [] : list.items;
-  const answers = await Promise.all([...listed, ...others].map((alarm) => api.answer(api.alarm(alarm.id, signal))));
+  const answers = await Promise.all(
+    [...listed, ...others].map((alarm) => api.answer(api.alarm(alarm.id, signal))),
+  );
   const told = answers.filter((alarm) => !(alarm instanceof Error));
   await learnUnits(told, signal);
   const mine = (alarm) => alarm.channel === channel;
-  return { maintenance, refused: list instanceof Error ? list : null, alarms: told.filter(mine), others: told.filter((alarm) => !mine(alarm)) };
+  return {
+    maintenance,
+    refused: list instanceof Error ? list : null,
+    alarms: told.filter(mine),
+    others: told.filter((alarm) => !mine(alarm)),
+  };
 }
 
 /** Whether two answers of `fetchEvents` are the same objects. */
 export function sameEvents(a, b) {
   const same = (one, other) => one.length === other.length && one.every((alarm, n) => alarm === other[n]);
-  return Boolean(a && b) && a.maintenance === b.maintenance && same(a.alarms, b.alarms) && same(a.others, b.others);
+  return (
+    Boolean(a && b) && a.maintenance === b.maintenance && same(a.alarms, b.alarms) && same(a.others, b.others)
+  );
 }
 
 /** Times at which readings raised or ended an alarm. */
 function changes(alarms) {
-  return alarms.flatMap((alarm) => alarm.history.filter(({ action, withdrawn_at: withdrawn }) => !action && !withdrawn).map((change) => ({ alarm, change })));
+  return alarms.flatMap((alarm) =>
+    alarm.history
+      .filter(({ action, withdrawn_at: withdrawn }) => !action && !withdrawn)
+      .map((change) => ({ alarm, change })),
+  );
 }
 
 /** What a record caused, by its start time: lines for the words at a pointed record. */
@@ -64,10 +91,26 @@ const STRIP_PX = 8; // from the plot's upper edge to the middle of a mark
 
 /** A mark of a few pixels above the plot at a time. */
 function mark(time, name, colour) {
-  const place = { xref: "x", xsizemode: "pixel", xanchor: time, yref: "paper", ysizemode: "pixel", yanchor: 1, line: { color: colour, width: 1.5 } };
-  if (name === "octagon") return { ...place, type: "path", path: "M-2.500 2.500H2.500L6 6V10L2.500 13.500H-2.500L-6 10V6Z", fillcolor: colour };
+  const place = {
+    xref: "x",
+    xsizemode: "pixel",
+    xanchor: time,
+    yref: "paper",
+    ysizemode: "pixel",
+    yanchor: 1,
+    line: { color: colour, width: 1.5 },
+  };
+  if (name === "octagon")
+    return {
+      ...place,
+      type: "path",
+      path: "M-2.500 2.500H2.500L6 6V10L2.500 13.500H-2.500L-6 10V6Z",
+      fillcolor: colour,
+    };
   const box = { x0: -5, x1: 5, y0: STRIP_PX - 5, y1: STRIP_PX + 5 };
-  return name === "square" ? { ...place, ...box, type: "rect", fillcolor: colour } : { ...place, ...box, type: "circle" };
+  return name === "square"
+    ? { ...place, ...box, type: "rect", fillcolor: colour }
+    : { ...place, ...box, type: "circle" };
 }
 
 /**
@@ -93,7 +136,19 @@ export function eventMarks({ maintenance, alarms }, colour, items) {
     shapes.push(...some.map(({ change }) => mark(change.time, name, colour[ink])));
   }
   shapes.push(...told.map(({ time }) => verticalLine(time, colour.reference, "dashdot", 1.5)));
-  for (const { time, kind } of told) annotations.push({ x: time, yref: "paper", y: 0.98, yanchor: "top", xanchor: "right", textangle: -90, text: maintenanceWord(kind), showarrow: false, bgcolor: colour.surface, font: { color: colour.reference } });
+  for (const { time, kind } of told)
+    annotations.push({
+      x: time,
+      yref: "paper",
+      y: 0.98,
+      yanchor: "top",
+      xanchor: "right",
+      textangle: -90,
+      text: maintenanceWord(kind),
+      showarrow: false,
+      bgcolor: colour.surface,
+      font: { color: colour.reference },
+    });
   if (told.length) entries.push(["dash", colour.reference, "maintenance"]);
   return { shapes, annotations, entries, top: marks.length ? 14 : 0 };
 }

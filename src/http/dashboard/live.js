@@ -1,5 +1,5 @@
-// Asks again when the server tells that something has changed, or every two seconds where it cannot tell; says how fresh the page is, and
-// keeps trying when the connection is lost.
+// Asks again when the server tells that something has changed, or every two seconds where it cannot tell;
+// says how fresh the page is, and keeps trying when the connection is lost.
 
 import { ConnectionError } from "./api.js";
 import { setText } from "./dom.js";
@@ -91,14 +91,21 @@ export function showStatus(status, { live, text, banner, bannerText, bannerWait 
   const { state, updatedAt, lostAt, retryAt, error, told } = status;
   live.dataset.state = state;
   document.body.dataset.connection = state; // what is still loading then says nothing that the banner does not
-  live.title = told ? "The server tells of every change at once" : "The page asks the server every two seconds";
+  live.title = told
+    ? "The server tells of every change at once"
+    : "The page asks the server every two seconds";
   const fresh = updatedAt ? `updated ${age(new Date(updatedAt).toISOString())}` : "no data yet";
   setText(text, state === "loading" ? "connecting…" : fresh);
   const lost = state === "lost" || state === "failed";
   banner.hidden = !lost;
   if (!lost) return;
   const since = `${new Date(lostAt).toISOString().slice(11, 19)} UTC`;
-  const what = state === "lost" ? `Connection lost since ${since}: ${error.message}.` : error.status === 401 ? "The service asks for a token." : `The page could not be brought up to date: ${error.message}.`;
+  const what =
+    state === "lost"
+      ? `Connection lost since ${since}: ${error.message}.`
+      : error.status === 401
+        ? "The service asks for a token."
+        : `The page could not be brought up to date: ${error.message}.`;
   setText(bannerText, updatedAt ? `${what} What you see may be out of date.` : what);
   // the countdown is kept out of what a screen reader announces: it changes every second
   const wait = Math.ceil((retryAt - Date.now()) / 1000);

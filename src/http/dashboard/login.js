@@ -13,7 +13,11 @@ function build(then) {
     "form",
     {},
     h("h2", { id: "login-title" }, "A token is needed"),
-    h("p", {}, "This service asks for a token, made by “flankwatch token create”. This browser keeps it until it is closed or you log out."),
+    h(
+      "p",
+      {},
+      "This service asks for a token, made by “flankwatch token create”. This browser keeps it until it is closed or you log out.",
+    ),
     h("label", { class: "field", for: "token" }, h("span", {}, "Token"), input),
     refused,
     h("div", { class: "form-buttons" }, h("button", { type: "submit", class: "primary" }, "Log in")),

@@ -14,7 +14,12 @@ export class MaintenanceDialog {
   #id;
   #time = h("input", { id: "maintenance-time", type: "datetime-local", step: 1, required: true });
   #by = h("input", { id: "maintenance-by", autocomplete: "name", maxlength: 200, required: true });
-  #comment = h("textarea", { id: "maintenance-comment", rows: 2, maxlength: 2000, placeholder: "for example the serial number of the new pair" });
+  #comment = h("textarea", {
+    id: "maintenance-comment",
+    rows: 2,
+    maxlength: 2000,
+    placeholder: "for example the serial number of the new pair",
+  });
   #inspection = new InspectionFields();
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Save");
@@ -23,10 +28,26 @@ export class MaintenanceDialog {
   constructor(assetId) {
     this.#id = assetId;
     const kinds = Object.entries(MAINTENANCE).map(([kind, { word, words }], n) =>
-      h("label", {}, h("input", { type: "radio", name: "maintenance-kind", value: kind, checked: n === 0, onchange: () => this.#inspection.show(kind === "inspected") }), h("strong", {}, word), h("span", { class: "muted" }, words)),
+      h(
+        "label",
+        {},
+        h("input", {
+          type: "radio",
+          name: "maintenance-kind",
+          value: kind,
+          checked: n === 0,
+          onchange: () => this.#inspection.show(kind === "inspected"),
+        }),
+        h("strong", {}, word),
+        h("span", { class: "muted" }, words),
+      ),
     );
     const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
-    const close = h("button", { type: "button", class: "quiet", onclick: () => this.element.close() }, "Close");
+    const close = h(
+      "button",
+      { type: "button", class: "quiet", onclick: () => this.element.close() },
+      "Close",
+    );
     const form = h(
       "form",
       { onsubmit: (event) => this.#submit(event) },
@@ -34,10 +55,29 @@ export class MaintenanceDialog {
       this.#inspection.element,
       h("div", { class: "fields" }, field(this.#time, "When, UTC"), field(this.#by, "By whom")),
       field(this.#comment, "Comment"),
-      h("div", { class: "form-buttons" }, this.#save, h("span", { class: "muted" }, "It counts from the first record at that time or later; one in the past has the history estimated again.")),
+      h(
+        "div",
+        { class: "form-buttons" },
+        this.#save,
+        h(
+          "span",
+          { class: "muted" },
+          "It counts from the first record at that time or later; one in the past has the history estimated again.",
+        ),
+      ),
       this.#result,
     );
-    this.element = h("dialog", { class: "records maintenance", "aria-labelledby": "maintenance-title" }, h("div", { class: "plot-head" }, h("h2", { id: "maintenance-title" }, `Maintenance of ${assetId}`), close), form);
+    this.element = h(
+      "dialog",
+      { class: "records maintenance", "aria-labelledby": "maintenance-title" },
+      h(
+        "div",
+        { class: "plot-head" },
+        h("h2", { id: "maintenance-title" }, `Maintenance of ${assetId}`),
+        close,
+      ),
+      form,
+    );
   }
 
   /** Shows the dialog with a time, that of the record on show, to begin with. */
@@ -72,7 +112,12 @@ export class MaintenanceDialog {
 
   /** Takes back an event after asking. */
   async takeBack(event) {
-    if (!confirm(`Take back “${maintenanceWord(event.kind)}” of ${utc(event.time)}? The history is then estimated as if it had not been.`)) return;
+    if (
+      !confirm(
+        `Take back “${maintenanceWord(event.kind)}” of ${utc(event.time)}? The history is then estimated as if it had not been.`,
+      )
+    )
+      return;
     const answer = await api.answer(api.takeBackMaintenance(this.#id, event.id));
     if (answer instanceof Error) {
       this.open(event.time);

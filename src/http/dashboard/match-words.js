@@ -15,13 +15,23 @@ const small = (text) => h("span", { class: "muted" }, text);
 
 function wearFacts(wear) {
   const [depths, error] = [depthWords(wear), transmissionWords(wear)];
-  return [fact("Wear depth", depths.number, small(depths.interval)), error && fact("Transmission error due to wear", error.number, small(error.interval))];
+  return [
+    fact("Wear depth", depths.number, small(depths.interval)),
+    error && fact("Transmission error due to wear", error.number, small(error.interval)),
+  ];
 }
 
 function agreementFact({ features }) {
   const { used, odd } = agreement(features);
-  const names = odd.slice(0, 3).map(({ name }) => featureName(name)).join(", ");
-  return fact("Agreement with the model", `${used.length - odd.length} of ${used.length} features`, small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all reach their bars"));
+  const names = odd
+    .slice(0, 3)
+    .map(({ name }) => featureName(name))
+    .join(", ");
+  return fact(
+    "Agreement with the model",
+    `${used.length - odd.length} of ${used.length} features`,
+    small(odd.length ? `outside: ${names}${odd.length > 3 ? "…" : ""}` : "all reach their bars"),
+  );
 }
 
 const SENSOR_FAULTS = {
@@ -53,14 +63,36 @@ export function lastingWords({ lasting }) {
 function noveltyFact({ novelty }) {
   if (!novelty) return null;
   const { p_value: probability, outside, most = [] } = novelty;
-  const odd = most.slice(0, 3).map(({ feature, deviations }) => `${featureName(feature)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`);
-  const details = [`a record of the best state is as odd with probability ${number(probability, 2)}`, lastingWords(novelty), outside && odd.length ? `most: ${odd.join(", ")}` : ""];
-  return fact("Novelty", unexplained(novelty) ?? (outside ? "wear does not explain this record" : "explained by wear"), small(details.filter(Boolean).join("; ")));
+  const odd = most
+    .slice(0, 3)
+    .map(
+      ({ feature, deviations }) =>
+        `${featureName(feature)} ${deviations > 0 ? "+" : "−"}${number(Math.abs(deviations), 2)} σ`,
+    );
+  const details = [
+    `a record of the best state is as odd with probability ${number(probability, 2)}`,
+    lastingWords(novelty),
+    outside && odd.length ? `most: ${odd.join(", ")}` : "",
+  ];
+  return fact(
+    "Novelty",
+    unexplained(novelty) ?? (outside ? "wear does not explain this record" : "explained by wear"),
+    small(details.filter(Boolean).join("; ")),
+  );
 }
 
 function identifiableFact({ interval_um: [low, high] }, { resolved_um: resolved }) {
-  if (!resolved || resolved[1] - resolved[0] < 1) return fact("What can be told here", `to within ${depth((high - low) / 2)} µm`, small("half of the 5 to 95 % interval"));
-  return fact("What can be told here", `${depth(resolved[0])} to ${depth(resolved[1])} µm look alike`, small("within them the library changes less than it may be wrong by, at this operating point"));
+  if (!resolved || resolved[1] - resolved[0] < 1)
+    return fact(
+      "What can be told here",
+      `to within ${depth((high - low) / 2)} µm`,
+      small("half of the 5 to 95 % interval"),
+    );
+  return fact(
+    "What can be told here",
+    `${depth(resolved[0])} to ${depth(resolved[1])} µm look alike`,
+    small("within them the library changes less than it may be wrong by, at this operating point"),
+  );
 }
 
 /** The text beside the plots of a match. */
@@ -69,9 +101,18 @@ export function matchWords(segment, match, asset, query) {
   const state = wearState(wear, asset.limits);
   const overview = format({ page: "asset", id: asset.id, query: { ...query, segment: query.segment } });
   return [
-    h("div", { class: "plot-head" }, h("h2", {}, `Record of ${utc(segment.start_time)}`), h("a", { href: overview }, "Open the record")),
+    h(
+      "div",
+      { class: "plot-head" },
+      h("h2", {}, `Record of ${utc(segment.start_time)}`),
+      h("a", { href: overview }, "Open the record"),
+    ),
     badge(state, 26),
-    h("p", {}, `Best state of the library: number ${match.state_index}. ${wear.reason ? `${wear.reason[0].toUpperCase()}${wear.reason.slice(1)}.` : ""}`),
+    h(
+      "p",
+      {},
+      `Best state of the library: number ${match.state_index}. ${wear.reason ? `${wear.reason[0].toUpperCase()}${wear.reason.slice(1)}.` : ""}`,
+    ),
     h(
       "dl",
       { class: "facts" },
@@ -79,7 +120,21 @@ export function matchWords(segment, match, asset, query) {
       agreementFact(match),
       identifiableFact(match, wear),
       noveltyFact(wear),
-      fact("Library", h("a", { href: format({ page: "library", id: match.library_id, query: { state: String(match.state_index) } }) }, match.library_id.slice(0, 8)), small("the grid and its figures")),
+      fact(
+        "Library",
+        h(
+          "a",
+          {
+            href: format({
+              page: "library",
+              id: match.library_id,
+              query: { state: String(match.state_index) },
+            }),
+          },
+          match.library_id.slice(0, 8),
+        ),
+        small("the grid and its figures"),
+      ),
     ),
   ];
 }

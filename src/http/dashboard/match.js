@@ -1,4 +1,5 @@
-// What speaks for the wear depth of a record: its features beside the library's, the posterior, the flank, and the mesh of that state.
+// What speaks for the wear depth of a record: its features beside the library's, the posterior, the flank,
+// and the mesh of that state.
 
 import * as api from "./api.js";
 import { AssetFrame, refusal } from "./asset-frame.js";
@@ -39,7 +40,13 @@ export class MatchPage {
     this.#query = route.query;
     this.#frame = new AssetFrame(route.id, "match");
     const left = h("div", { class: "column" }, this.#words, this.#features.element, this.#posterior.element);
-    const right = h("div", { class: "column" }, this.#flank.element, this.#stiffness.element, this.#transmission.element);
+    const right = h(
+      "div",
+      { class: "column" },
+      this.#flank.element,
+      this.#stiffness.element,
+      this.#transmission.element,
+    );
     this.#grid = h("div", { class: "asset-grid", hidden: true }, left, right);
     this.#novelty.element.hidden = true;
     setChildren(root, this.#frame.element, this.#notice, this.#novelty.element, this.#grid);
@@ -59,7 +66,10 @@ export class MatchPage {
     this.#frame.update(assetName(asset), this.#query);
     const latest = await api.answer(api.wear(this.#id, this.#query.channel, signal));
     const id = this.#query.segment ?? latest.segment_id;
-    if (latest instanceof Error || !id) return this.#say(latest instanceof Error ? latest.message : "No records yet: there is nothing to match.");
+    if (latest instanceof Error || !id)
+      return this.#say(
+        latest instanceof Error ? latest.message : "No records yet: there is nothing to match.",
+      );
     const segment = await api.answer(api.segment(id, signal));
     if (segment instanceof Error) return this.#say(segment.message);
     if (!MATCHED.includes(segment.wear.status)) return this.#unmatched(segment, asset);
@@ -84,11 +94,17 @@ export class MatchPage {
 
   /** A record without a best state, with what speaks against one where that is known. */
   async #unmatched(segment, asset) {
-    this.#say(`Record of ${utc(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear.pair))}`);
+    this.#say(
+      `Record of ${utc(segment.start_time)}: ${sentence(segment.wear, undefined, Boolean(asset.gear.pair))}`,
+    );
     const { novelty } = segment.wear;
     this.#novelty.element.hidden = !novelty?.most?.length;
     this.#data = { unmatched: segment, asset };
-    if (novelty?.most?.length) await this.#novelty.show(noveltyDrawing(novelty, this.#id), `${this.#id}-novelty-${segment.start_time}`);
+    if (novelty?.most?.length)
+      await this.#novelty.show(
+        noveltyDrawing(novelty, this.#id),
+        `${this.#id}-novelty-${segment.start_time}`,
+      );
   }
 
   /** Draws what is known anew. */
@@ -105,9 +121,16 @@ export class MatchPage {
     const mesh = state instanceof Error ? state : unworn;
     await Promise.all([
       this.#features.show(featureDrawing(match, this.#id), `${name}-features`),
-      this.#posterior.show(posteriorDrawing(segment.wear, asset.limits, segment.reference_wear_um, this.#id), `${name}-posterior`),
-      mesh instanceof Error ? this.#stiffness.say(mesh.message) : this.#stiffness.show(stiffnessDrawing(state, unworn, this.#id), `${name}-stiffness`),
-      mesh instanceof Error ? this.#transmission.say(mesh.message) : this.#transmission.show(transmissionDrawing(state, unworn, this.#id), `${name}-transmission-error`),
+      this.#posterior.show(
+        posteriorDrawing(segment.wear, asset.limits, segment.reference_wear_um, this.#id),
+        `${name}-posterior`,
+      ),
+      mesh instanceof Error
+        ? this.#stiffness.say(mesh.message)
+        : this.#stiffness.show(stiffnessDrawing(state, unworn, this.#id), `${name}-stiffness`),
+      mesh instanceof Error
+        ? this.#transmission.say(mesh.message)
+        : this.#transmission.show(transmissionDrawing(state, unworn, this.#id), `${name}-transmission-error`),
     ]);
   }
 
@@ -115,6 +138,7 @@ export class MatchPage {
 
   /** Frees the plots. */
   dispose() {
-    for (const card of [this.#novelty, this.#features, this.#posterior, this.#stiffness, this.#transmission]) card.dispose();
+    for (const card of [this.#novelty, this.#features, this.#posterior, this.#stiffness, this.#transmission])
+      card.dispose();
   }
 }

@@ -1,4 +1,5 @@
-// What an MCAP file says of itself at its end: topics with their messages, and the time that they span. Nothing else of it is read.
+// What an MCAP file says of itself at its end: topics with their messages, and the time that they span.
+// Nothing else of it is read.
 
 const MAGIC = [0x89, 0x4d, 0x43, 0x41, 0x50, 0x30, 0x0d, 0x0a];
 const FOOTER_BYTES = 9 + 20 + MAGIC.length;
@@ -13,17 +14,23 @@ const isMagic = (data, at) => MAGIC.every((byte, n) => data.getUint8(at + n) ===
 
 function text(data, at) {
   const length = data.getUint32(at, true);
-  if (at + 4 + length > data.byteLength) throw new McapError("a name in its summary is longer than the summary");
-  return { value: new TextDecoder().decode(new Uint8Array(data.buffer, data.byteOffset + at + 4, length)), next: at + 4 + length };
+  if (at + 4 + length > data.byteLength)
+    throw new McapError("a name in its summary is longer than the summary");
+  return {
+    value: new TextDecoder().decode(new Uint8Array(data.buffer, data.byteOffset + at + 4, length)),
+    next: at + 4 + length,
+  };
 }
 
 /** `{ topics: [{ topic, messages }], messages, start, end }` with times as ISO text; null where the file has no summary. */
 export async function mcapSummary(file) {
-  if (file.size < MAGIC.length + FOOTER_BYTES) throw new McapError(`it has ${file.size} bytes, which is too short for an MCAP file`);
+  if (file.size < MAGIC.length + FOOTER_BYTES)
+    throw new McapError(`it has ${file.size} bytes, which is too short for an MCAP file`);
   const begin = await view(file, 0, MAGIC.length);
   if (!isMagic(begin, 0)) throw new McapError("it does not begin like an MCAP file");
   const end = await view(file, file.size - FOOTER_BYTES, file.size);
-  if (!isMagic(end, FOOTER_BYTES - MAGIC.length) || end.getUint8(0) !== 0x02) throw new McapError("it breaks off before its end");
+  if (!isMagic(end, FOOTER_BYTES - MAGIC.length) || end.getUint8(0) !== 0x02)
+    throw new McapError("it breaks off before its end");
   const start = Number(end.getBigUint64(9, true));
   const size = file.size - FOOTER_BYTES - start;
   if (start === 0 || size <= 0 || size > MOST_SUMMARY) return null;
@@ -33,7 +40,7 @@ export async function mcapSummary(file) {
 function read(data) {
   const topics = new Map();
   let statistics = null;
-  for (let at = 0; at + 9 <= data.byteLength; ) {
+  for (let at = 0; at + 9 <= data.byteLength;) {
     const [kind, size] = [data.getUint8(at), Number(data.getBigUint64(at + 1, true))];
     const from = at + 9;
     if (from + size > data.byteLength) break;
@@ -44,8 +51,14 @@ function read(data) {
   }
   if (!statistics) return null;
   const counts = new Map();
-  for (let at = 46; at + 10 <= statistics.byteLength; at += 10) counts.set(statistics.getUint16(at, true), Number(statistics.getBigUint64(at + 2, true)));
+  for (let at = 46; at + 10 <= statistics.byteLength; at += 10)
+    counts.set(statistics.getUint16(at, true), Number(statistics.getBigUint64(at + 2, true)));
   const time = (at) => new Date(Number(statistics.getBigUint64(at, true) / 1_000_000n)).toISOString();
   const messages = Number(statistics.getBigUint64(0, true));
-  return { topics: [...topics].map(([id, topic]) => ({ topic, messages: counts.get(id) ?? 0 })), messages, start: messages ? time(26) : null, end: messages ? time(34) : null };
+  return {
+    topics: [...topics].map(([id, topic]) => ({ topic, messages: counts.get(id) ?? 0 })),
+    messages,
+    start: messages ? time(26) : null,
+    end: messages ? time(34) : null,
+  };
 }

@@ -16,9 +16,20 @@ function drawing(state, unworn, { key, scale, title, unit }, revision) {
   const mean = (values) => (values.reduce((sum, value) => sum + value, 0) / values.length) * scale;
   const said = (value) => number(Math.abs(value) < 1e-6 ? 0 : value, 4); // what rounding leaves of nothing
   return {
-    traces: [curve(unworn, { color: colour.muted, width: 1.5, dash: "dash" }), ...(worn ? [curve(state, { color: colour.accent, width: 2 })] : [])],
-    legend: [["dash", colour.muted, "unworn"], ...(worn ? [["line", colour.accent, `state ${state.index}, ${depth(state.wear_um)} µm`]] : [])],
-    table: () => [["phi1_rad", state.phi1_rad], [key, state[key]], [`unworn ${key}`, unworn[key]], ["pairs_in_contact", state.pairs_in_contact]],
+    traces: [
+      curve(unworn, { color: colour.muted, width: 1.5, dash: "dash" }),
+      ...(worn ? [curve(state, { color: colour.accent, width: 2 })] : []),
+    ],
+    legend: [
+      ["dash", colour.muted, "unworn"],
+      ...(worn ? [["line", colour.accent, `state ${state.index}, ${depth(state.wear_um)} µm`]] : []),
+    ],
+    table: () => [
+      ["phi1_rad", state.phi1_rad],
+      [key, state[key]],
+      [`unworn ${key}`, unworn[key]],
+      ["pairs_in_contact", state.pairs_in_contact],
+    ],
     sub: `Over one mesh period; the mean is ${said(mean(state[key]))} ${unit}, unworn ${said(mean(unworn[key]))} ${unit}.`,
     summary: `${title} over one mesh period at ${depth(state.wear_um)} µm wear.`,
     layout: {
@@ -32,10 +43,20 @@ function drawing(state, unworn, { key, scale, title, unit }, revision) {
 
 /** Mesh stiffness of a state and of the unworn one. */
 export function stiffnessDrawing(state, unworn, revision) {
-  return drawing(state, unworn, { key: "stiffness_n_per_m", scale: 1e-6, title: "Mesh stiffness", unit: "N/µm" }, revision);
+  return drawing(
+    state,
+    unworn,
+    { key: "stiffness_n_per_m", scale: 1e-6, title: "Mesh stiffness", unit: "N/µm" },
+    revision,
+  );
 }
 
 /** Unloaded static transmission error of a state and of the unworn one. */
 export function transmissionDrawing(state, unworn, revision) {
-  return drawing(state, unworn, { key: "uste_rad", scale: 1e6, title: "Transmission error", unit: "µrad" }, revision);
+  return drawing(
+    state,
+    unworn,
+    { key: "uste_rad", scale: 1e6, title: "Transmission error", unit: "µrad" },
+    revision,
+  );
 }

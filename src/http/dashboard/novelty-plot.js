@@ -9,21 +9,50 @@ const DB = 20 / Math.LN10;
 /** The drawing of the features that deviate most, in dB. */
 export function noveltyDrawing(novelty, revision) {
   const { most, p_value: probability, score } = novelty;
-  const named = [unexplained(novelty), lastingWords(novelty)].filter(Boolean).map((words) => `${words[0].toUpperCase()}${words.slice(1)}.`).join(" ");
+  const named = [unexplained(novelty), lastingWords(novelty)]
+    .filter(Boolean)
+    .map((words) => `${words[0].toUpperCase()}${words.slice(1)}.`)
+    .join(" ");
   const colour = palette();
   const names = most.map(({ feature }) => featureName(feature));
   const decibels = most.map(({ ln_ratio: ratio }) => ratio * DB);
-  const words = most.map(({ deviations }, n) => `${decibels[n] > 0 ? "+" : "−"}${number(Math.abs(decibels[n]), 3)} dB, ${number(Math.abs(deviations), 2)} σ`);
+  const words = most.map(
+    ({ deviations }, n) =>
+      `${decibels[n] > 0 ? "+" : "−"}${number(Math.abs(decibels[n]), 3)} dB, ${number(Math.abs(deviations), 2)} σ`,
+  );
   const reach = 1.5 * Math.max(1, ...decibels.map(Math.abs));
   return {
-    traces: [{ type: "bar", orientation: "h", x: decibels, y: names, text: words, textposition: "outside", cliponaxis: false, textfont: { color: colour.ink }, marker: { color: colour.series[1] }, width: 0.5, hoverinfo: "skip" }],
+    traces: [
+      {
+        type: "bar",
+        orientation: "h",
+        x: decibels,
+        y: names,
+        text: words,
+        textposition: "outside",
+        cliponaxis: false,
+        textfont: { color: colour.ink },
+        marker: { color: colour.series[1] },
+        width: 0.5,
+        hoverinfo: "skip",
+      },
+    ],
     legend: [],
-    table: () => [["feature", most.map(({ feature }) => feature)], ["db", decibels], ["standard_deviations", most.map(({ deviations }) => deviations)]],
+    table: () => [
+      ["feature", most.map(({ feature }) => feature)],
+      ["db", decibels],
+      ["standard_deviations", most.map(({ deviations }) => deviations)],
+    ],
     sub: `A record of the best state is as odd or odder with probability ${number(probability, 2)} (novelty ${number(score, 3)}). ${named || "What no wear does, another fault does: a bearing, a loose mount, another load."}`,
     summary: names.map((name, n) => `${name}: ${words[n]}`).join("; "),
     layout: {
       uirevision: revision,
-      xaxis: { title: { text: "Measured against expected amplitude (dB)" }, range: [Math.min(0, ...decibels) < 0 ? -reach : 0, Math.max(0, ...decibels) > 0 ? reach : 0], zeroline: true, zerolinecolor: colour.edge },
+      xaxis: {
+        title: { text: "Measured against expected amplitude (dB)" },
+        range: [Math.min(0, ...decibels) < 0 ? -reach : 0, Math.max(0, ...decibels) > 0 ? reach : 0],
+        zeroline: true,
+        zerolinecolor: colour.edge,
+      },
       yaxis: { autorange: "reversed", type: "category", ticks: "" },
     },
   };

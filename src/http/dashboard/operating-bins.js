@@ -13,24 +13,42 @@ const QUANTITIES = {
 export function operatingBins(segments, choice) {
   const quantity = QUANTITIES[choice];
   if (!quantity || !segments || segments instanceof Error) return null;
-  const known = segments.items.map((segment) => [segment.id, quantity.of(segment)]).filter(([, value]) => value != null);
+  const known = segments.items
+    .map((segment) => [segment.id, quantity.of(segment)])
+    .filter(([, value]) => value != null);
   if (known.length === 0) return { bins: [], of: new Map(), words: `No record says its ${quantity.name}.` };
   const values = known.map(([, value]) => value);
   const [low, high] = [Math.min(...values), Math.max(...values)];
   const alike = high - low < LEAST_SPREAD * Math.abs(high);
   const count = alike ? 1 : MOST;
   const width = (high - low) / count || 1;
-  const bins = Array.from({ length: count }, (_, n) => `${number(low + n * width, 4)} to ${number(alike ? high : low + (n + 1) * width, 4)} ${quantity.unit}`);
-  const of = new Map(known.map(([id, value]) => [id, Math.min(count - 1, Math.floor((value - low) / width))]));
+  const bins = Array.from(
+    { length: count },
+    (_, n) =>
+      `${number(low + n * width, 4)} to ${number(alike ? high : low + (n + 1) * width, 4)} ${quantity.unit}`,
+  );
+  const of = new Map(
+    known.map(([id, value]) => [id, Math.min(count - 1, Math.floor((value - low) / width))]),
+  );
   const latest = segments.next_cursor ? ` of the latest ${segments.items.length} records` : "";
-  return { bins, of, words: alike ? `The ${quantity.name}${latest} is the same within 1 %.` : `Coloured by ${quantity.name}${latest}.` };
+  return {
+    bins,
+    of,
+    words: alike
+      ? `The ${quantity.name}${latest} is the same within 1 %.`
+      : `Coloured by ${quantity.name}${latest}.`,
+  };
 }
 
 /** The asset's own bins, which each row of a trend names, as `operatingBins` gives them. */
 export function namedBins(trend, own) {
   if (!trend || trend instanceof Error) return null;
   const names = own.map(({ name }) => name);
-  const of = new Map(trend.items.filter(({ operating_bin: name }) => names.includes(name)).map(({ segment_id: id, operating_bin: name }) => [id, names.indexOf(name)]));
+  const of = new Map(
+    trend.items
+      .filter(({ operating_bin: name }) => names.includes(name))
+      .map(({ segment_id: id, operating_bin: name }) => [id, names.indexOf(name)]),
+  );
   return { bins: names, of, words: "Coloured by operating bin; grey: in none." };
 }
 
@@ -38,13 +56,20 @@ export function namedBins(trend, own) {
 export function binTraces(items, name, { bins, of }, colour) {
   const trace = (wanted, stroke) => {
     const some = items.filter((item) => (of.get(item.segment_id) ?? -1) === wanted);
-    return { x: some.map((item) => item.start_time), y: some.map((item) => item[name]), mode: "markers", marker: { size: 4.5, color: stroke }, hoverinfo: "skip" };
+    return {
+      x: some.map((item) => item.start_time),
+      y: some.map((item) => item[name]),
+      mode: "markers",
+      marker: { size: 4.5, color: stroke },
+      hoverinfo: "skip",
+    };
   };
   return [trace(-1, colour.edge), ...bins.map((_, n) => trace(n, binColour(n, colour)))];
 }
 
 // the fifth colour of a series is the grey of records in no bin
-const binColour = (n, colour) => [...colour.series.slice(0, 4), colour.reference, colour.danger, colour.warning, colour.ink][n % 8];
+const binColour = (n, colour) =>
+  [...colour.series.slice(0, 4), colour.reference, colour.danger, colour.warning, colour.ink][n % 8];
 
 /** What the colours mean. */
 export function binEntries({ bins }, colour) {

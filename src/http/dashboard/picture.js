@@ -5,7 +5,10 @@ import { colours } from "./theme.js";
 
 const SCALE = 2; // points of the picture in one of the page
 const MARGIN = 14;
-const [TITLE, WORDS] = [{ size: 17, line: 24 }, { size: 12.5, line: 18 }];
+const [TITLE, WORDS] = [
+  { size: 17, line: 24 },
+  { size: 12.5, line: 18 },
+];
 const SWATCH = { width: 24, height: 14 };
 
 function loaded(address) {
@@ -19,10 +22,15 @@ function loaded(address) {
 
 /** The legend's entries with their swatches as pictures. */
 function entriesOf(list) {
-  return Promise.all([...list.children].map(async (item) => {
-    const source = new XMLSerializer().serializeToString(item.querySelector("svg"));
-    return { words: item.textContent, swatch: await loaded(`data:image/svg+xml;charset=utf-8,${encodeURIComponent(source)}`) };
-  }));
+  return Promise.all(
+    [...list.children].map(async (item) => {
+      const source = new XMLSerializer().serializeToString(item.querySelector("svg"));
+      return {
+        words: item.textContent,
+        swatch: await loaded(`data:image/svg+xml;charset=utf-8,${encodeURIComponent(source)}`),
+      };
+    }),
+  );
 }
 
 /** Words in lines of a width. */
@@ -59,7 +67,11 @@ function headOf(context, family, { title, sub, entries }, width, { ink, muted })
     const [left, top] = [x, y];
     steps.push(() => {
       context.drawImage(swatch, left, top, SWATCH.width, SWATCH.height);
-      Object.assign(context, { font: `400 ${WORDS.size}px ${family}`, fillStyle: ink }).fillText(words, left + SWATCH.width + 6, top);
+      Object.assign(context, { font: `400 ${WORDS.size}px ${family}`, fillStyle: ink }).fillText(
+        words,
+        left + SWATCH.width + 6,
+        top,
+      );
     });
     x += long + 16;
   }
@@ -83,7 +95,10 @@ export async function savePicture(plot, { title, sub, legend }, filename) {
   for (const step of head.steps) step();
   context.drawImage(drawing, 0, head.height, width, height);
   const blob = await new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
-  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: `${filename}.png` });
+  const link = Object.assign(document.createElement("a"), {
+    href: URL.createObjectURL(blob),
+    download: `${filename}.png`,
+  });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }

@@ -1,4 +1,5 @@
-// The frame of a plot: heading, legend, tools, the plot itself, what it says in words, and what to show where it cannot be drawn.
+// The frame of a plot: heading, legend, tools, the plot itself, what it says in words, and what to show where
+// it cannot be drawn.
 
 import { h, setChildren, setText } from "./dom.js";
 import { saveCsv } from "./csv.js";
@@ -17,22 +18,52 @@ export class PlotCard {
   #notice = h("p", { class: "notice plot-notice" }, "Loading…");
   #table;
   #filename = "flankwatch";
-  #csv = h("button", { type: "button", class: "quiet save", title: "Save the drawn numbers", onclick: () => saveCsv(this.#table(), this.#filename) }, "CSV");
-  #png = h("button", { type: "button", class: "quiet save", title: "Save the picture", onclick: () => this.#savePicture() }, "PNG");
+  #csv = h(
+    "button",
+    {
+      type: "button",
+      class: "quiet save",
+      title: "Save the drawn numbers",
+      onclick: () => saveCsv(this.#table(), this.#filename),
+    },
+    "CSV",
+  );
+  #png = h(
+    "button",
+    { type: "button", class: "quiet save", title: "Save the picture", onclick: () => this.#savePicture() },
+    "PNG",
+  );
   #save = h("span", { class: "plot-save", hidden: true }, this.#csv, this.#png);
   element;
 
   constructor(kind, title) {
     setText(this.#title, title);
-    for (const button of [this.#csv, this.#png]) button.setAttribute("aria-label", `${title}: save as ${button.textContent}`);
+    for (const button of [this.#csv, this.#png])
+      button.setAttribute("aria-label", `${title}: save as ${button.textContent}`);
     this.plot.hidden = true;
     keepFitted(this.plot);
-    const caption = h("figcaption", {}, h("div", { class: "plot-head" }, this.#title, this.#save, this.tools), this.#sub);
-    this.element = h("figure", { class: `card plot-card plot-${kind}`, "data-plot": kind }, caption, this.#legend, this.frame, this.#notice);
+    const caption = h(
+      "figcaption",
+      {},
+      h("div", { class: "plot-head" }, this.#title, this.#save, this.tools),
+      this.#sub,
+    );
+    this.element = h(
+      "figure",
+      { class: `card plot-card plot-${kind}`, "data-plot": kind },
+      caption,
+      this.#legend,
+      this.frame,
+      this.#notice,
+    );
   }
 
   #savePicture() {
-    return savePicture(this.plot, { title: this.#title.textContent, sub: this.#sub.textContent, legend: this.#legend }, this.#filename);
+    return savePicture(
+      this.plot,
+      { title: this.#title.textContent, sub: this.#sub.textContent, legend: this.#legend },
+      this.#filename,
+    );
   }
 
   /** Draws `{ traces, layout, legend, title?, sub, summary, table?, isCompared? }`; `filename` is that of a saved picture or table. */

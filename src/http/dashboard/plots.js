@@ -1,4 +1,5 @@
-// Plotly with the page's fonts and colours. It is loaded when the first plot is wanted, so the fleet does not wait for it.
+// Plotly with the page's fonts and colours. It is loaded when the first plot is wanted, so the fleet does not
+// wait for it.
 
 import { h, svg } from "./dom.js";
 import { colours, translucent } from "./theme.js";
@@ -21,9 +22,33 @@ function load() {
 
 /** The colours that plots use, as they are in the current theme. */
 export function palette() {
-  const values = colours("ink", "muted", "line", "surface", "accent", "warning", "danger", "reference", "select", "edge", "series-1", "series-2", "series-3", "series-4", "series-5");
+  const values = colours(
+    "ink",
+    "muted",
+    "line",
+    "surface",
+    "accent",
+    "warning",
+    "danger",
+    "reference",
+    "select",
+    "edge",
+    "series-1",
+    "series-2",
+    "series-3",
+    "series-4",
+    "series-5",
+  );
   const series = [1, 2, 3, 4, 5].map((index) => values[`series-${index}`]);
-  return { ...values, series, other: values["series-2"], band: translucent(values.accent, 0.2), half: translucent(values.accent, 0.28), halfOnBand: translucent(values.accent, 0.42), zone: translucent(values.muted, 0.12) };
+  return {
+    ...values,
+    series,
+    other: values["series-2"],
+    band: translucent(values.accent, 0.2),
+    half: translucent(values.accent, 0.28),
+    halfOnBand: translucent(values.accent, 0.42),
+    zone: translucent(values.muted, 0.12),
+  };
 }
 
 const axis = (colour) => ({
@@ -37,7 +62,11 @@ const axis = (colour) => ({
 });
 
 /** An axis of times; Plotly shows a time as it is written, and it is written in UTC. */
-export const timeAxis = { type: "date", title: { text: "Start of record (UTC)", standoff: 8 }, hoverformat: "%Y-%m-%d %H:%M:%S UTC" };
+export const timeAxis = {
+  type: "date",
+  title: { text: "Start of record (UTC)", standoff: 8 },
+  hoverformat: "%Y-%m-%d %H:%M:%S UTC",
+};
 
 /** The margins of plots over time: fixed, so that plots above one another have their times aligned. */
 export const timeMargin = { l: 64, r: 14, t: 10, b: 8 };
@@ -70,13 +99,20 @@ function themed(layout, colour) {
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: getComputedStyle(document.body).fontFamily, size: small ? 11 : 12, color: colour.ink },
-    hoverlabel: { bgcolor: colour.surface, bordercolor: colour.line, font: { color: colour.ink }, align: "left" },
+    hoverlabel: {
+      bgcolor: colour.surface,
+      bordercolor: colour.line,
+      font: { color: colour.ink },
+      align: "left",
+    },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: colour.muted, activecolor: colour.accent },
     showlegend: false,
     // a drag on a touch screen scrolls the page
     dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
     ...layout,
-    ...Object.fromEntries(axes.map(([key, own]) => [key, { ...base, ...own, title: { ...base.title, ...own.title } }])),
+    ...Object.fromEntries(
+      axes.map(([key, own]) => [key, { ...base, ...own, title: { ...base.title, ...own.title } }]),
+    ),
   };
 }
 
@@ -109,13 +145,21 @@ export function linkTimeAxes(...elements) {
     if (element.dataset.linked || !element.on) continue;
     element.dataset.linked = "true";
     element.on("plotly_relayout", (event) => {
-      const range = event["xaxis.range"] ?? (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
+      const range =
+        event["xaxis.range"] ??
+        (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
       if (!range && !event["xaxis.autorange"]) return;
       for (const other of elements) {
         if (other === element || !other.layout) continue;
         const current = other.layout.xaxis;
-        const same = range ? !current.autorange && String(current.range) === String(range) : current.autorange;
-        if (!same) globalThis.Plotly.relayout(other, range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true });
+        const same = range
+          ? !current.autorange && String(current.range) === String(range)
+          : current.autorange;
+        if (!same)
+          globalThis.Plotly.relayout(
+            other,
+            range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true },
+          );
       }
     });
   }
@@ -125,14 +169,20 @@ export function linkTimeAxes(...elements) {
 export function keepFitted(element) {
   const observer = new ResizeObserver(() => {
     const { _fullLayout: layout, clientWidth: width, clientHeight: height } = element;
-    if (layout && width && height && (layout.width !== width || layout.height !== height)) globalThis.Plotly.Plots.resize(element);
+    if (layout && width && height && (layout.width !== width || layout.height !== height))
+      globalThis.Plotly.Plots.resize(element);
   });
   observer.observe(element);
 }
 
 /** A plot as the address of a picture of it, with `scale` points of it in one of the page. */
 export function pictureOf(element, scale) {
-  return globalThis.Plotly.toImage(element, { format: "png", scale, width: element.clientWidth, height: element.clientHeight });
+  return globalThis.Plotly.toImage(element, {
+    format: "png",
+    scale,
+    width: element.clientWidth,
+    height: element.clientHeight,
+  });
 }
 
 /** Calls back with `[from, to]` when the user changes the horizontal range, with null when it is the whole again. */
@@ -141,7 +191,9 @@ export function onRangeChange(element, callback) {
   element.dataset.ranged = "true";
   element.on("plotly_relayout", (event) => {
     if (event["xaxis.autorange"]) return callback(null);
-    const range = event["xaxis.range"] ?? (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
+    const range =
+      event["xaxis.range"] ??
+      (event["xaxis.range[0]"] !== undefined ? [event["xaxis.range[0]"], event["xaxis.range[1]"]] : null);
     if (range) callback(range);
   });
 }
@@ -153,24 +205,66 @@ export function discard(element) {
 
 /** A vertical line over the whole plot. */
 export function verticalLine(x, colour, dash = "solid", width = 1) {
-  return { type: "line", xref: "x", yref: "paper", x0: x, x1: x, y0: 0, y1: 1, layer: "below", line: { color: colour, width, dash } };
+  return {
+    type: "line",
+    xref: "x",
+    yref: "paper",
+    x0: x,
+    x1: x,
+    y0: 0,
+    y1: 1,
+    layer: "below",
+    line: { color: colour, width, dash },
+  };
 }
 
 const SWATCHES = {
   line: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2.5 }),
-  dash: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2, "stroke-dasharray": "6 3" }),
-  dot: (colour) => svg("line", { x1: 1, x2: 23, y1: 7, y2: 7, stroke: colour, "stroke-width": 2.5, "stroke-dasharray": "2 3" }),
+  dash: (colour) =>
+    svg("line", {
+      x1: 1,
+      x2: 23,
+      y1: 7,
+      y2: 7,
+      stroke: colour,
+      "stroke-width": 2,
+      "stroke-dasharray": "6 3",
+    }),
+  dot: (colour) =>
+    svg("line", {
+      x1: 1,
+      x2: 23,
+      y1: 7,
+      y2: 7,
+      stroke: colour,
+      "stroke-width": 2.5,
+      "stroke-dasharray": "2 3",
+    }),
   band: (colour) => svg("rect", { x: 1, y: 1, width: 22, height: 12, fill: colour }),
   octagon: (colour) => svg("path", { d: "M9.500 1.500h5L18 5v4l-3.500 3.500h-5L6 9V5z", fill: colour }),
   square: (colour) => svg("rect", { x: 7, y: 2, width: 10, height: 10, fill: colour }),
-  circle: (colour) => svg("circle", { cx: 12, cy: 7, r: 4.5, fill: "none", stroke: colour, "stroke-width": 2 }),
+  circle: (colour) =>
+    svg("circle", { cx: 12, cy: 7, r: 4.5, fill: "none", stroke: colour, "stroke-width": 2 }),
   filled: (colour) => svg("path", { d: "M12 1l6 6-6 6-6-6z", fill: colour }),
-  cross: (colour) => svg("path", { d: "M7.500 2.500l9 9M16.500 2.500l-9 9", stroke: colour, "stroke-width": 2.5 }),
+  cross: (colour) =>
+    svg("path", { d: "M7.500 2.500l9 9M16.500 2.500l-9 9", stroke: colour, "stroke-width": 2.5 }),
   ticks: (colour) => svg("path", { d: "M4 3v8M9 3v8M14 3v8M19 3v8", stroke: colour, "stroke-width": 1.5 }),
-  diamond: (colour) => svg("path", { d: "M12 2l5 5-5 5-5-5z", fill: "none", stroke: colour, "stroke-width": 2 }),
+  diamond: (colour) =>
+    svg("path", { d: "M12 2l5 5-5 5-5-5z", fill: "none", stroke: colour, "stroke-width": 2 }),
 };
 
 /** A legend in the page instead of in the plot, where it would cover data: `[swatch, colour, text]` each. */
 export function legend(entries) {
-  return entries.map(([swatch, colour, text]) => h("li", {}, svg("svg", { viewBox: "0 0 24 14", width: 24, height: 14, "aria-hidden": "true" }, SWATCHES[swatch](colour)), text));
+  return entries.map(([swatch, colour, text]) =>
+    h(
+      "li",
+      {},
+      svg(
+        "svg",
+        { viewBox: "0 0 24 14", width: 24, height: 14, "aria-hidden": "true" },
+        SWATCHES[swatch](colour),
+      ),
+      text,
+    ),
+  );
 }

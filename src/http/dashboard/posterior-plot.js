@@ -15,7 +15,18 @@ function density({ wear_um: x, probability }) {
 }
 
 function mark(x, text, colour, ground, xanchor) {
-  return { x, yref: "paper", y: 1, text, showarrow: false, xanchor, xshift: xanchor === "left" ? 4 : -4, yanchor: "top", bgcolor: ground, font: { color: colour } };
+  return {
+    x,
+    yref: "paper",
+    y: 1,
+    text,
+    showarrow: false,
+    xanchor,
+    xshift: xanchor === "left" ? 4 : -4,
+    yanchor: "top",
+    bgcolor: ground,
+    font: { color: colour },
+  };
 }
 
 /** The drawing of a wear estimate's posterior with its interval, the limits and the reference where there is one. */
@@ -24,30 +35,68 @@ export function posteriorDrawing(wear, limits, reference, revision) {
   const { wear_um: x } = wear.posterior;
   const y = density(wear.posterior);
   const { p05_um: low, p95_um: high, median_um: median } = wear;
-  const inside = x.map((value, index) => ({ value, y: y[index] })).filter(({ value }) => value >= low && value <= high);
+  const inside = x
+    .map((value, index) => ({ value, y: y[index] }))
+    .filter(({ value }) => value >= low && value <= high);
   // what lies beyond the library's end is heaped up there, and would flatten all else
   const rest = Math.max(...y.slice(0, -1));
   const heaped = y.at(-1) > 3 * rest;
   const top = heaped ? 1.6 * rest : 1.2 * Math.max(...y);
-  const entries = [["line", colour.accent, `median ${depth(median)} µm`], ["band", colour.band, `5 to 95 %: ${depth(low)} to ${depth(high)} µm`]];
+  const entries = [
+    ["line", colour.accent, `median ${depth(median)} µm`],
+    ["band", colour.band, `5 to 95 %: ${depth(low)} to ${depth(high)} µm`],
+  ];
   const shapes = [verticalLine(median, colour.accent, "solid", 2)];
-  const annotations = heaped ? [{ ...mark(x.at(-1), `↑ ${Math.round(100 * wear.posterior.probability.at(-1))} % at the end`, colour.accent, colour.surface, "right"), y: 0.86 }] : [];
+  const annotations = heaped
+    ? [
+        {
+          ...mark(
+            x.at(-1),
+            `↑ ${Math.round(100 * wear.posterior.probability.at(-1))} % at the end`,
+            colour.accent,
+            colour.surface,
+            "right",
+          ),
+          y: 0.86,
+        },
+      ]
+    : [];
   if (reference != null) {
     shapes.push(verticalLine(reference, colour.reference, "dot", 2));
     entries.push(["dot", colour.reference, `reference ${depth(reference)} µm`]);
   }
-  for (const [name, value, dash] of [["warning", limits?.warning_um, "dash"], ["danger", limits?.danger_um, "solid"]]) {
+  for (const [name, value, dash] of [
+    ["warning", limits?.warning_um, "dash"],
+    ["danger", limits?.danger_um, "solid"],
+  ]) {
     if (value == null || value > x.at(-1)) continue;
     shapes.push(verticalLine(value, colour[name], dash, 1.5));
     annotations.push(mark(value, name, colour[name], colour.surface, name === "danger" ? "left" : "right"));
   }
   return {
     traces: [
-      { x: inside.map((point) => point.value), y: inside.map((point) => point.y), mode: "lines", line: { width: 0 }, fill: "tozeroy", fillcolor: colour.band, hoverinfo: "skip" },
-      { x, y, mode: "lines", line: { color: colour.accent, width: 1.5 }, hovertemplate: "%{x:.0f} µm: %{y:.3g} per µm<extra></extra>" },
+      {
+        x: inside.map((point) => point.value),
+        y: inside.map((point) => point.y),
+        mode: "lines",
+        line: { width: 0 },
+        fill: "tozeroy",
+        fillcolor: colour.band,
+        hoverinfo: "skip",
+      },
+      {
+        x,
+        y,
+        mode: "lines",
+        line: { color: colour.accent, width: 1.5 },
+        hovertemplate: "%{x:.0f} µm: %{y:.3g} per µm<extra></extra>",
+      },
     ],
     legend: entries,
-    table: () => [["wear_um", x], ["probability", wear.posterior.probability]],
+    table: () => [
+      ["wear_um", x],
+      ["probability", wear.posterior.probability],
+    ],
     sub: `What this record and those before it say about the wear depth; the area under the curve is 1.${wear.at_least_um != null ? ` The library ends at ${depth(x.at(-1))} µm: the wear may be deeper.` : ""}`,
     summary: `Posterior over wear depth: median ${depth(median)} µm, 5 to 95 % interval ${depth(low)} to ${depth(high)} µm.`,
     layout: {

@@ -10,7 +10,13 @@ const MOST_TEETH_DRAWN = 160; // a whole gear with more is drawn as circles
 const degrees = (radians) => (radians * 180) / Math.PI;
 
 /** What is red for a measure that cannot be: a part of the profile of its gear's teeth. */
-const PARTS = { undercut_margin: [0.02, 0.6], interference_margin: [0.02, 0.6], tip_thickness: [0.8, 1], tip_clearance: [0.8, 1], backlash: [0.5, 1] };
+const PARTS = {
+  undercut_margin: [0.02, 0.6],
+  interference_margin: [0.02, 0.6],
+  tip_thickness: [0.8, 1],
+  tip_clearance: [0.8, 1],
+  backlash: [0.5, 1],
+};
 
 /** The greatest of 1, 2 and 5 times a power of ten that is not above a number. */
 function roundBelow(value) {
@@ -23,7 +29,10 @@ function unwornAngles({ gears, measures }, start, part) {
   const [driving, driven] = gears;
   const backlash = measures.find(({ quantity }) => quantity === "backlash").value;
   const phi1 = start + (part * 2 * Math.PI) / driving.teeth;
-  return [phi1, (phi1 * driving.teeth) / driven.teeth + Math.PI / driven.teeth - backlash / (2 * driven.pitch_radius_mm)];
+  return [
+    phi1,
+    (phi1 * driving.teeth) / driven.teeth + Math.PI / driven.teeth - backlash / (2 * driven.pitch_radius_mm),
+  ];
 }
 
 /** The line of action: its foot on the driving gear's base circle, its direction, and where contact begins and ends on it. */
@@ -33,7 +42,14 @@ function lineOfAction({ gears: [driving], pressure_angle_deg: angle, measures })
   const ratio = measures.find(({ quantity }) => quantity === "contact_ratio").value;
   const end = Math.sqrt(Math.max(0, driving.tip_radius_mm ** 2 - base ** 2));
   const pitch = (2 * Math.PI * base) / driving.teeth;
-  return { foot: [base * Math.cos(alpha), -base * Math.sin(alpha)], along: [Math.sin(alpha), Math.cos(alpha)], start: end - ratio * pitch, end, pitch, alpha };
+  return {
+    foot: [base * Math.cos(alpha), -base * Math.sin(alpha)],
+    along: [Math.sin(alpha), Math.cos(alpha)],
+    start: end - ratio * pitch,
+    end,
+    pitch,
+    alpha,
+  };
 }
 
 /** The drawing of a pair; `turnTo(part)` rolls it through a mesh period. */
@@ -61,7 +77,9 @@ export class PairDrawing {
   }
 
   #bad(gear) {
-    return this.#geometry.measures.filter((measure) => measure.verdict === "impossible" && (measure.gear ?? gear) === gear).map(({ quantity }) => quantity);
+    return this.#geometry.measures
+      .filter((measure) => measure.verdict === "impossible" && (measure.gear ?? gear) === gear)
+      .map(({ quantity }) => quantity);
   }
 
   #whole() {
@@ -73,21 +91,52 @@ export class PairDrawing {
     const turn = unwornAngles(this.#geometry, 0, 0);
     const wheel = (gear, index) => {
       const bad = this.#bad(index + 1);
-      const body = gear.teeth <= MOST_TEETH_DRAWN ? svg("path", { class: "wheel-body", d: bodyPath(gear, 0, gear.teeth - 1, 6), transform: `rotate(${degrees(turn[index])})` }) : svg("g", {}, svg("circle", { class: "wheel-body", r: gear.tip_radius_mm }), svg("circle", { class: "wheel-pitch", r: gear.root_radius_mm }));
+      const body =
+        gear.teeth <= MOST_TEETH_DRAWN
+          ? svg("path", {
+              class: "wheel-body",
+              d: bodyPath(gear, 0, gear.teeth - 1, 6),
+              transform: `rotate(${degrees(turn[index])})`,
+            })
+          : svg(
+              "g",
+              {},
+              svg("circle", { class: "wheel-body", r: gear.tip_radius_mm }),
+              svg("circle", { class: "wheel-pitch", r: gear.root_radius_mm }),
+            );
       return svg(
         "g",
-        { transform: `translate(${index ? distance : 0} 0) scale(${index ? -1 : 1} -1)`, class: bad.length ? "wheel wheel-bad" : "wheel" },
+        {
+          transform: `translate(${index ? distance : 0} 0) scale(${index ? -1 : 1} -1)`,
+          class: bad.length ? "wheel wheel-bad" : "wheel",
+        },
         body,
         svg("circle", { class: "wheel-pitch", r: gear.pitch_radius_mm }),
-        svg("circle", { class: bad.includes("root_to_bore") ? "wheel-bore drawn-bad" : "wheel-bore", r: gear.bore_radius_mm }),
+        svg("circle", {
+          class: bad.includes("root_to_bore") ? "wheel-bore drawn-bad" : "wheel-bore",
+          r: gear.bore_radius_mm,
+        }),
       );
     };
     const words = `Driving gear with ${left.teeth} teeth, driven gear with ${right.teeth}, centre distance ${number(distance, 5)} mm, drawn to scale`;
     return h(
       "figure",
       { class: "whole-pair" },
-      svg("svg", { viewBox: `${low - pad} ${-tall - pad} ${high - low + 2 * pad} ${2 * tall + 2 * pad}`, role: "img", "aria-label": words }, wheel(left, 0), wheel(right, 1)),
-      h("figcaption", { class: "muted" }, `Left drives with ${left.teeth} teeth, right is driven with ${right.teeth}. ${number(high - low, 4)} mm from tip to tip, centres ${number(distance, 5)} mm apart.`),
+      svg(
+        "svg",
+        {
+          viewBox: `${low - pad} ${-tall - pad} ${high - low + 2 * pad} ${2 * tall + 2 * pad}`,
+          role: "img",
+          "aria-label": words,
+        },
+        wheel(left, 0),
+        wheel(right, 1),
+      ),
+      h(
+        "figcaption",
+        { class: "muted" },
+        `Left drives with ${left.teeth} teeth, right is driven with ${right.teeth}. ${number(high - low, 4)} mm from tip to tip, centres ${number(distance, 5)} mm apart.`,
+      ),
     );
   }
 
@@ -101,13 +150,28 @@ export class PairDrawing {
       const to = Math.min(REACH, Math.floor((gear.teeth - 1) / 2));
       const from = -to;
       const bad = this.#bad(index + 1);
-      const teeth = svg("g", {}, svg("path", { class: index ? "mesh-body mesh-driven" : "mesh-body mesh-driving", d: bodyPath(gear, from, to) }));
-      if (flanks && flanks[index].depth_um.some((depth) => depth > 0)) teeth.append(svg("path", { class: "mesh-lost", d: lostPath(gear, flanks[index], index ? -1 : 1, from, to) }));
-      for (const quantity of bad.filter((quantity) => PARTS[quantity])) teeth.append(svg("path", { class: "drawn-bad", d: partPath(gear, ...PARTS[quantity], from, to) }));
+      const teeth = svg(
+        "g",
+        {},
+        svg("path", {
+          class: index ? "mesh-body mesh-driven" : "mesh-body mesh-driving",
+          d: bodyPath(gear, from, to),
+        }),
+      );
+      if (flanks && flanks[index].depth_um.some((depth) => depth > 0))
+        teeth.append(
+          svg("path", { class: "mesh-lost", d: lostPath(gear, flanks[index], index ? -1 : 1, from, to) }),
+        );
+      for (const quantity of bad.filter((quantity) => PARTS[quantity]))
+        teeth.append(svg("path", { class: "drawn-bad", d: partPath(gear, ...PARTS[quantity], from, to) }));
       return teeth;
     });
-    const placed = this.#wheels.map((teeth, index) => svg("g", { transform: `translate(${index ? distance : 0} 0) scale(${index ? -1 : 1} -1)` }, teeth));
-    const pitch = gears.map((gear, index) => svg("circle", { class: "mesh-pitch", cx: index ? distance : 0, r: gear.pitch_radius_mm }));
+    const placed = this.#wheels.map((teeth, index) =>
+      svg("g", { transform: `translate(${index ? distance : 0} 0) scale(${index ? -1 : 1} -1)` }, teeth),
+    );
+    const pitch = gears.map((gear, index) =>
+      svg("circle", { class: "mesh-pitch", cx: index ? distance : 0, r: gear.pitch_radius_mm }),
+    );
     const { foot, along, start, end } = this.#action;
     const at = (length) => [foot[0] + length * along[0], -(foot[1] + length * along[1])];
     const [[x1, y1], [x2, y2]] = [at(start), at(end)];
@@ -120,13 +184,32 @@ export class PairDrawing {
       { class: "mesh-close" },
       svg(
         "svg",
-        { viewBox: `${-wide} ${middle - tall} ${2 * wide} ${2 * tall}`, role: "img", "aria-label": `Teeth in mesh to scale${flanks ? ", with what wear has taken from the working flanks" : ""}` },
+        {
+          viewBox: `${-wide} ${middle - tall} ${2 * wide} ${2 * tall}`,
+          role: "img",
+          "aria-label": `Teeth in mesh to scale${flanks ? ", with what wear has taken from the working flanks" : ""}`,
+        },
         // the line of centres upright, so that teeth stand side by side
-        svg("g", { transform: "matrix(0 -1 -1 0 0 0)" }, placed, pitch, svg("line", { class: without ? "mesh-action drawn-bad" : "mesh-action", x1, y1, x2, y2 }), this.#dots),
+        svg(
+          "g",
+          { transform: "matrix(0 -1 -1 0 0 0)" },
+          placed,
+          pitch,
+          svg("line", { class: without ? "mesh-action drawn-bad" : "mesh-action", x1, y1, x2, y2 }),
+          this.#dots,
+        ),
         svg("line", { class: "tooth-scale", x1: left, x2: left + scale, y1: bottom, y2: bottom }),
-        svg("text", { class: "tooth-text", x: left, y: bottom - 0.05 * tall, "font-size": tall / 10 }, `${scale} mm`),
+        svg(
+          "text",
+          { class: "tooth-text", x: left, y: bottom - 0.05 * tall, "font-size": tall / 10 },
+          `${scale} mm`,
+        ),
       ),
-      h("figcaption", { class: "muted" }, "To scale; the lower gear drives to the right. Line: path of contact. Dashed: pitch circles."),
+      h(
+        "figcaption",
+        { class: "muted" },
+        "To scale; the lower gear drives to the right. Line: path of contact. Dashed: pitch circles.",
+      ),
     );
   }
 
@@ -136,11 +219,20 @@ export class PairDrawing {
     const [driving] = this.#geometry.gears;
     const { foot, along, start, end, pitch, alpha } = this.#action;
     const nominal = start / driving.base_radius_mm - this.#halfAngle() - alpha;
-    const place = this.#state ? Math.min(this.#state.phi1_rad.length - 1, Math.floor(part * this.#state.phi1_rad.length)) : 0;
-    const angles = this.#state ? [this.#state.phi1_rad[place], this.#state.phi2_rad[place]] : unwornAngles(this.#geometry, nominal, part);
-    this.#wheels.forEach((teeth, index) => teeth.setAttribute("transform", `rotate(${degrees(angles[index])})`));
+    const place = this.#state
+      ? Math.min(this.#state.phi1_rad.length - 1, Math.floor(part * this.#state.phi1_rad.length))
+      : 0;
+    const angles = this.#state
+      ? [this.#state.phi1_rad[place], this.#state.phi2_rad[place]]
+      : unwornAngles(this.#geometry, nominal, part);
+    this.#wheels.forEach((teeth, index) =>
+      teeth.setAttribute("transform", `rotate(${degrees(angles[index])})`),
+    );
     const dots = [];
-    for (let length = start + part * pitch; length <= end; length += pitch) dots.push(svg("circle", { cx: foot[0] + length * along[0], cy: -(foot[1] + length * along[1]), r: pitch / 24 }));
+    for (let length = start + part * pitch; length <= end; length += pitch)
+      dots.push(
+        svg("circle", { cx: foot[0] + length * along[0], cy: -(foot[1] + length * along[1]), r: pitch / 24 }),
+      );
     this.#dots.replaceChildren(...dots);
   }
 

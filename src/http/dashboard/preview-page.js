@@ -18,7 +18,16 @@ export class PreviewPage {
   constructor(root, route) {
     [this.#root, this.#id, this.#query] = [root, route.id, route.query];
     this.#frame = new AssetFrame(route.id, "wear");
-    setChildren(root, this.#frame.element, h("p", { class: "muted" }, "What the model expects of this gear pair at any wear depth, torque and speed: no measurement goes into it."), this.#panel.element);
+    setChildren(
+      root,
+      this.#frame.element,
+      h(
+        "p",
+        { class: "muted" },
+        "What the model expects of this gear pair at any wear depth, torque and speed: no measurement goes into it.",
+      ),
+      this.#panel.element,
+    );
     this.#frame.update(route.id, route.query);
   }
 
@@ -36,7 +45,10 @@ export class PreviewPage {
     this.#frame.update(assetName(asset), this.#query);
     if (same) return;
     if (asset.gear.pair) this.#panel.describe(asset.gear);
-    else this.#panel.lacking("This asset has no gear pair. Describe one in its settings to see what wear does to it.");
+    else
+      this.#panel.lacking(
+        "This asset has no gear pair. Describe one in its settings to see what wear does to it.",
+      );
   }
 
   /** Draws in a changed theme. */

@@ -1,11 +1,19 @@
-// What wear does to a described pair: sliders for wear, torque and speed, the teeth, and what the model expects of them.
+// What wear does to a described pair: sliders for wear, torque and speed, the teeth, and what the model
+// expects of them.
 
 import { h, setChildren, setText } from "./dom.js";
 import { FlankCard } from "./flank-drawing.js";
 import { decibels, depth, hertz, number } from "./format.js";
 import { PlotCard } from "./plot-card.js";
 import { PairDrawing } from "./preview-drawing.js";
-import { Extents, harmonicsPlot, spectrumPlot, stiffnessPlot, transmissionPlot, waveformPlot } from "./preview-plots.js";
+import {
+  Extents,
+  harmonicsPlot,
+  spectrumPlot,
+  stiffnessPlot,
+  transmissionPlot,
+  waveformPlot,
+} from "./preview-plots.js";
 import { PreviewRequests } from "./preview-request.js";
 
 const WEAR_STEPS = 245;
@@ -15,12 +23,25 @@ const BEGINNING = 0.4; // part of the greatest wear that is shown first
 /** A slider with its label and value; `words(value)` says it. */
 function slider(name, label, words, onInput) {
   const output = h("output", { for: `preview-${name}` });
-  const input = h("input", { type: "range", id: `preview-${name}`, min: "0", max: "1", step: "any", oninput: () => (show(), onInput()) });
+  const input = h("input", {
+    type: "range",
+    id: `preview-${name}`,
+    min: "0",
+    max: "1",
+    step: "any",
+    oninput: () => (show(), onInput()),
+  });
   function show() {
     setText(output, words(Number(input.value)));
     input.setAttribute("aria-valuetext", output.textContent);
   }
-  const element = h("div", { class: `preview-slider preview-slider-${name}` }, h("label", { for: `preview-${name}` }, label), output, input);
+  const element = h(
+    "div",
+    { class: `preview-slider preview-slider-${name}` },
+    h("label", { for: `preview-${name}` }, label),
+    output,
+    input,
+  );
   return { element, input, show };
 }
 
@@ -33,10 +54,29 @@ export class PreviewPanel {
   #onError;
   #extents = new Extents();
   #limits;
-  #wear = slider("wear", "Wear depth", (value) => `${depth(value)} µm`, () => this.#ask());
-  #torque = slider("torque", "Torque", (value) => `${number(value, 3)} N·m`, () => this.#ask());
-  #speed = slider("speed", "Shaft speed", (value) => `${hertz(Number(value.toPrecision(4)))}, ${number(value * 60, 4)} rpm`, () => this.#ask());
-  #roll = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.#toggleRoll() }, "▶ Roll the teeth");
+  #wear = slider(
+    "wear",
+    "Wear depth",
+    (value) => `${depth(value)} µm`,
+    () => this.#ask(),
+  );
+  #torque = slider(
+    "torque",
+    "Torque",
+    (value) => `${number(value, 3)} N·m`,
+    () => this.#ask(),
+  );
+  #speed = slider(
+    "speed",
+    "Shaft speed",
+    (value) => `${hertz(Number(value.toPrecision(4)))}, ${number(value * 60, 4)} rpm`,
+    () => this.#ask(),
+  );
+  #roll = h(
+    "button",
+    { type: "button", "aria-pressed": "false", onclick: () => this.#toggleRoll() },
+    "▶ Roll the teeth",
+  );
   #facts = h("dl", { class: "preview-facts", "aria-live": "polite" });
   #words = h("p", { class: "notice", hidden: true });
   #drawing = new PairDrawing();
@@ -55,12 +95,41 @@ export class PreviewPanel {
 
   constructor({ onPreview = () => {}, onError = () => {} } = {}) {
     [this.#onPreview, this.#onError] = [onPreview, onError];
-    this.#requests = new PreviewRequests((preview, request) => this.#answered(preview, request), (error) => this.#failed(error));
-    const mesh = h("figure", { class: "card preview-mesh", "data-plot": "mesh" }, h("div", { class: "plot-head" }, h("h2", {}, "Teeth in mesh"), this.#roll), this.#drawing.element);
+    this.#requests = new PreviewRequests(
+      (preview, request) => this.#answered(preview, request),
+      (error) => this.#failed(error),
+    );
+    const mesh = h(
+      "figure",
+      { class: "card preview-mesh", "data-plot": "mesh" },
+      h("div", { class: "plot-head" }, h("h2", {}, "Teeth in mesh"), this.#roll),
+      this.#drawing.element,
+    );
     const { harmonics, stiffness, transmission, waveform, spectrum } = this.#cards;
-    this.#results = h("div", { class: "preview-results", hidden: true }, mesh, this.#flanks.element, harmonics.element, spectrum.element, waveform.element, stiffness.element, transmission.element);
-    const controls = h("div", { class: "card preview-controls" }, h("div", { class: "preview-sliders" }, this.#wear.element, this.#torque.element, this.#speed.element), this.#facts);
-    this.element = h("section", { class: "preview", "aria-label": "What wear does" }, controls, this.#words, this.#results);
+    this.#results = h(
+      "div",
+      { class: "preview-results", hidden: true },
+      mesh,
+      this.#flanks.element,
+      harmonics.element,
+      spectrum.element,
+      waveform.element,
+      stiffness.element,
+      transmission.element,
+    );
+    const controls = h(
+      "div",
+      { class: "card preview-controls" },
+      h("div", { class: "preview-sliders" }, this.#wear.element, this.#torque.element, this.#speed.element),
+      this.#facts,
+    );
+    this.element = h(
+      "section",
+      { class: "preview", "aria-label": "What wear does" },
+      controls,
+      this.#words,
+      this.#results,
+    );
     this.#say("Numbers of a gear pair are needed.");
   }
 
@@ -91,10 +160,16 @@ export class PreviewPanel {
   #ask(wait = 0) {
     if (!this.#gear) return;
     const request = { gear: this.#gear };
-    if (this.#limits) Object.assign(request, { wear_um: this.#value(this.#wear), torque_nm: this.#value(this.#torque), shaft_speed_hz: this.#value(this.#speed) });
+    if (this.#limits)
+      Object.assign(request, {
+        wear_um: this.#value(this.#wear),
+        torque_nm: this.#value(this.#torque),
+        shaft_speed_hz: this.#value(this.#speed),
+      });
     // another pair has other limits
     if (this.#limits && this.#limits.key !== pairKey(this.#gear)) {
-      request.wear_um = Number(this.#wear.input.value) / Number(this.#wear.input.max) * this.#limits.maxOf(this.#gear);
+      request.wear_um =
+        (Number(this.#wear.input.value) / Number(this.#wear.input.max)) * this.#limits.maxOf(this.#gear);
       delete request.torque_nm;
       delete request.shaft_speed_hz;
     }
@@ -108,7 +183,9 @@ export class PreviewPanel {
   async #answered(preview, request) {
     if (!this.#gear) return;
     this.#onPreview(preview, request);
-    const own = preview.refusals.find(({ field }) => ["wear_um", "torque_nm", "shaft_speed_hz"].includes(field));
+    const own = preview.refusals.find(({ field }) =>
+      ["wear_um", "torque_nm", "shaft_speed_hz"].includes(field),
+    );
     if (!preview.model) {
       this.#preview = undefined;
       const words = own ? own.detail : "What wear does is shown as soon as the pair can be made.";
@@ -137,8 +214,20 @@ export class PreviewPanel {
       show();
     };
     set(this.#wear, 0, most, most / WEAR_STEPS, model.wear_um);
-    set(this.#torque, 0.1 * operation.torque_nm, 2 * operation.torque_nm, 0.01 * operation.torque_nm, model.torque_nm);
-    set(this.#speed, 0.1 * operation.shaft_speed_hz, 2.5 * operation.shaft_speed_hz, 0.01 * operation.shaft_speed_hz, model.shaft_speed_hz);
+    set(
+      this.#torque,
+      0.1 * operation.torque_nm,
+      2 * operation.torque_nm,
+      0.01 * operation.torque_nm,
+      model.torque_nm,
+    );
+    set(
+      this.#speed,
+      0.1 * operation.shaft_speed_hz,
+      2.5 * operation.shaft_speed_hz,
+      0.01 * operation.shaft_speed_hz,
+      model.shaft_speed_hz,
+    );
     if (began) {
       this.#wear.input.value = BEGINNING * most;
       this.#wear.show();
@@ -168,16 +257,32 @@ export class PreviewPanel {
   }
 
   #showFacts({ unworn, worn, harmonics }) {
-    const mean = ({ stiffness_n_per_m: values }) => values.reduce((sum, value) => sum + value, 0) / values.length;
+    const mean = ({ stiffness_n_per_m: values }) =>
+      values.reduce((sum, value) => sum + value, 0) / values.length;
     const rms = ({ vibration }) => vibration.rms_m_per_s2;
-    const strongest = harmonics.reduce((most, line) => (Math.abs(line.change_db) > Math.abs(most.change_db) ? line : most));
+    const strongest = harmonics.reduce((most, line) =>
+      Math.abs(line.change_db) > Math.abs(most.change_db) ? line : most,
+    );
     const percent = 100 * (mean(worn) / mean(unworn) - 1);
-    const fact = (term, value, more) => h("div", {}, h("dt", {}, term), h("dd", {}, value, h("span", { class: "muted" }, more)));
+    const fact = (term, value, more) =>
+      h("div", {}, h("dt", {}, term), h("dd", {}, value, h("span", { class: "muted" }, more)));
     setChildren(
       this.#facts,
-      fact("Vibration, RMS", `${decibels(20 * Math.log10(rms(worn) / rms(unworn)))} dB`, `${number(rms(worn), 3)} m/s²`),
-      fact(`Mesh harmonic ${strongest.harmonic}×`, `${decibels(strongest.change_db)} dB`, hertz(strongest.frequency_hz)),
-      fact("Mean stiffness", `${percent < -0.005 ? "−" : percent > 0.005 ? "+" : ""}${Math.abs(percent).toFixed(1)} %`, `${number(mean(worn) * 1e-6, 4)} N/µm`),
+      fact(
+        "Vibration, RMS",
+        `${decibels(20 * Math.log10(rms(worn) / rms(unworn)))} dB`,
+        `${number(rms(worn), 3)} m/s²`,
+      ),
+      fact(
+        `Mesh harmonic ${strongest.harmonic}×`,
+        `${decibels(strongest.change_db)} dB`,
+        hertz(strongest.frequency_hz),
+      ),
+      fact(
+        "Mean stiffness",
+        `${percent < -0.005 ? "−" : percent > 0.005 ? "+" : ""}${Math.abs(percent).toFixed(1)} %`,
+        `${number(mean(worn) * 1e-6, 4)} N/µm`,
+      ),
     );
   }
 

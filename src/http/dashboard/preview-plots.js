@@ -1,4 +1,5 @@
-// What a preview's plots show: mesh stiffness, transmission error, waveform, spectrum and mesh harmonics, worn and unworn.
+// What a preview's plots show: mesh stiffness, transmission error, waveform, spectrum and mesh harmonics,
+// worn and unworn.
 
 import { decibels, depth, number } from "./format.js";
 import { palette } from "./plots.js";
@@ -39,48 +40,93 @@ function curves({ unworn, worn, wear_um: wear }, read, hover) {
   const curve = (state, line) => ({ ...read(state), mode: "lines", line, hovertemplate: hover });
   const isWorn = wear > 0;
   return {
-    traces: [curve(unworn, { color: colour.muted, width: 1.4, ...(isWorn && { dash: "dash" }) }), ...(isWorn ? [curve(worn, { color: colour.accent, width: 2 })] : [])],
-    legend: [[isWorn ? "dash" : "line", colour.muted, "unworn"], ...(isWorn ? [["line", colour.accent, `${depth(wear)} µm`]] : [])],
+    traces: [
+      curve(unworn, { color: colour.muted, width: 1.4, ...(isWorn && { dash: "dash" }) }),
+      ...(isWorn ? [curve(worn, { color: colour.accent, width: 2 })] : []),
+    ],
+    legend: [
+      [isWorn ? "dash" : "line", colour.muted, "unworn"],
+      ...(isWorn ? [["line", colour.accent, `${depth(wear)} µm`]] : []),
+    ],
   };
 }
 
 function overMesh(model, extents, { key, scale, title, unit, sub }) {
   const { unworn, worn } = model;
-  const read = ({ phi1_rad: angle, [key]: values }) => ({ x: angle.map((radian) => 1000 * (radian - angle[0])), y: values.map((value) => value * scale) });
+  const read = ({ phi1_rad: angle, [key]: values }) => ({
+    x: angle.map((radian) => 1000 * (radian - angle[0])),
+    y: values.map((value) => value * scale),
+  });
   const { traces, legend } = curves(model, read, `%{x:.1f} mrad: %{y:.4g} ${unit}<extra></extra>`);
   return {
     traces,
     legend,
     sub,
-    table: () => [["phi1_rad", worn.phi1_rad], [key, worn[key]], [`unworn ${key}`, unworn[key]], ["pairs_in_contact", worn.pairs_in_contact]],
+    table: () => [
+      ["phi1_rad", worn.phi1_rad],
+      [key, worn[key]],
+      [`unworn ${key}`, unworn[key]],
+      ["pairs_in_contact", worn.pairs_in_contact],
+    ],
     summary: `${title} over one mesh period at ${depth(model.wear_um)} µm wear. ${sub}`,
-    layout: { hovermode: "closest", xaxis: { title: { text: "Rotation of the driving gear (mrad)" } }, yaxis: { title: { text: `${title} (${unit})` }, range: extents.of(key, traces.flatMap(({ y }) => y)) } },
+    layout: {
+      hovermode: "closest",
+      xaxis: { title: { text: "Rotation of the driving gear (mrad)" } },
+      yaxis: {
+        title: { text: `${title} (${unit})` },
+        range: extents.of(
+          key,
+          traces.flatMap(({ y }) => y),
+        ),
+      },
+    },
   };
 }
 
 /** Mesh stiffness over a mesh period. */
 export function stiffnessPlot(model, extents) {
-  const [before, after] = [model.unworn, model.worn].map(({ stiffness_n_per_m: values }) => mean(values) * 1e-6);
+  const [before, after] = [model.unworn, model.worn].map(
+    ({ stiffness_n_per_m: values }) => mean(values) * 1e-6,
+  );
   const sub = `Mean ${number(after, 4)} N/µm, unworn ${number(before, 4)} N/µm.`;
-  return overMesh(model, extents, { key: "stiffness_n_per_m", scale: 1e-6, title: "Mesh stiffness", unit: "N/µm", sub });
+  return overMesh(model, extents, {
+    key: "stiffness_n_per_m",
+    scale: 1e-6,
+    title: "Mesh stiffness",
+    unit: "N/µm",
+    sub,
+  });
 }
 
 /** Unloaded transmission error over a mesh period. */
 export function transmissionPlot(model, extents) {
   const range = peakToPeak(model.worn.uste_rad) * 1e6;
   const sub = `Without load, ${number(range < 1e-3 ? 0 : range, 3)} µrad from peak to peak of the driven gear.`;
-  return overMesh(model, extents, { key: "uste_rad", scale: 1e6, title: "Transmission error", unit: "µrad", sub });
+  return overMesh(model, extents, {
+    key: "uste_rad",
+    scale: 1e6,
+    title: "Transmission error",
+    unit: "µrad",
+    sub,
+  });
 }
 
 /** Draws what is unworn broad and pale behind what is worn, so that both show where either is greater. */
 function stand([unworn, worn], broad, thin) {
-  Object.assign(unworn.line, { dash: undefined, width: worn ? broad : thin, color: worn ? translucent(unworn.line.color, 0.55) : unworn.line.color });
+  Object.assign(unworn.line, {
+    dash: undefined,
+    width: worn ? broad : thin,
+    color: worn ? translucent(unworn.line.color, 0.55) : unworn.line.color,
+  });
   if (worn) worn.line.width = thin;
 }
 
 /** The acceleration that the model expects. */
 export function waveformPlot(model, extents) {
-  const read = ({ vibration: { sample_rate_hz: rate, acceleration_m_per_s2: samples } }) => ({ x: samples.map((_, n) => (1000 * n) / rate), y: samples });
+  const read = ({ vibration: { sample_rate_hz: rate, acceleration_m_per_s2: samples } }) => ({
+    x: samples.map((_, n) => (1000 * n) / rate),
+    y: samples,
+  });
   const { traces, legend } = curves(model, read, "%{x:.2f} ms: %{y:.4g} m/s²<extra></extra>");
   stand(traces, 2.5, 1.3);
   const [before, after] = [model.unworn, model.worn].map(({ vibration }) => vibration.rms_m_per_s2);
@@ -89,9 +135,26 @@ export function waveformPlot(model, extents) {
     traces,
     legend: legend.map(([, colour, words]) => ["line", colour, words]),
     sub,
-    table: () => [["time_s", traces[0].x.map((ms) => ms / 1000)], ["unworn_m_per_s2", model.unworn.vibration.acceleration_m_per_s2], ["worn_m_per_s2", model.worn.vibration.acceleration_m_per_s2]],
+    table: () => [
+      ["time_s", traces[0].x.map((ms) => ms / 1000)],
+      ["unworn_m_per_s2", model.unworn.vibration.acceleration_m_per_s2],
+      ["worn_m_per_s2", model.worn.vibration.acceleration_m_per_s2],
+    ],
     summary: `Expected acceleration at ${depth(model.wear_um)} µm wear. ${sub}`,
-    layout: { hovermode: "closest", xaxis: { title: { text: "Time (ms)" }, range: [0, Math.min(traces[0].x.at(-1), (1000 * SHOWN_PERIODS) / model.mesh_hz)] }, yaxis: { title: { text: "Acceleration (m/s²)" }, range: extents.of("waveform", traces.flatMap(({ y }) => y)) } },
+    layout: {
+      hovermode: "closest",
+      xaxis: {
+        title: { text: "Time (ms)" },
+        range: [0, Math.min(traces[0].x.at(-1), (1000 * SHOWN_PERIODS) / model.mesh_hz)],
+      },
+      yaxis: {
+        title: { text: "Acceleration (m/s²)" },
+        range: extents.of(
+          "waveform",
+          traces.flatMap(({ y }) => y),
+        ),
+      },
+    },
   };
 }
 
@@ -104,7 +167,10 @@ function levels(amplitudes, reference) {
 export function spectrumPlot(model, extents) {
   const speed = model.shaft_speed_hz;
   const reference = Math.max(...model.unworn.vibration.spectrum_m_per_s2.slice(1));
-  const read = ({ vibration: { order_step: step, spectrum_m_per_s2: amplitudes } }) => ({ x: amplitudes.map((_, n) => n * step * speed), y: levels(amplitudes, reference) });
+  const read = ({ vibration: { order_step: step, spectrum_m_per_s2: amplitudes } }) => ({
+    x: amplitudes.map((_, n) => n * step * speed),
+    y: levels(amplitudes, reference),
+  });
   const { traces, legend } = curves(model, read, "%{x:.1f} Hz: %{y:.1f} dB<extra></extra>");
   stand(traces, 4, 1.5);
   const sub = "In dB of the strongest unworn line; shaft sidebands about the mesh harmonics.";
@@ -112,9 +178,26 @@ export function spectrumPlot(model, extents) {
     traces,
     legend: legend.map(([, colour, words]) => ["line", colour, words]),
     sub,
-    table: () => [["frequency_hz", traces[0].x], ["unworn_m_per_s2", model.unworn.vibration.spectrum_m_per_s2], ["worn_m_per_s2", model.worn.vibration.spectrum_m_per_s2]],
+    table: () => [
+      ["frequency_hz", traces[0].x],
+      ["unworn_m_per_s2", model.unworn.vibration.spectrum_m_per_s2],
+      ["worn_m_per_s2", model.worn.vibration.spectrum_m_per_s2],
+    ],
     summary: `Expected spectrum at ${depth(model.wear_um)} µm wear. ${sub}`,
-    layout: { hovermode: "closest", xaxis: { title: { text: "Frequency (Hz)" }, range: [0, traces[0].x.at(-1)] }, yaxis: { title: { text: "Level (dB)" }, range: [FLOOR_DB, extents.of("spectrum", traces.flatMap(({ y }) => y))[1]] } },
+    layout: {
+      hovermode: "closest",
+      xaxis: { title: { text: "Frequency (Hz)" }, range: [0, traces[0].x.at(-1)] },
+      yaxis: {
+        title: { text: "Level (dB)" },
+        range: [
+          FLOOR_DB,
+          extents.of(
+            "spectrum",
+            traces.flatMap(({ y }) => y),
+          )[1],
+        ],
+      },
+    },
   };
 }
 
@@ -122,8 +205,13 @@ export function spectrumPlot(model, extents) {
 export function harmonicsPlot({ harmonics, wear_um: wear, mesh_hz: mesh }, extents) {
   const colour = palette();
   const changes = harmonics.map(({ change_db: change }) => change);
-  const strongest = harmonics.reduce((most, line) => (Math.abs(line.change_db) > Math.abs(most.change_db) ? line : most));
-  const sub = wear > 0 ? `Most at ${strongest.harmonic}×: ${decibels(strongest.change_db)} dB. Mesh frequency ${number(mesh, 5)} Hz.` : `No wear, no change. Mesh frequency ${number(mesh, 5)} Hz.`;
+  const strongest = harmonics.reduce((most, line) =>
+    Math.abs(line.change_db) > Math.abs(most.change_db) ? line : most,
+  );
+  const sub =
+    wear > 0
+      ? `Most at ${strongest.harmonic}×: ${decibels(strongest.change_db)} dB. Mesh frequency ${number(mesh, 5)} Hz.`
+      : `No wear, no change. Mesh frequency ${number(mesh, 5)} Hz.`;
   return {
     traces: [
       {
@@ -131,14 +219,35 @@ export function harmonicsPlot({ harmonics, wear_um: wear, mesh_hz: mesh }, exten
         x: harmonics.map(({ harmonic }) => `${harmonic}×`),
         y: changes,
         marker: { color: changes.map((change) => (change >= 0 ? colour.accent : colour.other)) },
-        customdata: harmonics.map(({ frequency_hz: frequency, worn_m_per_s2: amplitude }) => [frequency, amplitude]),
+        customdata: harmonics.map(({ frequency_hz: frequency, worn_m_per_s2: amplitude }) => [
+          frequency,
+          amplitude,
+        ]),
         hovertemplate: "%{customdata[0]:.1f} Hz: %{y:+.1f} dB, %{customdata[1]:.3g} m/s²<extra></extra>",
       },
     ],
-    legend: [["band", colour.accent, "grown"], ["band", colour.other, "shrunk"]],
+    legend: [
+      ["band", colour.accent, "grown"],
+      ["band", colour.other, "shrunk"],
+    ],
     sub,
-    table: () => [["harmonic", harmonics.map(({ harmonic }) => harmonic)], ["frequency_hz", harmonics.map((line) => line.frequency_hz)], ["unworn_m_per_s2", harmonics.map((line) => line.unworn_m_per_s2)], ["worn_m_per_s2", harmonics.map((line) => line.worn_m_per_s2)], ["change_db", changes]],
+    table: () => [
+      ["harmonic", harmonics.map(({ harmonic }) => harmonic)],
+      ["frequency_hz", harmonics.map((line) => line.frequency_hz)],
+      ["unworn_m_per_s2", harmonics.map((line) => line.unworn_m_per_s2)],
+      ["worn_m_per_s2", harmonics.map((line) => line.worn_m_per_s2)],
+      ["change_db", changes],
+    ],
     summary: `Change of the mesh harmonics at ${depth(wear)} µm wear. ${sub}`,
-    layout: { bargap: 0.35, xaxis: { title: { text: "Mesh harmonic" }, type: "category" }, yaxis: { title: { text: "Change (dB)" }, range: extents.of("harmonics", [-3, 6, ...changes]), zeroline: true, zerolinewidth: 1.5 } },
+    layout: {
+      bargap: 0.35,
+      xaxis: { title: { text: "Mesh harmonic" }, type: "category" },
+      yaxis: {
+        title: { text: "Change (dB)" },
+        range: extents.of("harmonics", [-3, 6, ...changes]),
+        zeroline: true,
+        zerolinewidth: 1.5,
+      },
+    },
   };
 }

@@ -1,4 +1,5 @@
-// Asks the service for previews one after the other: what is wanted while one is under way is asked next, and only the latest of it.
+// Asks the service for previews one after the other: what is wanted while one is under way is asked next, and
+// only the latest of it.
 
 import * as api from "./api.js";
 

@@ -1,4 +1,5 @@
-// The teeth of a previewed pair as paths, in coordinates of a gear: its centre at (0, 0), a tooth on the positive x axis.
+// The teeth of a previewed pair as paths, in coordinates of a gear: its centre at (0, 0), a tooth on the
+// positive x axis.
 
 const place = ([x, y]) => `${x.toFixed(3)} ${y.toFixed(3)}`;
 const line = (points) => `M${points.map(place).join("L")}`;
@@ -34,7 +35,8 @@ export function lostPath({ teeth }, { x_mm: xs, y_mm: ys, depth_um: depths }, si
   const after = xs.map((x, n) => [x, side * (ys[n] - depths[n] / 1000)]);
   const one = [...before, ...after.reverse()];
   const paths = [];
-  for (let n = from; n <= to; n++) paths.push(`${line(one.map((point) => turned(point, (2 * Math.PI * n) / teeth)))}Z`);
+  for (let n = from; n <= to; n++)
+    paths.push(`${line(one.map((point) => turned(point, (2 * Math.PI * n) / teeth)))}Z`);
   return paths.join("");
 }
 
@@ -44,6 +46,7 @@ export function partPath({ teeth, profile_mm: profile }, start, end, from, to) {
   const part = profile.slice(Math.round(start * last), Math.round(end * last) + 1);
   const sides = end === 1 ? [[...part, ...[...part].reverse().map(mirrored)]] : [part, part.map(mirrored)];
   const paths = [];
-  for (let n = from; n <= to; n++) for (const side of sides) paths.push(line(side.map((point) => turned(point, (2 * Math.PI * n) / teeth))));
+  for (let n = from; n <= to; n++)
+    for (const side of sides) paths.push(line(side.map((point) => turned(point, (2 * Math.PI * n) / teeth))));
   return paths.join("");
 }

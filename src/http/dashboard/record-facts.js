@@ -26,28 +26,54 @@ function amount(name, { indicators = {}, absent = {}, unit: unitName }) {
 function fact(name, segment, pinned) {
   const before = pinned?.indicators?.[name];
   const now = segment.indicators?.[name];
-  const ratio = before && now != null ? h("span", { class: "ratio" }, ` (× ${number(now / before, 3)})`) : null;
-  const compared = pinned ? h("span", { class: "pinned-value" }, h("span", { class: "ratio" }, amount(name, pinned)), ratio) : null;
-  return h("div", { class: "fact" }, h("dt", {}, indicatorName(name)), h("dd", {}, amount(name, segment), compared));
+  const ratio =
+    before && now != null ? h("span", { class: "ratio" }, ` (× ${number(now / before, 3)})`) : null;
+  const compared = pinned
+    ? h("span", { class: "pinned-value" }, h("span", { class: "ratio" }, amount(name, pinned)), ratio)
+    : null;
+  return h(
+    "div",
+    { class: "fact" },
+    h("dt", {}, indicatorName(name)),
+    h("dd", {}, amount(name, segment), compared),
+  );
 }
 
 function wearFact(term, words) {
-  return words && h("div", { class: "fact wear-fact" }, h("dt", {}, term), h("dd", {}, words.number, h("span", { class: "muted" }, words.interval)));
+  return (
+    words &&
+    h(
+      "div",
+      { class: "fact wear-fact" },
+      h("dt", {}, term),
+      h("dd", {}, words.number, h("span", { class: "muted" }, words.interval)),
+    )
+  );
 }
 
 /** What was known of the wear after the record. */
 function wearFacts({ wear }) {
   if (wear?.median_um == null) return [];
-  return [wearFact("Wear depth", depthWords(wear)), wearFact("Transmission error due to wear", transmissionWords(wear))].filter(Boolean);
+  return [
+    wearFact("Wear depth", depthWords(wear)),
+    wearFact("Transmission error due to wear", transmissionWords(wear)),
+  ].filter(Boolean);
 }
 
 /** The record's wear and main indicators; under each indicator that of the pinned record and how many times as large it is now. */
 export function recordFacts(segment, pinned) {
   const { indicators = {}, absent = {} } = segment;
-  return [...wearFacts(segment), ...SHOWN.filter((name) => name in indicators || name in absent).map((name) => fact(name, segment, pinned))];
+  return [
+    ...wearFacts(segment),
+    ...SHOWN.filter((name) => name in indicators || name in absent).map((name) =>
+      fact(name, segment, pinned),
+    ),
+  ];
 }
 
 /** When the pinned record was taken. */
 export function pinnedWords(pinned) {
-  return pinned instanceof Error ? `The pinned record cannot be shown: ${pinned.message}.` : `Pinned: ${utc(pinned.start_time)}, drawn in the lower half of each plot; its values stand below, with the change since then.`;
+  return pinned instanceof Error
+    ? `The pinned record cannot be shown: ${pinned.message}.`
+    : `Pinned: ${utc(pinned.start_time)}, drawn in the lower half of each plot; its values stand below, with the change since then.`;
 }

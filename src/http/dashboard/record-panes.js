@@ -28,9 +28,17 @@ function waveform(id, query, signal) {
 }
 
 async function spectrum(id, query, signal) {
-  const ask = async (...range) => (query.axis === "orders" ? ofOrders(await api.orders(id, ...range, signal)) : api.spectrum(id, ...range, signal));
+  const ask = async (...range) =>
+    query.axis === "orders"
+      ? ofOrders(await api.orders(id, ...range, signal))
+      : api.spectrum(id, ...range, signal);
   const whole = await ask(null, null, POINTS);
-  return withFineLines(whole, partOf(query.band) ?? zoomRange(whole, query.zoom), readByCursor(query.cursor, whole), ask);
+  return withFineLines(
+    whole,
+    partOf(query.band) ?? zoomRange(whole, query.zoom),
+    readByCursor(query.cursor, whole),
+    ask,
+  );
 }
 
 async function envelope(id, query, signal) {
@@ -42,9 +50,12 @@ async function envelope(id, query, signal) {
 
 function posterior({ segment, asset, revision }) {
   const { wear, reference_wear_um: reference } = segment;
-  if (wear?.status === "outside_library") return "No posterior: wear does not explain this record. The page “Match” says what is odd.";
-  if (!asset.gear.pair) return "No posterior: wear is not estimated, as no gear pair is described for this asset.";
-  if (!wear?.posterior) return wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.";
+  if (wear?.status === "outside_library")
+    return "No posterior: wear does not explain this record. The page “Match” says what is odd.";
+  if (!asset.gear.pair)
+    return "No posterior: wear is not estimated, as no gear pair is described for this asset.";
+  if (!wear?.posterior)
+    return wear?.reason ? `No posterior: ${wear.reason}.` : "No posterior for this record.";
   return posteriorDrawing(wear, asset.limits, reference, revision);
 }
 
@@ -54,23 +65,44 @@ export const PANES = [
     key: "waveform",
     label: "Waveform",
     fetch: waveform,
-    draw: (data, other, { segment, query, revision }) => waveformDrawing(data, other, partOf(query.part), segment.samples / segment.sample_rate_hz, revision),
+    draw: (data, other, { segment, query, revision }) =>
+      waveformDrawing(data, other, partOf(query.part), segment.samples / segment.sample_rate_hz, revision),
   },
   {
     key: "spectrum",
     label: "Spectrum",
     fetch: spectrum,
-    draw: (data, other, { view, revision }) => (data.frequency_hz.length ? spectrumDrawing(data, other, view, revision) : "The record is too short for a spectrum."),
+    draw: (data, other, { view, revision }) =>
+      data.frequency_hz.length
+        ? spectrumDrawing(data, other, view, revision)
+        : "The record is too short for a spectrum.",
   },
   {
     key: "envelope",
     label: "Envelope spectrum",
     fetch: envelope,
-    draw: (data, other, { asset, view, revision }) => (data.frequency_hz.length ? envelopeDrawing(data, other, asset.gear.teeth, view, revision) : "The record is too short for a spectrum."),
+    draw: (data, other, { asset, view, revision }) =>
+      data.frequency_hz.length
+        ? envelopeDrawing(data, other, asset.gear.teeth, view, revision)
+        : "The record is too short for a spectrum.",
   },
-  { key: "turn", label: "Average over one turn", fetch: (id, query, signal) => api.turn(id, signal), draw: (data, other, { revision }) => turnDrawing(data, other, revision) },
-  { key: "cepstrum", label: "Cepstrum", fetch: (id, query, signal) => api.cepstrum(id, 0.2, signal), draw: (data, other, { revision }) => cepstrumDrawing(data, other, revision) },
-  { key: "posterior", label: "Posterior over wear depth", draw: (data, other, context) => posterior(context) },
+  {
+    key: "turn",
+    label: "Average over one turn",
+    fetch: (id, query, signal) => api.turn(id, signal),
+    draw: (data, other, { revision }) => turnDrawing(data, other, revision),
+  },
+  {
+    key: "cepstrum",
+    label: "Cepstrum",
+    fetch: (id, query, signal) => api.cepstrum(id, 0.2, signal),
+    draw: (data, other, { revision }) => cepstrumDrawing(data, other, revision),
+  },
+  {
+    key: "posterior",
+    label: "Posterior over wear depth",
+    draw: (data, other, context) => posterior(context),
+  },
 ];
 
 /** The keys of the panes that an address asks for. */

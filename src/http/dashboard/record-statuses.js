@@ -21,7 +21,9 @@ export const STATUSES = {
 /** A record's status in a word, with the depth where there is one. */
 export function statusWords({ status, median_um: median, p05_um: low, p95_um: high }) {
   const word = STATUSES[status]?.[0] ?? status.replaceAll("_", " ");
-  return status === "estimated" && median != null ? `${depth(median)} µm (${depth(low)} to ${depth(high)})` : word;
+  return status === "estimated" && median != null
+    ? `${depth(median)} µm (${depth(low)} to ${depth(high)})`
+    : word;
 }
 
 /** What a status means. */

@@ -1,4 +1,5 @@
-// One record: when it was taken, its indicators, and the ways to look at it. Follows the selection of the page.
+// One record: when it was taken, its indicators, and the ways to look at it. Follows the selection of the
+// page.
 
 import { compared } from "./comparison.js";
 import { CursorLayer } from "./cursor.js";
@@ -21,14 +22,33 @@ export class RecordView {
   #values = h("dl", { class: "facts values" });
   #previous = h("button", { type: "button", onclick: () => this.#step(-1) }, "◀ Previous");
   #next = h("button", { type: "button", onclick: () => this.#step(1) }, "Next ▶");
-  #latest = h("button", { type: "button", "aria-pressed": "true", onclick: () => change({ segment: null }) }, "Latest");
-  #pin = h("button", { type: "button", "aria-pressed": "false", onclick: () => this.#togglePin() }, "Pin to compare");
+  #latest = h(
+    "button",
+    { type: "button", "aria-pressed": "true", onclick: () => change({ segment: null }) },
+    "Latest",
+  );
+  #pin = h(
+    "button",
+    { type: "button", "aria-pressed": "false", onclick: () => this.#togglePin() },
+    "Pin to compare",
+  );
   #chips = new Map();
   #order = { ids: [], selected: null };
   #query = {};
   #cards = new Map(PANES.map(({ key, label }) => [key, new PlotCard(key, label)]));
   #tools = new SpectrumTools();
-  #near = h("select", { id: "envelope-range", "aria-label": "Part of the envelope spectrum", onchange: () => change({ near: this.#near.value }, { quiet: true }) }, [["", "Whole band"], ["1", "Lines of the shafts"]].map(([value, text]) => h("option", { value }, text)));
+  #near = h(
+    "select",
+    {
+      id: "envelope-range",
+      "aria-label": "Part of the envelope spectrum",
+      onchange: () => change({ near: this.#near.value }, { quiet: true }),
+    },
+    [
+      ["", "Whole band"],
+      ["1", "Lines of the shafts"],
+    ].map(([value, text]) => h("option", { value }, text)),
+  );
   #cursor;
   #lines = new LineTable();
   #onRange;
@@ -41,7 +61,9 @@ export class RecordView {
     for (const control of [this.#previous, this.#next]) control.disabled = true;
     const spectrum = this.#cards.get("spectrum");
     spectrum.tools.append(...this.#tools.elements);
-    this.#cursor = new CursorLayer(spectrum, (cursor) => change({ cursor: formatCursor(cursor) }, { quiet: true }));
+    this.#cursor = new CursorLayer(spectrum, (cursor) =>
+      change({ cursor: formatCursor(cursor) }, { quiet: true }),
+    );
     spectrum.frame.before(this.#cursor.readout);
     spectrum.element.append(this.#lines.element);
     this.#cards.get("envelope").tools.append(this.#near);
@@ -51,9 +73,24 @@ export class RecordView {
       this.#chips.set(key, chip);
       chips.append(chip);
     }
-    const buttons = h("div", { class: "steps", role: "group", "aria-label": "Choose a record" }, this.#previous, this.#next, this.#latest, this.#pin);
+    const buttons = h(
+      "div",
+      { class: "steps", role: "group", "aria-label": "Choose a record" },
+      this.#previous,
+      this.#next,
+      this.#latest,
+      this.#pin,
+    );
     const head = h("div", { class: "plot-head" }, this.#time, buttons);
-    const bar = h("section", { class: "card record-bar", "aria-label": "Selected record" }, head, this.#words, this.#pinnedWords, this.#values, chips);
+    const bar = h(
+      "section",
+      { class: "card record-bar", "aria-label": "Selected record" },
+      head,
+      this.#words,
+      this.#pinnedWords,
+      this.#values,
+      chips,
+    );
     const shown = shownPanes(parse(location.hash).query);
     for (const [key, card] of this.#cards) card.element.hidden = !shown.includes(key);
     this.elements = [bar, ...[...this.#cards.values()].map(({ element }) => element)];
@@ -96,17 +133,28 @@ export class RecordView {
     this.#query = query;
     const keys = shownPanes(query);
     this.#near.value = query.near === "1" ? "1" : "";
-    const view = { ...this.#tools.update(panes.spectrum, query), near: query.near === "1", part: partOf(query.band) };
+    const view = {
+      ...this.#tools.update(panes.spectrum, query),
+      near: query.near === "1",
+      part: partOf(query.band),
+    };
     for (const [key, chip] of this.#chips) chip.setAttribute("aria-pressed", String(keys.includes(key)));
     for (const [key, card] of this.#cards) card.element.hidden = !keys.includes(key);
     this.#showFacts(segment, pinned);
     const context = { segment, pinned, asset, query, view, revision: `${asset.id} ${segment.channel ?? ""}` };
-    await Promise.all(PANES.filter(({ key }) => keys.includes(key)).map((pane) => this.#draw(pane, panes[pane.key], others?.[pane.key], context)));
+    await Promise.all(
+      PANES.filter(({ key }) => keys.includes(key)).map((pane) =>
+        this.#draw(pane, panes[pane.key], others?.[pane.key], context),
+      ),
+    );
     const spectrum = panes.spectrum;
     const cursor = spectrum && !(spectrum instanceof Error) ? parseCursor(query.cursor) : null;
     this.#cursor.show(cursor, spectrum);
     this.#lines.show(segment instanceof Error ? null : spectrum, cursor, view);
-    for (const [key, parameter] of [["waveform", "part"], ["spectrum", "band"]]) {
+    for (const [key, parameter] of [
+      ["waveform", "part"],
+      ["spectrum", "band"],
+    ]) {
       onRangeChange(this.#cards.get(key).plot, (range) => this.#onRange({ [parameter]: formatPart(range) }));
     }
     this.busy(false);
@@ -120,7 +168,10 @@ export class RecordView {
     const drawing = draw(data, other, context);
     if (typeof drawing === "string") return card.say(drawing);
     const { segment, pinned } = context;
-    return card.show(drawing.others && pinned.start_time ? compared(drawing, segment, pinned) : drawing, `${context.asset.id}-${key}-${context.segment.start_time}`);
+    return card.show(
+      drawing.others && pinned.start_time ? compared(drawing, segment, pinned) : drawing,
+      `${context.asset.id}-${key}-${context.segment.start_time}`,
+    );
   }
 
   #showFacts(segment, pinned) {

@@ -25,7 +25,11 @@ export class RecordActions {
   #words = h("p", { class: "muted", "aria-live": "polite" });
   #buttons;
   #by = h("input", { id: "records-by", autocomplete: "name", maxlength: 200 });
-  #baseline = h("form", { class: "records-baseline", hidden: true, onsubmit: (event) => this.#takeBaseline(event) });
+  #baseline = h("form", {
+    class: "records-baseline",
+    hidden: true,
+    onsubmit: (event) => this.#takeBaseline(event),
+  });
   #baselineWords = h("p");
   #result = h("p", { class: "result", role: "status" });
   element;
@@ -41,9 +45,25 @@ export class RecordActions {
     ];
     this.#baseline.append(
       this.#baselineWords,
-      h("div", { class: "form-buttons" }, h("label", { class: "field", for: "records-by" }, h("span", {}, "Your name"), this.#by), h("button", { type: "submit", class: "primary" }, "Use as the baseline"), h("button", { type: "button", class: "quiet", onclick: () => (this.#baseline.hidden = true) }, "Cancel")),
+      h(
+        "div",
+        { class: "form-buttons" },
+        h("label", { class: "field", for: "records-by" }, h("span", {}, "Your name"), this.#by),
+        h("button", { type: "submit", class: "primary" }, "Use as the baseline"),
+        h(
+          "button",
+          { type: "button", class: "quiet", onclick: () => (this.#baseline.hidden = true) },
+          "Cancel",
+        ),
+      ),
     );
-    this.element = h("div", { class: "records-actions" }, h("div", { class: "form-buttons" }, this.#words, ...this.#buttons), this.#baseline, this.#result);
+    this.element = h(
+      "div",
+      { class: "records-actions" },
+      h("div", { class: "form-buttons" }, this.#words, ...this.#buttons),
+      this.#baseline,
+      this.#result,
+    );
   }
 
   /** Shows how many are selected. */
@@ -91,17 +111,32 @@ export class RecordActions {
   }
 
   async #mark(action) {
-    const done = await this.#each(async (target) => (await api.markRecords(this.#id, action, target)).changed);
+    const done = await this.#each(
+      async (target) => (await api.markRecords(this.#id, action, target)).changed,
+    );
     if (done === null) return;
     const words = action === "exclude" ? "excluded" : "included again";
-    this.#said("good", done ? `${records(done)} ${words}. The history is estimated again.` : `None had to be changed: they were ${words} already.`);
+    this.#said(
+      "good",
+      done
+        ? `${records(done)} ${words}. The history is estimated again.`
+        : `None had to be changed: they were ${words} already.`,
+    );
   }
 
   async #delete() {
     const { ids, all, count: matching } = this.#selection();
     const words = all ? `all ${records(matching)} that match` : records(ids.length);
-    if (!confirm(`Delete ${words}? The history is then estimated as if they had never come. Their raw recordings go into quarantine.`)) return;
-    const done = await this.#each(async (target) => (await api.deleteRecords(this.#id, target)).deleted, true);
+    if (
+      !confirm(
+        `Delete ${words}? The history is then estimated as if they had never come. Their raw recordings go into quarantine.`,
+      )
+    )
+      return;
+    const done = await this.#each(
+      async (target) => (await api.deleteRecords(this.#id, target)).deleted,
+      true,
+    );
     if (done !== null) this.#said("good", `${records(done)} deleted.`);
   }
 
@@ -110,19 +145,37 @@ export class RecordActions {
     const { records: selected, all } = this.#selection();
     if (all) {
       const known = await api.recordCount(this.#id, all);
-      return { time: known.first_start_time, until: after(known.last_start_time), channels: all.channel ? [all.channel] : [undefined] };
+      return {
+        time: known.first_start_time,
+        until: after(known.last_start_time),
+        channels: all.channel ? [all.channel] : [undefined],
+      };
     }
-    const times = selected.map(({ start_time: start }) => start).sort((a, b) => Date.parse(a) - Date.parse(b));
-    return { time: times[0], until: after(times.at(-1)), channels: [...new Set(selected.map(({ channel }) => channel))] };
+    const times = selected
+      .map(({ start_time: start }) => start)
+      .sort((a, b) => Date.parse(a) - Date.parse(b));
+    return {
+      time: times[0],
+      until: after(times.at(-1)),
+      channels: [...new Set(selected.map(({ channel }) => channel))],
+    };
   }
 
   async #offerBaseline() {
     try {
       const { time, until, channels } = await this.#stretch();
-      const counts = await Promise.all(channels.map((channel) => api.recordCount(this.#id, { channel, from: time, to: until })));
+      const counts = await Promise.all(
+        channels.map((channel) => api.recordCount(this.#id, { channel, from: time, to: until })),
+      );
       const within = counts.reduce((sum, { records: n }) => sum + n, 0);
-      const few = Math.min(...counts.map(({ records: n }) => n)) < LEAST_BASELINE ? ` A chosen baseline needs at least ${LEAST_BASELINE} records of a channel; with fewer it is learnt as any other.` : "";
-      setText(this.#baselineWords, `The ${records(within)} from ${utc(time)} to ${utc(until)} become the healthy baseline of every channel, but for those that are excluded. What was learnt before is forgotten, and wear counts from zero there.${few}`);
+      const few =
+        Math.min(...counts.map(({ records: n }) => n)) < LEAST_BASELINE
+          ? ` A chosen baseline needs at least ${LEAST_BASELINE} records of a channel; with fewer it is learnt as any other.`
+          : "";
+      setText(
+        this.#baselineWords,
+        `The ${records(within)} from ${utc(time)} to ${utc(until)} become the healthy baseline of every channel, but for those that are excluded. What was learnt before is forgotten, and wear counts from zero there.${few}`,
+      );
       this.#by.value ||= lastName();
       this.#baseline.hidden = false;
       this.#by.focus();
@@ -145,7 +198,10 @@ export class RecordActions {
       const { time, until } = await this.#stretch();
       await api.tellMaintenance(this.#id, { time, until, kind: "baseline_chosen", by, comment: "" });
       this.#baseline.hidden = true;
-      this.#said("good", "The baseline is chosen. The history is estimated again; the choice can be taken back under “Alarms and maintenance”.");
+      this.#said(
+        "good",
+        "The baseline is chosen. The history is estimated again; the choice can be taken back under “Alarms and maintenance”.",
+      );
       this.#onDone(false);
     } catch (error) {
       this.#said("bad", `Not done: ${error.message}.`);
@@ -159,5 +215,7 @@ export class RecordActions {
 }
 
 function chunks(ids) {
-  return Array.from({ length: Math.ceil(ids.length / AT_ONCE) }, (_, n) => ids.slice(n * AT_ONCE, (n + 1) * AT_ONCE));
+  return Array.from({ length: Math.ceil(ids.length / AT_ONCE) }, (_, n) =>
+    ids.slice(n * AT_ONCE, (n + 1) * AT_ONCE),
+  );
 }

@@ -1,4 +1,5 @@
-// Adding records by hand: the import desk over the page, and replay of a recording in the server's replay folder.
+// Adding records by hand: the import desk over the page, and replay of a recording in the server's replay
+// folder.
 
 import { h } from "./dom.js";
 import { ImportDesk } from "./import-desk.js";
@@ -13,7 +14,11 @@ export class RecordsDialog {
   constructor(assetId) {
     this.#upload = new ImportDesk(assetId);
     this.#replay = new ReplayPanel(assetId);
-    const close = h("button", { type: "button", class: "quiet", onclick: () => this.element.close() }, "Close");
+    const close = h(
+      "button",
+      { type: "button", class: "quiet", onclick: () => this.element.close() },
+      "Close",
+    );
     this.element = h(
       "dialog",
       { class: "records", "aria-labelledby": "records-title" },

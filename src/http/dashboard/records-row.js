@@ -6,7 +6,17 @@ import { hertz, number, speedSource, unit, utc } from "./format.js";
 import { statusMeaning, statusWords } from "./record-statuses.js";
 import { format } from "./route.js";
 
-export const HEADINGS = ["Start", "Channel", "Length", "Sampling rate", "Shaft speed", "RMS", "Status", "Takes part", "Raw"];
+export const HEADINGS = [
+  "Start",
+  "Channel",
+  "Length",
+  "Sampling rate",
+  "Shaft speed",
+  "RMS",
+  "Status",
+  "Takes part",
+  "Raw",
+];
 
 function length(seconds) {
   return seconds < 90 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
@@ -20,23 +30,67 @@ function part({ excluded, wear }) {
 
 /** The row of a record; `onToggle(checked, withShift)` when it is selected or left. */
 export function recordRow(record, selected, onToggle) {
-  const { id, asset_id: asset, channel, start_time: start, samples, sample_rate_hz: rate, shaft_speed: speed, indicators, wear, excluded } = record;
+  const {
+    id,
+    asset_id: asset,
+    channel,
+    start_time: start,
+    samples,
+    sample_rate_hz: rate,
+    shaft_speed: speed,
+    indicators,
+    wear,
+    excluded,
+  } = record;
   const time = utc(start);
-  const box = h("input", { type: "checkbox", "aria-label": `Select the record of ${time}, channel ${channel}`, onclick: (event) => onToggle(event.target.checked, event.shiftKey) });
+  const box = h("input", {
+    type: "checkbox",
+    "aria-label": `Select the record of ${time}, channel ${channel}`,
+    onclick: (event) => onToggle(event.target.checked, event.shiftKey),
+  });
   box.checked = selected;
   const cell = (label, ...children) => h("td", { "data-label": label }, ...children);
   return h(
     "tr",
     { "data-record": id, "data-excluded": excluded ? "true" : null },
     h("td", { class: "pick" }, box),
-    h("th", { scope: "row" }, h("a", { href: format({ page: "asset", id: asset, query: { channel, segment: id } }) }, time)),
+    h(
+      "th",
+      { scope: "row" },
+      h("a", { href: format({ page: "asset", id: asset, query: { channel, segment: id } }) }, time),
+    ),
     cell(HEADINGS[1], channel),
     cell(HEADINGS[2], length(samples / rate)),
     cell(HEADINGS[3], hertz(rate)),
-    cell(HEADINGS[4], speed ? [hertz(speed.shaft_speed_hz), h("span", { class: "muted id", title: speedSource(speed) }, speedSource(speed))] : h("span", { class: "muted" }, "not found")),
-    cell(HEADINGS[5], indicators?.rms == null ? "–" : `${number(indicators.rms)} ${unit(record.unit)}`.trim()),
-    cell(HEADINGS[6], h("span", { title: `${wear.reason || statusMeaning(wear.status)}` }, statusWords(wear))),
+    cell(
+      HEADINGS[4],
+      speed
+        ? [
+            hertz(speed.shaft_speed_hz),
+            h("span", { class: "muted id", title: speedSource(speed) }, speedSource(speed)),
+          ]
+        : h("span", { class: "muted" }, "not found"),
+    ),
+    cell(
+      HEADINGS[5],
+      indicators?.rms == null ? "–" : `${number(indicators.rms)} ${unit(record.unit)}`.trim(),
+    ),
+    cell(
+      HEADINGS[6],
+      h("span", { title: `${wear.reason || statusMeaning(wear.status)}` }, statusWords(wear)),
+    ),
     cell(HEADINGS[7], h("span", { class: "part" }, part(record))),
-    cell(HEADINGS[8], h("a", { href: address(["segments", id, "raw"]), download: "", "aria-label": `Download the raw recording of ${time}, channel ${channel}` }, "Download")),
+    cell(
+      HEADINGS[8],
+      h(
+        "a",
+        {
+          href: address(["segments", id, "raw"]),
+          download: "",
+          "aria-label": `Download the raw recording of ${time}, channel ${channel}`,
+        },
+        "Download",
+      ),
+    ),
   );
 }

@@ -29,15 +29,56 @@ export class RecordsPage {
   #selected = new Map(); // id → record, over pages
   #all = false;
   #last = null; // the row that was clicked last, for a selection with shift
-  #channel = h("select", { id: "records-channel", onchange: () => this.#filter({ channel: this.#channel.value }) });
-  #status = h("select", { id: "records-status", onchange: () => this.#filter({ status: this.#status.value }) }, h("option", { value: "" }, "All"), Object.entries(STATUSES).map(([key, [word]]) => h("option", { value: key }, word)));
-  #from = h("input", { id: "records-from", type: "datetime-local", step: 1, onchange: () => this.#filter({ from: instant(this.#from.value) }) });
-  #to = h("input", { id: "records-to", type: "datetime-local", step: 1, onchange: () => this.#filter({ to: instant(this.#to.value) }) });
-  #order = h("select", { id: "records-order", onchange: () => this.#filter({ order: this.#order.value }) }, h("option", { value: "" }, "Newest first"), h("option", { value: "asc" }, "Oldest first"));
+  #channel = h("select", {
+    id: "records-channel",
+    onchange: () => this.#filter({ channel: this.#channel.value }),
+  });
+  #status = h(
+    "select",
+    { id: "records-status", onchange: () => this.#filter({ status: this.#status.value }) },
+    h("option", { value: "" }, "All"),
+    Object.entries(STATUSES).map(([key, [word]]) => h("option", { value: key }, word)),
+  );
+  #from = h("input", {
+    id: "records-from",
+    type: "datetime-local",
+    step: 1,
+    onchange: () => this.#filter({ from: instant(this.#from.value) }),
+  });
+  #to = h("input", {
+    id: "records-to",
+    type: "datetime-local",
+    step: 1,
+    onchange: () => this.#filter({ to: instant(this.#to.value) }),
+  });
+  #order = h(
+    "select",
+    { id: "records-order", onchange: () => this.#filter({ order: this.#order.value }) },
+    h("option", { value: "" }, "Newest first"),
+    h("option", { value: "asc" }, "Oldest first"),
+  );
   #export = h("a", { class: "button", download: "" }, "Export as MCAP");
-  #page = h("input", { type: "checkbox", "aria-label": "Select all records of this page", onclick: () => this.#pickPage(this.#page.checked) });
+  #page = h("input", {
+    type: "checkbox",
+    "aria-label": "Select all records of this page",
+    onclick: () => this.#pickPage(this.#page.checked),
+  });
   #body = h("tbody");
-  #table = h("table", { class: "record-table", hidden: true }, h("thead", {}, h("tr", {}, h("td", { class: "pick" }, this.#page), HEADINGS.map((text) => h("th", { scope: "col" }, text)))), this.#body);
+  #table = h(
+    "table",
+    { class: "record-table", hidden: true },
+    h(
+      "thead",
+      {},
+      h(
+        "tr",
+        {},
+        h("td", { class: "pick" }, this.#page),
+        HEADINGS.map((text) => h("th", { scope: "col" }, text)),
+      ),
+    ),
+    this.#body,
+  );
   #notice = h("p", { class: "notice" }, "Loading the records…");
   #words = h("p", { class: "muted", "aria-live": "polite" });
   #back = h("button", { type: "button", onclick: () => this.#turnBack() }, "← Page before");
@@ -49,11 +90,37 @@ export class RecordsPage {
     [this.#root, this.#id, this.#query] = [root, route.id, route.query];
     this.#frame = new AssetFrame(route.id, "records");
     this.#frame.update(route.id, route.query);
-    this.#actions = new RecordActions(route.id, () => this.#selection(), (gone) => this.#changed(gone));
+    this.#actions = new RecordActions(
+      route.id,
+      () => this.#selection(),
+      (gone) => this.#changed(gone),
+    );
     const field = (input, text) => h("label", { class: "field", for: input.id }, h("span", {}, text), input);
-    const filters = h("div", { class: "record-filters" }, field(this.#channel, "Channel"), field(this.#status, "Status"), field(this.#from, "From, UTC"), field(this.#to, "Before, UTC"), field(this.#order, "Order"), this.#export);
-    const pages = h("div", { class: "form-buttons record-pages" }, this.#words, this.#pickAll, this.#back, this.#next);
-    const card = h("section", { class: "card table-card", "aria-label": "Records" }, h("div", { class: "record-tools" }, filters, this.#actions.element, pages), this.#table, this.#notice);
+    const filters = h(
+      "div",
+      { class: "record-filters" },
+      field(this.#channel, "Channel"),
+      field(this.#status, "Status"),
+      field(this.#from, "From, UTC"),
+      field(this.#to, "Before, UTC"),
+      field(this.#order, "Order"),
+      this.#export,
+    );
+    const pages = h(
+      "div",
+      { class: "form-buttons record-pages" },
+      this.#words,
+      this.#pickAll,
+      this.#back,
+      this.#next,
+    );
+    const card = h(
+      "section",
+      { class: "card table-card", "aria-label": "Records" },
+      h("div", { class: "record-tools" }, filters, this.#actions.element, pages),
+      this.#table,
+      this.#notice,
+    );
     setChildren(root, this.#frame.element, card);
     this.#actions.show(0);
   }
@@ -109,7 +176,8 @@ export class RecordsPage {
     [this.#shown, this.#asked] = [page, asked];
     this.#frame.update(assetName(asset), this.#query);
     this.#fillFilters(asset.summary.channels);
-    if (page instanceof Error || known instanceof Error) return this.#refuse(page instanceof Error ? page : known);
+    if (page instanceof Error || known instanceof Error)
+      return this.#refuse(page instanceof Error ? page : known);
     this.#total = known.records;
     this.#items = page.items;
     this.#render();
@@ -117,7 +185,11 @@ export class RecordsPage {
 
   #fillFilters(channels) {
     const { channel = "", status = "", from, to, order = "" } = this.#query;
-    setChildren(this.#channel, h("option", { value: "" }, "All"), channels.map((name) => h("option", { value: name }, name)));
+    setChildren(
+      this.#channel,
+      h("option", { value: "" }, "All"),
+      channels.map((name) => h("option", { value: name }, name)),
+    );
     this.#channel.value = channel;
     this.#status.value = status;
     this.#order.value = order === "desc" ? "" : order;
@@ -135,25 +207,45 @@ export class RecordsPage {
     const { cursor } = this.#query;
     const first = this.#before.length * PAGE + 1;
     const isPlaced = !cursor || this.#before.length > 0; // a link to a later page does not say which one it is
-    const range = this.#items.length ? (isPlaced ? `${count(first)} to ${count(first + this.#items.length - 1)} of ` : `${count(this.#items.length)} of `) : "";
+    const range = this.#items.length
+      ? isPlaced
+        ? `${count(first)} to ${count(first + this.#items.length - 1)} of `
+        : `${count(this.#items.length)} of `
+      : "";
     setText(this.#words, `${range}${count(this.#total)} ${this.#total === 1 ? "record" : "records"}`);
     this.#back.disabled = this.#before.length === 0 && !cursor;
     setText(this.#back, isPlaced ? "← Page before" : "← First page");
     this.#next.disabled = !this.#shown?.next_cursor;
     this.#table.hidden = this.#items.length === 0;
     this.#notice.hidden = this.#items.length > 0;
-    setText(this.#notice, Object.values(this.#parameters()).some(Boolean) ? "No record matches these filters." : "No record has been received yet.");
+    setText(
+      this.#notice,
+      Object.values(this.#parameters()).some(Boolean)
+        ? "No record matches these filters."
+        : "No record has been received yet.",
+    );
     const focused = document.activeElement?.closest?.("[data-record]")?.dataset.record;
     const kind = document.activeElement?.tagName;
-    const rows = this.#items.map((record, place) => recordRow(record, this.#all || this.#selected.has(record.id), (checked, shift) => this.#pick(place, checked, shift)));
+    const rows = this.#items.map((record, place) =>
+      recordRow(record, this.#all || this.#selected.has(record.id), (checked, shift) =>
+        this.#pick(place, checked, shift),
+      ),
+    );
     setChildren(this.#body, rows);
-    if (focused) rows.find((row) => row.dataset.record === focused)?.querySelector(kind === "A" ? "a" : "input").focus();
+    if (focused)
+      rows
+        .find((row) => row.dataset.record === focused)
+        ?.querySelector(kind === "A" ? "a" : "input")
+        .focus();
     this.#showSelection();
   }
 
   #pick(place, checked, shift) {
     if (this.#all) this.#clear();
-    const [low, high] = shift && this.#last !== null ? [Math.min(this.#last, place), Math.max(this.#last, place)] : [place, place];
+    const [low, high] =
+      shift && this.#last !== null
+        ? [Math.min(this.#last, place), Math.max(this.#last, place)]
+        : [place, place];
     for (const record of this.#items.slice(low, high + 1)) {
       if (checked) this.#selected.set(record.id, record);
       else this.#selected.delete(record.id);
@@ -189,7 +281,8 @@ export class RecordsPage {
   }
 
   #mark() {
-    for (const row of this.#body.rows) row.querySelector("input").checked = this.#all || this.#selected.has(row.dataset.record);
+    for (const row of this.#body.rows)
+      row.querySelector("input").checked = this.#all || this.#selected.has(row.dataset.record);
     this.#showSelection();
   }
 

@@ -4,13 +4,21 @@ import { ApiError, replays, startReplay, stopReplay } from "./api.js";
 import { h, setChildren, setText } from "./dom.js";
 import { count, number } from "./format.js";
 
-const PACES = [["max", "as fast as possible"], ["10x", "ten times real time"], ["realtime", "real time"]];
+const PACES = [
+  ["max", "as fast as possible"],
+  ["10x", "ten times real time"],
+  ["realtime", "real time"],
+];
 
 /** The replay part of the dialog. */
 export class ReplayPanel {
   #assetId;
   #file = h("input", { id: "replay-file", required: true, placeholder: "run.mcap", autocomplete: "off" });
-  #pace = h("select", { id: "replay-pace" }, PACES.map(([value, label]) => h("option", { value }, label)));
+  #pace = h(
+    "select",
+    { id: "replay-pace" },
+    PACES.map(([value, label]) => h("option", { value }, label)),
+  );
   #error = h("p", { class: "result", "data-kind": "bad", role: "status", hidden: true });
   #list = h("ul", { class: "replays" });
   #shown;
@@ -21,16 +29,30 @@ export class ReplayPanel {
     const form = h(
       "form",
       { class: "fields", onsubmit: (event) => this.#start(event) },
-      h("label", { class: "field", for: "replay-file" }, h("span", {}, "File in the replay folder"), this.#file),
+      h(
+        "label",
+        { class: "field", for: "replay-file" },
+        h("span", {}, "File in the replay folder"),
+        this.#file,
+      ),
       h("label", { class: "field", for: "replay-pace" }, h("span", {}, "Pace"), this.#pace),
       h("button", { type: "submit" }, "Start replay"),
     );
-    this.element = h("section", {}, h("h3", {}, "Replay a recording on the server"), form, this.#error, this.#list);
+    this.element = h(
+      "section",
+      {},
+      h("h3", {}, "Replay a recording on the server"),
+      form,
+      this.#error,
+      this.#list,
+    );
   }
 
   async #start(event) {
     event.preventDefault();
-    await this.#try(() => startReplay({ asset: this.#assetId, file: this.#file.value.trim(), pace: this.#pace.value }));
+    await this.#try(() =>
+      startReplay({ asset: this.#assetId, file: this.#file.value.trim(), pace: this.#pace.value }),
+    );
   }
 
   async #try(action) {
@@ -56,21 +78,48 @@ export class ReplayPanel {
     if (answer === this.#shown) return;
     this.#shown = answer;
     const own = answer.items.filter((replay) => replay.asset === this.#assetId).reverse();
-    setChildren(this.#list, own.map((replay) => this.#item(replay)));
+    setChildren(
+      this.#list,
+      own.map((replay) => this.#item(replay)),
+    );
   }
 
   #item(replay) {
-    const { file, state, records_done: done, records_total: total, stored, repeated, refused, error } = replay;
+    const {
+      file,
+      state,
+      records_done: done,
+      records_total: total,
+      stored,
+      repeated,
+      refused,
+      error,
+    } = replay;
     const running = state === "running";
-    const pace = running && replay.times_real_time ? `, ${number(replay.times_real_time, 2)} times real time` : "";
+    const pace =
+      running && replay.times_real_time ? `, ${number(replay.times_real_time, 2)} times real time` : "";
     const counts = `${count(stored)} stored, ${count(repeated)} already known, ${count(refused)} refused${pace}`;
     const stop = () => this.#try(() => stopReplay(replay.id));
     return h(
       "li",
       { "data-state": state },
-      h("div", { class: "plot-head" }, h("strong", {}, file), h("span", {}, state), running ? h("button", { type: "button", class: "quiet", onclick: stop }, "Stop") : null),
-      h("progress", { max: total ?? 1, ...(total !== null || !running ? { value: total === null ? 1 : done } : {}), "aria-label": `Replay of ${file}` }),
-      h("p", { class: "muted" }, `${count(done)}${total === null ? "" : ` of ${count(total)}`} records: ${counts}${error ? `. ${error}` : ""}`),
+      h(
+        "div",
+        { class: "plot-head" },
+        h("strong", {}, file),
+        h("span", {}, state),
+        running ? h("button", { type: "button", class: "quiet", onclick: stop }, "Stop") : null,
+      ),
+      h("progress", {
+        max: total ?? 1,
+        ...(total !== null || !running ? { value: total === null ? 1 : done } : {}),
+        "aria-label": `Replay of ${file}`,
+      }),
+      h(
+        "p",
+        { class: "muted" },
+        `${count(done)}${total === null ? "" : ` of ${count(total)}`} records: ${counts}${error ? `. ${error}` : ""}`,
+      ),
     );
   }
 }

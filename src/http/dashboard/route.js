@@ -17,7 +17,8 @@ function place(first, id, third, more) {
     if (ASSET_VIEWS.includes(third)) return { page: third, id };
   }
   if (id === undefined && ["alarms", "new", "tokens"].includes(first)) return { page: first };
-  if (third === undefined && first === "libraries") return id === undefined ? { page: "libraries" } : { page: "library", id };
+  if (third === undefined && first === "libraries")
+    return id === undefined ? { page: "libraries" } : { page: "library", id };
   return { page: "unknown" };
 }
 
@@ -39,7 +40,11 @@ function path({ page, id }) {
 
 /** The hash of a route; parameters without a value are left out. */
 export function format(route) {
-  const query = new URLSearchParams(Object.entries(route.query ?? {}).filter(([, value]) => value !== null && value !== undefined && value !== ""));
+  const query = new URLSearchParams(
+    Object.entries(route.query ?? {}).filter(
+      ([, value]) => value !== null && value !== undefined && value !== "",
+    ),
+  );
   return query.size ? `${path(route)}?${query}` : path(route);
 }
 

@@ -9,10 +9,30 @@ export const GROUPS = [
       { path: "location.site", label: "Site", kind: "text" },
       { path: "location.machine", label: "Machine", kind: "text" },
       { path: "location.gearbox", label: "Gearbox", kind: "text" },
-      { path: "location.mesh", label: "Mesh, where the gearbox has several", kind: "text", hint: "for example second stage" },
-      { path: "sensor.of", label: "Heard by the sensor of another asset", kind: "text", hint: "that asset's id, or nothing" },
-      { path: "sensor.unit", label: "Unit of samples that come without one", kind: "text", hint: "for example m/s2" },
-      { path: "sensor.channel", label: "Channel that speaks for the asset", kind: "text", hint: "the first one seen" },
+      {
+        path: "location.mesh",
+        label: "Mesh, where the gearbox has several",
+        kind: "text",
+        hint: "for example second stage",
+      },
+      {
+        path: "sensor.of",
+        label: "Heard by the sensor of another asset",
+        kind: "text",
+        hint: "that asset's id, or nothing",
+      },
+      {
+        path: "sensor.unit",
+        label: "Unit of samples that come without one",
+        kind: "text",
+        hint: "for example m/s2",
+      },
+      {
+        path: "sensor.channel",
+        label: "Channel that speaks for the asset",
+        kind: "text",
+        hint: "the first one seen",
+      },
       { path: "baseline.records", label: "Baseline records, at least 8", kind: "integer" },
     ],
   },
@@ -28,9 +48,24 @@ export const GROUPS = [
     fields: [
       { path: "gear.teeth.0", label: "Teeth, driving", kind: "integer", alike: "gear.pair.geometry.teeth.0" },
       { path: "gear.teeth.1", label: "Teeth, driven", kind: "integer", alike: "gear.pair.geometry.teeth.1" },
-      { path: "gear.shaft_speed_hz", label: "Nominal speed of the driving shaft", unit: "Hz", alike: "gear.pair.operation.shaft_speed_hz" },
-      { path: "gear.shaft_ratio.0", label: "Ratio to the measured shaft: driving teeth", kind: "integer", hint: "1" },
-      { path: "gear.shaft_ratio.1", label: "Ratio to the measured shaft: driven teeth", kind: "integer", hint: "1" },
+      {
+        path: "gear.shaft_speed_hz",
+        label: "Nominal speed of the driving shaft",
+        unit: "Hz",
+        alike: "gear.pair.operation.shaft_speed_hz",
+      },
+      {
+        path: "gear.shaft_ratio.0",
+        label: "Ratio to the measured shaft: driving teeth",
+        kind: "integer",
+        hint: "1",
+      },
+      {
+        path: "gear.shaft_ratio.1",
+        label: "Ratio to the measured shaft: driven teeth",
+        kind: "integer",
+        hint: "1",
+      },
       { path: "gear.speed_tolerance", label: "Speed is searched within ±", unit: "of nominal" },
       { path: "gear.speed_is_exact", label: "The nominal speed is exact", kind: "check" },
     ],
@@ -42,7 +77,12 @@ export const GROUPS = [
       { path: "gear.pair.geometry.module_mm", label: "Module", unit: "mm" },
       { path: "gear.pair.geometry.face_width_mm", label: "Face width", unit: "mm" },
       { path: "gear.pair.geometry.pressure_angle_deg", label: "Pressure angle", unit: "°" },
-      { path: "gear.pair.geometry.centre_distance_mm", label: "Centre distance", unit: "mm", hint: "without backlash" },
+      {
+        path: "gear.pair.geometry.centre_distance_mm",
+        label: "Centre distance",
+        unit: "mm",
+        hint: "without backlash",
+      },
       { path: "gear.pair.geometry.addendum.0", label: "Addendum, driving", unit: "modules" },
       { path: "gear.pair.geometry.addendum.1", label: "Addendum, driven", unit: "modules" },
       { path: "gear.pair.geometry.dedendum.0", label: "Dedendum, driving", unit: "modules" },
@@ -66,8 +106,12 @@ export function valueAt(object, path) {
 export function putAt(object, path, value) {
   const keys = path.split(".");
   const last = keys.pop();
-  const inner = keys.reduce((at, key, place) => (at[key] ??= Number.isInteger(Number(keys[place + 1] ?? last)) ? [] : {}), object);
+  const inner = keys.reduce(
+    (at, key, place) => (at[key] ??= Number.isInteger(Number(keys[place + 1] ?? last)) ? [] : {}),
+    object,
+  );
   if (value === undefined) delete inner[last];
   else inner[last] = value;
-  if (Array.isArray(inner) && inner.every((each) => each === undefined)) putAt(object, keys.join("."), undefined);
+  if (Array.isArray(inner) && inner.every((each) => each === undefined))
+    putAt(object, keys.join("."), undefined);
 }

@@ -1,10 +1,12 @@
-// Parts of an asset's settings that are lists: its alarm rules and its operating bins, a row of fields for each entry.
+// Parts of an asset's settings that are lists: its alarm rules and its operating bins, a row of fields for
+// each entry.
 
 import { reading, quantityWords } from "./alarm-words.js";
 import { h, setChildren } from "./dom.js";
 
 const number = (text) => (text.trim() === "" ? undefined : Number(text));
-const given = (object) => Object.fromEntries(Object.entries(object).filter(([, value]) => value !== undefined));
+const given = (object) =>
+  Object.fromEntries(Object.entries(object).filter(([, value]) => value !== undefined));
 const DEFAULT_SETTINGS = { raise: 3, raise_of: 5, clear: 5, clear_of: 5 };
 
 /** A list that is edited row by row; `columns` are `{ label, value(entry), input?, place?, breaks? }`, `read(values)` makes an entry again. */
@@ -35,8 +37,28 @@ class Rows {
       return field;
     });
     const row = h("div", { class: "setting-row" });
-    const remove = h("button", { type: "button", class: "quiet", "aria-label": `Remove this ${this.#name}`, onclick: () => this.#remove(row) }, "✕");
-    row.append(...inputs.flatMap((field, n) => [this.#columns[n].breaks ? h("span", { class: "row-break" }) : "", h("label", { class: `field ${this.#columns[n].place ?? ""}` }, h("span", { "aria-hidden": "true" }, this.#columns[n].label), field)]), remove);
+    const remove = h(
+      "button",
+      {
+        type: "button",
+        class: "quiet",
+        "aria-label": `Remove this ${this.#name}`,
+        onclick: () => this.#remove(row),
+      },
+      "✕",
+    );
+    row.append(
+      ...inputs.flatMap((field, n) => [
+        this.#columns[n].breaks ? h("span", { class: "row-break" }) : "",
+        h(
+          "label",
+          { class: `field ${this.#columns[n].place ?? ""}` },
+          h("span", { "aria-hidden": "true" }, this.#columns[n].label),
+          field,
+        ),
+      ]),
+      remove,
+    );
     row.inputs = inputs;
     this.#list.append(row);
     if (focus) inputs[0].focus();
@@ -66,10 +88,20 @@ const KINDS = [
   ["rate novelty", "Change of the novelty a day"],
   ["rate indicator", "Change of an indicator a day"],
 ];
-const kinds = () => h("select", {}, KINDS.map(([value, words]) => h("option", { value }, words)));
+const kinds = () =>
+  h(
+    "select",
+    {},
+    KINDS.map(([value, words]) => h("option", { value }, words)),
+  );
 const setting = (key) => (rule) => ({ ...DEFAULT_SETTINGS, ...rule.settings })[key];
 
-const kindOf = (quantity) => (quantity?.rate_per_day ? `rate ${kindOf(quantity.rate_per_day)}` : quantity?.indicator ? "indicator" : quantity);
+const kindOf = (quantity) =>
+  quantity?.rate_per_day
+    ? `rate ${kindOf(quantity.rate_per_day)}`
+    : quantity?.indicator
+      ? "indicator"
+      : quantity;
 
 function quantityOf(kind, indicator) {
   if (kind.startsWith("rate ")) return { rate_per_day: quantityOf(kind.slice(5), indicator) };
@@ -78,7 +110,12 @@ function quantityOf(kind, indicator) {
 
 const RULE = [
   { label: "Watches", value: ({ quantity }) => kindOf(quantity), input: kinds },
-  { label: "Indicator", value: ({ quantity }) => (quantity?.rate_per_day ?? quantity)?.indicator, input: text({ placeholder: "rms" }), place: "of-indicator" },
+  {
+    label: "Indicator",
+    value: ({ quantity }) => (quantity?.rate_per_day ?? quantity)?.indicator,
+    input: text({ placeholder: "rms" }),
+    place: "of-indicator",
+  },
   { label: "Warning above", value: ({ warning }) => warning },
   { label: "Danger above", value: ({ danger }) => danger },
   { label: "Warning below", value: ({ warning_below: level }) => level },
@@ -91,10 +128,39 @@ const RULE = [
   { label: "of the last", value: setting("clear_of"), input: whole, place: "count" },
 ];
 
-function ruleOf([kind, indicator, warning, danger, warningBelow, dangerBelow, hysteresis, over, raise, raiseOf, clear, clearOf]) {
-  const settings = { raise: number(raise), raise_of: number(raiseOf), clear: number(clear), clear_of: number(clearOf) };
-  const levels = { warning: number(warning), danger: number(danger), warning_below: number(warningBelow), danger_below: number(dangerBelow) };
-  return given({ quantity: quantityOf(kind, indicator.trim()), ...levels, hysteresis: number(hysteresis), over_s: number(over), settings: { ...DEFAULT_SETTINGS, ...given(settings) } });
+function ruleOf([
+  kind,
+  indicator,
+  warning,
+  danger,
+  warningBelow,
+  dangerBelow,
+  hysteresis,
+  over,
+  raise,
+  raiseOf,
+  clear,
+  clearOf,
+]) {
+  const settings = {
+    raise: number(raise),
+    raise_of: number(raiseOf),
+    clear: number(clear),
+    clear_of: number(clearOf),
+  };
+  const levels = {
+    warning: number(warning),
+    danger: number(danger),
+    warning_below: number(warningBelow),
+    danger_below: number(dangerBelow),
+  };
+  return given({
+    quantity: quantityOf(kind, indicator.trim()),
+    ...levels,
+    hysteresis: number(hysteresis),
+    over_s: number(over),
+    settings: { ...DEFAULT_SETTINGS, ...given(settings) },
+  });
 }
 
 const BIN = [
@@ -106,15 +172,26 @@ const BIN = [
 ];
 
 function binOf([name, speedLow, speedHigh, torqueLow, torqueHigh]) {
-  const range = (low, high) => (low.trim() === "" && high.trim() === "" ? undefined : [number(low) ?? null, number(high) ?? null]);
-  return given({ name: name.trim(), shaft_speed_hz: range(speedLow, speedHigh), torque_nm: range(torqueLow, torqueHigh) });
+  const range = (low, high) =>
+    low.trim() === "" && high.trim() === "" ? undefined : [number(low) ?? null, number(high) ?? null];
+  return given({
+    name: name.trim(),
+    shaft_speed_hz: range(speedLow, speedHigh),
+    torque_nm: range(torqueLow, torqueHigh),
+  });
 }
 
-const levels = (rule) => [["warning", "above"], ["danger", "above"], ["warning", "below"], ["danger", "below"]]
-  .map(([name, side]) => [`${name} ${side}`, rule[side === "below" ? `${name}_below` : name]])
-  .filter(([, level]) => level != null)
-  .map(([words, level]) => `${words} ${reading(level, rule)}`)
-  .join(", ");
+const levels = (rule) =>
+  [
+    ["warning", "above"],
+    ["danger", "above"],
+    ["warning", "below"],
+    ["danger", "below"],
+  ]
+    .map(([name, side]) => [`${name} ${side}`, rule[side === "below" ? `${name}_below` : name]])
+    .filter(([, level]) => level != null)
+    .map(([words, level]) => `${words} ${reading(level, rule)}`)
+    .join(", ");
 
 /** The fieldsets for alarm rules and operating bins. */
 export class SettingLists {
@@ -124,8 +201,25 @@ export class SettingLists {
   #bins = new Rows("operating bin", BIN, binOf, {});
   #inForce = [];
   elements = [
-    h("fieldset", { class: "card" }, h("legend", {}, "Alarms"), h("label", { class: "check", for: "setting-own-rules" }, this.#own, "Rules of its own"), this.#words, this.#rules.element),
-    h("fieldset", { class: "card" }, h("legend", {}, "Operating bins"), h("p", { class: "muted" }, "Boxes of shaft speed and torque: a trend within one says more than one over all. From the first number up to, not including, the second; either quantity may be left out."), this.#bins.element),
+    h(
+      "fieldset",
+      { class: "card" },
+      h("legend", {}, "Alarms"),
+      h("label", { class: "check", for: "setting-own-rules" }, this.#own, "Rules of its own"),
+      this.#words,
+      this.#rules.element,
+    ),
+    h(
+      "fieldset",
+      { class: "card" },
+      h("legend", {}, "Operating bins"),
+      h(
+        "p",
+        { class: "muted" },
+        "Boxes of shaft speed and torque: a trend within one says more than one over all. From the first number up to, not including, the second; either quantity may be left out.",
+      ),
+      this.#bins.element,
+    ),
   ];
 
   /** Shows an asset's lists. */
@@ -146,7 +240,9 @@ export class SettingLists {
   #show() {
     this.#rules.element.hidden = !this.#own.checked;
     const rules = this.#inForce.map((rule) => `${quantityWords(rule.quantity)}: ${levels(rule)}`).join("; ");
-    this.#words.textContent = this.#own.checked ? "Levels and hysteresis in the unit of what is watched." : `Without, the rules follow from the limits on wear depth${rules ? `. ${rules}.` : ": none, as there are no limits."}`;
+    this.#words.textContent = this.#own.checked
+      ? "Levels and hysteresis in the unit of what is watched."
+      : `Without, the rules follow from the limits on wear depth${rules ? `. ${rules}.` : ": none, as there are no limits."}`;
   }
 
   /** Puts the lists into a description. */

@@ -6,9 +6,19 @@ import { go } from "./route.js";
 
 /** The card; deleting asks for the asset's id to be typed. */
 export function removalCard(id) {
-  const typed = h("input", { id: "removal-id", type: "text", autocomplete: "off", spellcheck: "false", oninput: () => (remove.disabled = typed.value.trim() !== id) });
+  const typed = h("input", {
+    id: "removal-id",
+    type: "text",
+    autocomplete: "off",
+    spellcheck: "false",
+    oninput: () => (remove.disabled = typed.value.trim() !== id),
+  });
   const result = h("p", { class: "result", role: "status" });
-  const remove = h("button", { type: "button", class: "danger", disabled: true, onclick: send }, "Delete the asset");
+  const remove = h(
+    "button",
+    { type: "button", class: "danger", disabled: true, onclick: send },
+    "Delete the asset",
+  );
 
   async function send() {
     remove.disabled = true;
@@ -22,7 +32,8 @@ export function removalCard(id) {
     }
   }
 
-  const link = (query, words) => h("a", { class: "button", href: `#/new?${query}=${encodeURIComponent(id)}` }, words);
+  const link = (query, words) =>
+    h("a", { class: "button", href: `#/new?${query}=${encodeURIComponent(id)}` }, words);
   return h(
     "section",
     { class: "card removal" },
@@ -33,7 +44,12 @@ export function removalCard(id) {
       {},
       h("summary", {}, "Delete this asset"),
       h("p", {}, "Its records, estimates and alarms go with it. Raw recordings go into quarantine."),
-      h("div", { class: "form-buttons" }, h("label", { class: "field", for: "removal-id" }, h("span", {}, `Type ${id} to delete it`), typed), remove),
+      h(
+        "div",
+        { class: "form-buttons" },
+        h("label", { class: "field", for: "removal-id" }, h("span", {}, `Type ${id} to delete it`), typed),
+        remove,
+      ),
       result,
     ),
   );

@@ -53,18 +53,70 @@ export class SettingsPage {
   }
 
   #build() {
-    const groups = GROUPS.filter((group) => !group.pair || this.#asset.gear.pair).map((group) => h("fieldset", { class: "card" }, h("legend", {}, group.title), h("div", { class: "form-fields" }, group.fields.map((field) => this.#field(field)))));
-    const note = this.#asset.gear.pair ? null : h("p", { class: "notice" }, "No gear pair is described for this asset, so wear in µm is not estimated. ", h("a", { href: `#/new?edit=${encodeURIComponent(this.#id)}` }, "Describe its gears"));
-    const buttons = h("div", { class: "form-buttons" }, this.#save, this.#undo, h("span", { class: "muted" }, "A changed gear pair or baseline estimates the whole history anew."));
-    this.#form = h("form", { class: "settings", novalidate: true, onsubmit: (event) => this.#submit(event), oninput: () => this.#typed() }, groups, this.#lists.elements, note, this.#result, buttons);
-    setChildren(this.#root, this.#frame.element, h("div", { class: "settings-grid" }, this.#form, h("div", { class: "column" }, this.#asset.gear.pair ? this.#pair : null, removalCard(this.#id))));
+    const groups = GROUPS.filter((group) => !group.pair || this.#asset.gear.pair).map((group) =>
+      h(
+        "fieldset",
+        { class: "card" },
+        h("legend", {}, group.title),
+        h(
+          "div",
+          { class: "form-fields" },
+          group.fields.map((field) => this.#field(field)),
+        ),
+      ),
+    );
+    const note = this.#asset.gear.pair
+      ? null
+      : h(
+          "p",
+          { class: "notice" },
+          "No gear pair is described for this asset, so wear in µm is not estimated. ",
+          h("a", { href: `#/new?edit=${encodeURIComponent(this.#id)}` }, "Describe its gears"),
+        );
+    const buttons = h(
+      "div",
+      { class: "form-buttons" },
+      this.#save,
+      this.#undo,
+      h("span", { class: "muted" }, "A changed gear pair or baseline estimates the whole history anew."),
+    );
+    this.#form = h(
+      "form",
+      {
+        class: "settings",
+        novalidate: true,
+        onsubmit: (event) => this.#submit(event),
+        oninput: () => this.#typed(),
+      },
+      groups,
+      this.#lists.elements,
+      note,
+      this.#result,
+      buttons,
+    );
+    setChildren(
+      this.#root,
+      this.#frame.element,
+      h(
+        "div",
+        { class: "settings-grid" },
+        this.#form,
+        h("div", { class: "column" }, this.#asset.gear.pair ? this.#pair : null, removalCard(this.#id)),
+      ),
+    );
   }
 
   #field(field) {
     const { path, label, unit, kind = "number", hint } = field;
     const id = `setting-${path.replaceAll(".", "-")}`;
     const type = { text: "text", check: "checkbox" }[kind] ?? "number";
-    const input = h("input", { id, type, step: kind === "integer" ? "1" : "any", placeholder: hint, autocomplete: "off" });
+    const input = h("input", {
+      id,
+      type,
+      step: kind === "integer" ? "1" : "any",
+      placeholder: hint,
+      autocomplete: "off",
+    });
     this.#inputs.set(path, { field, input });
     if (kind === "check") return h("label", { class: "check", for: id }, input, label);
     return h("label", { class: "field", for: id }, h("span", {}, unit ? `${label} (${unit})` : label), input);
@@ -90,7 +142,8 @@ export class SettingsPage {
     for (const [path, { field, input }] of this.#inputs) {
       const { kind = "number", alike } = field;
       const text = input.value.trim();
-      const value = kind === "check" ? input.checked : text === "" ? undefined : kind === "text" ? text : Number(text);
+      const value =
+        kind === "check" ? input.checked : text === "" ? undefined : kind === "text" ? text : Number(text);
       if (value === undefined && valueAt(spec, path) === undefined) continue;
       putAt(spec, path, value);
       if (alike && spec.gear.pair) putAt(spec, alike, value);
@@ -122,7 +175,15 @@ export class SettingsPage {
 
   #refuse(error) {
     const name = error.problem?.field;
-    const at = name && [...this.#inputs].find(([path]) => path === name || path.endsWith(`.${name}`) || path.startsWith(`${name}.`) || path.startsWith(`gear.pair.${name}`));
+    const at =
+      name &&
+      [...this.#inputs].find(
+        ([path]) =>
+          path === name ||
+          path.endsWith(`.${name}`) ||
+          path.startsWith(`${name}.`) ||
+          path.startsWith(`gear.pair.${name}`),
+      );
     if (at) {
       at[1].input.setAttribute("aria-invalid", "true");
       at[1].input.focus();

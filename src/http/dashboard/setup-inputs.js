@@ -1,4 +1,5 @@
-// The inputs of a setup form: what is typed as a description, a description as what is typed, and errors at the fields.
+// The inputs of a setup form: what is typed as a description, a description as what is typed, and errors at
+// the fields.
 
 import { h, setText } from "./dom.js";
 import { putAt, valueAt } from "./settings-fields.js";
@@ -22,12 +23,33 @@ class FieldInput {
     const id = `setup-${path.replaceAll(/[._]/g, "-")}`;
     this.#error = h("span", { class: "field-error", id: `${id}-error`, hidden: true });
     this.#label = label;
-    if (kind === "choice") this.input = h("select", { id }, field.choices.map(([value, words]) => h("option", { value }, words)));
-    else this.input = h("input", { id, type: TYPES[kind] ?? "number", step: kind === "integer" ? "1" : "any", placeholder: hint, autocomplete: "off", spellcheck: "false", required: field.needed });
+    if (kind === "choice")
+      this.input = h(
+        "select",
+        { id },
+        field.choices.map(([value, words]) => h("option", { value }, words)),
+      );
+    else
+      this.input = h("input", {
+        id,
+        type: TYPES[kind] ?? "number",
+        step: kind === "integer" ? "1" : "any",
+        placeholder: hint,
+        autocomplete: "off",
+        spellcheck: "false",
+        required: field.needed,
+      });
     this.input.setAttribute("aria-describedby", `${id}-error`);
     const words = unit ? `${label} (${unit})` : label;
     if (kind === "check") this.element = h("label", { class: "check", for: id }, this.input, words);
-    else this.element = h("div", { class: "setup-field" }, h("label", { class: "field", for: id }, h("span", {}, words), this.input), about && h("span", { class: "muted field-about" }, about), this.#error);
+    else
+      this.element = h(
+        "div",
+        { class: "setup-field" },
+        h("label", { class: "field", for: id }, h("span", {}, words), this.input),
+        about && h("span", { class: "muted field-about" }, about),
+        this.#error,
+      );
   }
 
   /** What is typed, undefined where nothing is. */
@@ -42,7 +64,13 @@ class FieldInput {
   set value(value) {
     const { kind = "number", factor = 1 } = this.field;
     if (kind === "check") this.input.checked = Boolean(value);
-    else this.input.value = value === undefined || value === null ? "" : typeof value === "number" ? String(tidy(value / factor)) : value;
+    else
+      this.input.value =
+        value === undefined || value === null
+          ? ""
+          : typeof value === "number"
+            ? String(tidy(value / factor))
+            : value;
   }
 
   /** Whether something stands there that is no number. */
@@ -84,7 +112,8 @@ export class SetupInputs {
     for (const [path, made] of this.#inputs) {
       made.value = valueAt(rest, path);
       putAt(rest, path, undefined);
-      if (made.field.alike && valueAt(rest, made.field.alike) !== undefined) putAt(rest, made.field.alike, undefined);
+      if (made.field.alike && valueAt(rest, made.field.alike) !== undefined)
+        putAt(rest, made.field.alike, undefined);
       made.fail("");
     }
     return pruned(rest);
@@ -107,14 +136,24 @@ export class SetupInputs {
   /** Where one of two gears has a number of its own, the other one's default is said too. */
   #completeLists(spec, withPair) {
     for (const { field } of this.#inputs.values()) {
-      if (field.pairDefault === undefined || (field.ofPair && !withPair) || valueAt(spec, field.path) !== undefined) continue;
+      if (
+        field.pairDefault === undefined ||
+        (field.ofPair && !withPair) ||
+        valueAt(spec, field.path) !== undefined
+      )
+        continue;
       if (valueAt(spec, field.path.slice(0, -2))) putAt(spec, field.path, field.pairDefault);
     }
   }
 
   /** Fields that are needed and empty. */
   lacking(withPair) {
-    return [...this.#inputs.values()].filter(({ field, value, isBroken }) => field.needed && (withPair || !field.ofPair) && value === undefined && !isBroken).map(({ field }) => field);
+    return [...this.#inputs.values()]
+      .filter(
+        ({ field, value, isBroken }) =>
+          field.needed && (withPair || !field.ofPair) && value === undefined && !isBroken,
+      )
+      .map(({ field }) => field);
   }
 
   /** Takes all errors away; those of inputs without a number stay. */
@@ -125,13 +164,30 @@ export class SetupInputs {
   /** Shows a refusal at its field; false where it is of none of them. */
   fail({ field: name, value, expected }) {
     if (!name) return false;
-    const own = [...this.#inputs.values()].filter(({ field }) => [field.path, field.alike].some((path) => path && (path === name || path.startsWith(`${name}.`) || path.endsWith(`.${name}`) || path.replace(/^points\.\d+/, "points") === name)));
+    const own = [...this.#inputs.values()].filter(({ field }) =>
+      [field.path, field.alike].some(
+        (path) =>
+          path &&
+          (path === name ||
+            path.startsWith(`${name}.`) ||
+            path.endsWith(`.${name}`) ||
+            path.replace(/^points\.\d+/, "points") === name),
+      ),
+    );
     if (own.length === 0) return false;
     // of two gears' numbers the one that has the refused value
     const typed = own.filter((made) => String(valueOf(made)) === String(value));
     const gear = /\bgear ([12])\b/.exec(expected ?? "")?.[1];
-    const meant = typed.length === 1 ? typed : own.length === 2 && gear && !typed.length ? [own[gear - 1]] : typed.length ? typed : own;
-    for (const made of meant) if (!made.isFailed) made.fail(expected ? `expected ${worded(expected, made.field)}` : "needed");
+    const meant =
+      typed.length === 1
+        ? typed
+        : own.length === 2 && gear && !typed.length
+          ? [own[gear - 1]]
+          : typed.length
+            ? typed
+            : own;
+    for (const made of meant)
+      if (!made.isFailed) made.fail(expected ? `expected ${worded(expected, made.field)}` : "needed");
     return true;
   }
 
@@ -159,6 +215,8 @@ function pruned(value) {
   if (value === null || value === undefined) return null;
   if (Array.isArray(value)) return value.some((each) => pruned(each) !== null) ? value : null;
   if (typeof value !== "object") return value;
-  const kept = Object.entries(value).map(([key, inner]) => [key, pruned(inner)]).filter(([, inner]) => inner !== null);
+  const kept = Object.entries(value)
+    .map(([key, inner]) => [key, pruned(inner)])
+    .filter(([, inner]) => inner !== null);
   return kept.length ? Object.fromEntries(kept) : null;
 }

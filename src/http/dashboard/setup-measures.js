@@ -26,21 +26,37 @@ function shown({ quantity, value }) {
 /** Lists the measures of a geometry, what cannot be first. */
 export function showMeasures(element, measures) {
   // the words of both gears in one line where they say the same
-  const rows = Object.keys(WORDS).map((quantity) => {
-    const own = measures.filter((measure) => measure.quantity === quantity);
-    const verdict = own.reduce((worst, measure) => (RANK[measure.verdict] < RANK[worst] ? measure.verdict : worst), "good");
-    return { quantity, own, verdict };
-  }).filter(({ own }) => own.length);
+  const rows = Object.keys(WORDS)
+    .map((quantity) => {
+      const own = measures.filter((measure) => measure.quantity === quantity);
+      const verdict = own.reduce(
+        (worst, measure) => (RANK[measure.verdict] < RANK[worst] ? measure.verdict : worst),
+        "good",
+      );
+      return { quantity, own, verdict };
+    })
+    .filter(({ own }) => own.length);
   rows.sort((a, b) => RANK[a.verdict] - RANK[b.verdict]);
   const row = ({ quantity, own, verdict }) => {
     const [name, unit, limit] = WORDS[quantity];
-    const values = own.map((measure) => h("span", { class: measure.verdict === "impossible" ? "measure-bad" : null }, `${measure.gear ? `${GEARS[measure.gear]} ` : ""}${shown(measure)}`));
+    const values = own.map((measure) =>
+      h(
+        "span",
+        { class: measure.verdict === "impossible" ? "measure-bad" : null },
+        `${measure.gear ? `${GEARS[measure.gear]} ` : ""}${shown(measure)}`,
+      ),
+    );
     return h(
       "li",
       { "data-verdict": verdict, "data-quantity": quantity },
       h("span", { class: "measure-sign", role: "img", "aria-label": SPOKEN[verdict] }, SIGNS[verdict]),
       h("span", {}, name),
-      h("span", { class: "measure-values" }, values.flatMap((value, n) => (n ? [", ", value] : [value])), unit ? ` ${unit}` : ""),
+      h(
+        "span",
+        { class: "measure-values" },
+        values.flatMap((value, n) => (n ? [", ", value] : [value])),
+        unit ? ` ${unit}` : "",
+      ),
       verdict === "good" ? null : h("span", { class: "muted measure-limit" }, limit),
     );
   };

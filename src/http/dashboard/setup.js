@@ -1,4 +1,5 @@
-// The form that describes an asset: a new one, a copy, or one that is there, with its gear pair drawn and previewed as it is typed.
+// The form that describes an asset: a new one, a copy, or one that is there, with its gear pair drawn and
+// previewed as it is typed.
 
 import * as api from "./api.js";
 import { crumbs } from "./asset-frame.js";
@@ -16,14 +17,31 @@ const NUMBERS = "numbers";
 const NONE = "none";
 
 /** An id from a name. */
-const slug = (name) => name.toLowerCase().normalize("NFKD").replaceAll(/[^a-z0-9_]+/g, "-").replaceAll(/^[-_]+|-+$/g, "").slice(0, 64);
+const slug = (name) =>
+  name
+    .toLowerCase()
+    .normalize("NFKD")
+    .replaceAll(/[^a-z0-9_]+/g, "-")
+    .replaceAll(/^[-_]+|-+$/g, "")
+    .slice(0, 64);
 
 /** What a description cannot have, as far as the page can tell by itself. */
 function typedRefusals({ id, limits, points }) {
   const refusals = [];
-  if (id && !/^[a-z0-9][a-z0-9_-]{0,63}$/.test(id)) refusals.push({ field: "id", value: id, expected: "1 to 64 characters of a–z, 0–9, - and _, the first a letter or digit" });
-  if (limits?.warning_um > limits?.danger_um) refusals.push({ field: "limits.warning_um", value: limits.warning_um, expected: "a depth at or below that of danger" });
-  if (points?.length && !points[0].channel) refusals.push({ field: "points.0.channel", expected: "a name, as something is said of its sensor" });
+  if (id && !/^[a-z0-9][a-z0-9_-]{0,63}$/.test(id))
+    refusals.push({
+      field: "id",
+      value: id,
+      expected: "1 to 64 characters of a–z, 0–9, - and _, the first a letter or digit",
+    });
+  if (limits?.warning_um > limits?.danger_um)
+    refusals.push({
+      field: "limits.warning_um",
+      value: limits.warning_um,
+      expected: "a depth at or below that of danger",
+    });
+  if (points?.length && !points[0].channel)
+    refusals.push({ field: "points.0.channel", expected: "a name, as something is said of its sensor" });
   return refusals;
 }
 
@@ -39,23 +57,75 @@ export class SetupPage {
   #refusals = { typed: [], previewed: [], saved: [] };
   #title = h("h1", {}, "New asset");
   #pair = h("select", { id: "setup-pair", onchange: () => this.#choosePair() });
-  #json = h("textarea", { id: "setup-json", rows: "7", spellcheck: "false", "aria-describedby": "setup-json-error" });
+  #json = h("textarea", {
+    id: "setup-json",
+    rows: "7",
+    spellcheck: "false",
+    "aria-describedby": "setup-json-error",
+  });
   #jsonError = h("span", { class: "field-error", id: "setup-json-error", hidden: true });
   #result = h("p", { class: "result", role: "status" });
   #save = h("button", { type: "submit", class: "primary" }, "Create asset");
   #drawing = new PairDrawing();
   #measures = h("ul", { class: "measures", "aria-label": "Geometry of the pair" });
   #faults = h("ul", { class: "setup-faults", role: "status" });
-  #panel = new PreviewPanel({ onPreview: (preview) => this.#previewed(preview), onError: (error) => this.#refused(error) });
+  #panel = new PreviewPanel({
+    onPreview: (preview) => this.#previewed(preview),
+    onError: (error) => this.#refused(error),
+  });
   #form;
 
   constructor(root, route) {
     this.#root = root;
     this.#query = route.query;
-    this.#form = h("form", { class: "settings setup-form", novalidate: true, onsubmit: (event) => this.#submit(event), oninput: (event) => this.#typed(event) }, SETUP_GROUPS.map((group) => this.#group(group)), this.#jsonEditor(), this.#result, h("div", { class: "form-buttons" }, this.#save, h("a", { class: "button", href: this.#wayBack() }, "Cancel")));
-    const side = h("aside", { class: "setup-side" }, h("section", { class: "card" }, h("h2", {}, "Gear pair to scale"), this.#drawing.element, this.#faults, this.#measures));
-    const title = h("header", { class: "asset-header" }, crumbs(["#/", "Fleet"]), this.#title, h("p", { class: "muted" }, "One gear mesh seen by one or more accelerometers. Teeth and speed suffice for indicators; the gear pair adds wear in µm."));
-    setChildren(root, title, h("div", { class: "settings-grid setup-grid" }, this.#form, side), h("h2", { class: "preview-title" }, "What wear does to this pair"), this.#panel.element);
+    this.#form = h(
+      "form",
+      {
+        class: "settings setup-form",
+        novalidate: true,
+        onsubmit: (event) => this.#submit(event),
+        oninput: (event) => this.#typed(event),
+      },
+      SETUP_GROUPS.map((group) => this.#group(group)),
+      this.#jsonEditor(),
+      this.#result,
+      h(
+        "div",
+        { class: "form-buttons" },
+        this.#save,
+        h("a", { class: "button", href: this.#wayBack() }, "Cancel"),
+      ),
+    );
+    const side = h(
+      "aside",
+      { class: "setup-side" },
+      h(
+        "section",
+        { class: "card" },
+        h("h2", {}, "Gear pair to scale"),
+        this.#drawing.element,
+        this.#faults,
+        this.#measures,
+      ),
+    );
+    const title = h(
+      "header",
+      { class: "asset-header" },
+      crumbs(["#/", "Fleet"]),
+      this.#title,
+      h(
+        "p",
+        { class: "muted" },
+        "One gear mesh seen by one or more accelerometers. Teeth and speed suffice for indicators; the gear pair adds wear in µm.",
+      ),
+    );
+    setChildren(
+      root,
+      title,
+      h("div", { class: "settings-grid setup-grid" }, this.#form, side),
+      h("h2", { class: "preview-title" }, "What wear does to this pair"),
+      this.#panel.element,
+    );
     this.#fillChoices();
     this.#check(0);
     this.#name();
@@ -75,27 +145,57 @@ export class SetupPage {
   }
 
   #group({ title, fields, more, pairChoice }) {
-    const box = (list) => h("div", { class: "form-fields" }, list.map((field) => this.#inputs.make(field)));
-    const choice = pairChoice && h("label", { class: "field setup-choice", for: "setup-pair" }, h("span", {}, "Gear pair, for wear in µm"), this.#pair);
-    const folded = more && h("details", { class: "setup-more" }, h("summary", {}, more.title), box(more.fields));
+    const box = (list) =>
+      h(
+        "div",
+        { class: "form-fields" },
+        list.map((field) => this.#inputs.make(field)),
+      );
+    const choice =
+      pairChoice &&
+      h(
+        "label",
+        { class: "field setup-choice", for: "setup-pair" },
+        h("span", {}, "Gear pair, for wear in µm"),
+        this.#pair,
+      );
+    const folded =
+      more && h("details", { class: "setup-more" }, h("summary", {}, more.title), box(more.fields));
     return h("fieldset", { class: "card" }, h("legend", {}, title), choice, box(fields), folded);
   }
 
   #jsonEditor() {
-    const words = "What no field above has, as JSON as the API takes it: alarm rules, operating bins, bands, further measuring points. The fields above count where both say something.";
-    return h("details", { class: "card setup-more" }, h("summary", {}, "All other fields as JSON"), h("label", { class: "field", for: "setup-json" }, h("span", {}, words), this.#json), this.#jsonError);
+    const words =
+      "What no field above has, as JSON as the API takes it: alarm rules, operating bins, bands, further measuring points. The fields above count where both say something.";
+    return h(
+      "details",
+      { class: "card setup-more" },
+      h("summary", {}, "All other fields as JSON"),
+      h("label", { class: "field", for: "setup-json" }, h("span", {}, words), this.#json),
+      this.#jsonError,
+    );
   }
 
   #fillChoices() {
-    const options = [[NUMBERS, "By its numbers"], ...this.#presets.map(({ name, pair }) => [name, `Begin with: ${pair.name || name}`]), [NONE, "None: indicators only"]];
-    setChildren(this.#pair, options.map(([value, words]) => h("option", { value }, words)));
+    const options = [
+      [NUMBERS, "By its numbers"],
+      ...this.#presets.map(({ name, pair }) => [name, `Begin with: ${pair.name || name}`]),
+      [NONE, "None: indicators only"],
+    ];
+    setChildren(
+      this.#pair,
+      options.map(([value, words]) => h("option", { value }, words)),
+    );
   }
 
   /** Asks once for presets and for the asset to begin with. */
   async refresh(signal) {
     if (this.#asked) return;
     const id = this.#query.edit ?? this.#query.copy;
-    const [presets, asset] = await Promise.all([api.answer(api.pairPresets(signal)), id ? api.answer(api.asset(id, signal)) : null]);
+    const [presets, asset] = await Promise.all([
+      api.answer(api.pairPresets(signal)),
+      id ? api.answer(api.asset(id, signal)) : null,
+    ]);
     this.#asked = true;
     if (!(presets instanceof Error)) this.#presets = presets.items;
     const chosen = this.#pair.value;
@@ -134,7 +234,15 @@ export class SetupPage {
     if (preset) {
       const { pair } = structuredClone(preset);
       const before = this.#description() ?? {};
-      this.#fill({ ...before, gear: { ...before.gear, teeth: pair.geometry.teeth, shaft_speed_hz: pair.operation.shaft_speed_hz, pair } });
+      this.#fill({
+        ...before,
+        gear: {
+          ...before.gear,
+          teeth: pair.geometry.teeth,
+          shaft_speed_hz: pair.operation.shaft_speed_hz,
+          pair,
+        },
+      });
     }
     this.#check(0);
   }
@@ -146,7 +254,8 @@ export class SetupPage {
     let rest = {};
     try {
       rest = text ? JSON.parse(text) : {};
-      if (typeof rest !== "object" || Array.isArray(rest) || rest === null) words = "expected an object, in braces";
+      if (typeof rest !== "object" || Array.isArray(rest) || rest === null)
+        words = "expected an object, in braces";
     } catch (error) {
       words = error.message;
     }
@@ -176,16 +285,25 @@ export class SetupPage {
   #check(wait) {
     this.#refusals.saved = [];
     this.#say("", "");
-    for (const element of this.#form.querySelectorAll(".setup-field")) element.hidden = !this.#withPair && element.querySelector('[id^="setup-gear-pair-"]') !== null;
-    for (const element of this.#form.querySelectorAll(".form-fields > .check")) element.hidden = !this.#withPair && element.htmlFor.startsWith("setup-gear-pair-");
-    for (const folded of this.#form.querySelectorAll("fieldset .setup-more")) folded.hidden = !this.#withPair && folded.querySelector(':scope [id^="setup-gear-pair-"]') !== null;
+    for (const element of this.#form.querySelectorAll(".setup-field"))
+      element.hidden = !this.#withPair && element.querySelector('[id^="setup-gear-pair-"]') !== null;
+    for (const element of this.#form.querySelectorAll(".form-fields > .check"))
+      element.hidden = !this.#withPair && element.htmlFor.startsWith("setup-gear-pair-");
+    for (const folded of this.#form.querySelectorAll("fieldset .setup-more"))
+      folded.hidden = !this.#withPair && folded.querySelector(':scope [id^="setup-gear-pair-"]') !== null;
     const spec = this.#description();
     this.#refusals.typed = spec ? typedRefusals(spec) : [];
     this.#showRefusals();
     if (!spec) return;
-    if (!this.#withPair) return this.#blank("Without a gear pair there is nothing to preview: indicators are computed, and no wear is estimated.");
+    if (!this.#withPair)
+      return this.#blank(
+        "Without a gear pair there is nothing to preview: indicators are computed, and no wear is estimated.",
+      );
     const lacking = this.#inputs.lacking(true).filter(({ path }) => path !== "id");
-    if (lacking.length) return this.#blank(`Still needed: ${lacking.map(({ label }) => label.charAt(0).toLowerCase() + label.slice(1)).join(", ")}.`);
+    if (lacking.length)
+      return this.#blank(
+        `Still needed: ${lacking.map(({ label }) => label.charAt(0).toLowerCase() + label.slice(1)).join(", ")}.`,
+      );
     this.#panel.describe(spec.gear, wait);
   }
 
@@ -193,7 +311,11 @@ export class SetupPage {
     this.#refusals.previewed = [];
     this.#showRefusals();
     this.#drawing.say(words);
-    this.#panel.lacking(this.#withPair ? "As soon as the gear pair is described, its wear can be tried out here. Or begin with one of the pairs above." : words);
+    this.#panel.lacking(
+      this.#withPair
+        ? "As soon as the gear pair is described, its wear can be tried out here. Or begin with one of the pairs above."
+        : words,
+    );
     setChildren(this.#measures);
     setChildren(this.#faults);
   }
@@ -202,7 +324,10 @@ export class SetupPage {
     const own = refusals.filter(({ field }) => !["wear_um", "torque_nm", "shaft_speed_hz"].includes(field));
     this.#refusals.previewed = own;
     const placed = this.#showRefusals();
-    setChildren(this.#faults, own.filter((refusal) => !placed.has(refusal)).map(({ detail }) => h("li", {}, detail)));
+    setChildren(
+      this.#faults,
+      own.filter((refusal) => !placed.has(refusal)).map(({ detail }) => h("li", {}, detail)),
+    );
     if (geometry) this.#drawing.show(geometry);
     else this.#drawing.say("These numbers give no gears that could be drawn.");
     showMeasures(this.#measures, geometry?.measures ?? []);
@@ -227,18 +352,29 @@ export class SetupPage {
     this.#refusals.saved = lacking.map(({ path }) => ({ field: path }));
     this.#showRefusals();
     if (lacking.length || !spec) {
-      this.#say("bad", spec ? `Still needed: ${lacking.map(({ label }) => label).join(", ")}.` : "The JSON cannot be read.");
+      this.#say(
+        "bad",
+        spec ? `Still needed: ${lacking.map(({ label }) => label).join(", ")}.` : "The JSON cannot be read.",
+      );
       return this.#inputs.focusError();
     }
     this.#save.disabled = true;
     try {
-      const { id } = this.#query.edit ? await api.replaceAsset(this.#query.edit, spec) : await api.createAsset(spec);
+      const { id } = this.#query.edit
+        ? await api.replaceAsset(this.#query.edit, spec)
+        : await api.createAsset(spec);
       go({ page: "asset", id });
     } catch (error) {
-      const refusal = error.status === 409 ? { field: "id", value: spec.id, expected: "an id that no other asset has" } : error.problem;
+      const refusal =
+        error.status === 409
+          ? { field: "id", value: spec.id, expected: "an id that no other asset has" }
+          : error.problem;
       this.#refusals.saved = refusal ? [refusal] : [];
       const placed = this.#showRefusals().has(refusal);
-      this.#say("bad", placed ? "Not saved: one of the fields cannot be used." : `Not saved: ${error.message}.`);
+      this.#say(
+        "bad",
+        placed ? "Not saved: one of the fields cannot be used." : `Not saved: ${error.message}.`,
+      );
       if (placed) this.#inputs.focusError();
     } finally {
       this.#save.disabled = false;

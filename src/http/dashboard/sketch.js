@@ -16,5 +16,15 @@ export function sketch({ columns }, label) {
   const upper = columns.map(([, value], n) => `${x(n).toFixed(1)} ${(y(value) - 0.4).toFixed(1)}`);
   const lower = columns.map(([value], n) => `${x(n).toFixed(1)} ${(y(value) + 0.4).toFixed(1)}`).reverse();
   const words = `Waveform of ${label}, from ${number(low, 3)} to ${number(high, 3)}`;
-  return svg("svg", { class: "sketch", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": words, preserveAspectRatio: "none" }, svg("path", { d: `M${[...upper, ...lower].join("L")}Z` }));
+  return svg(
+    "svg",
+    {
+      class: "sketch",
+      viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
+      role: "img",
+      "aria-label": words,
+      preserveAspectRatio: "none",
+    },
+    svg("path", { d: `M${[...upper, ...lower].join("L")}Z` }),
+  );
 }

@@ -4,16 +4,54 @@ import { amplitudeAt } from "./fine-lines.js";
 import { hertz, number, titled, unit } from "./format.js";
 import { palette, verticalLine } from "./plots.js";
 
-const WINDOWS = { hann: "Hann", hamming: "Hamming", rectangular: "rectangular", flattop: "flat-top", blackman: "Blackman" };
-const QUANTITIES = { amplitude_peak: "Peak amplitude", amplitude_rms: "RMS amplitude", psd: "Power spectral density" };
+const WINDOWS = {
+  hann: "Hann",
+  hamming: "Hamming",
+  rectangular: "rectangular",
+  flattop: "flat-top",
+  blackman: "Blackman",
+};
+const QUANTITIES = {
+  amplitude_peak: "Peak amplitude",
+  amplitude_rms: "RMS amplitude",
+  psd: "Power spectral density",
+};
 
 const HERTZ = { title: "Frequency (Hz)", name: "frequency_hz", say: hertz, wide: hertz, suffix: " Hz" };
-const ORDERS = { title: "Order of the driving shaft (–)", name: "order", say: (value) => `order ${number(value, 5)}`, wide: (value) => `${number(value, 3)} orders`, suffix: ". order" };
+const ORDERS = {
+  title: "Order of the driving shaft (–)",
+  name: "order",
+  say: (value) => `order ${number(value, 5)}`,
+  wide: (value) => `${number(value, 3)} orders`,
+  suffix: ". order",
+};
 
 /** An order spectrum in the shape of one over frequency: the unit of its axis is one turn of the driving shaft. */
-export function ofOrders({ order, amplitude, mesh_amplitudes: mesh, teeth: [teeth], bandwidth_orders: bandwidth, resolution_orders: resolution, ...rest }) {
-  const harmonics = mesh.map((height, index) => ({ order: index + 1, frequency_hz: (index + 1) * teeth, amplitude: height }));
-  return { ...rest, axis: ORDERS, frequency_hz: order, amplitude, bandwidth_hz: bandwidth, resolution_hz: resolution, shaft_speed_hz: 1, mesh_frequency_hz: teeth, mesh_harmonics: harmonics };
+export function ofOrders({
+  order,
+  amplitude,
+  mesh_amplitudes: mesh,
+  teeth: [teeth],
+  bandwidth_orders: bandwidth,
+  resolution_orders: resolution,
+  ...rest
+}) {
+  const harmonics = mesh.map((height, index) => ({
+    order: index + 1,
+    frequency_hz: (index + 1) * teeth,
+    amplitude: height,
+  }));
+  return {
+    ...rest,
+    axis: ORDERS,
+    frequency_hz: order,
+    amplitude,
+    bandwidth_hz: bandwidth,
+    resolution_hz: resolution,
+    shaft_speed_hz: 1,
+    mesh_frequency_hz: teeth,
+    mesh_harmonics: harmonics,
+  };
 }
 
 /** What the horizontal axis of a spectrum counts. */
@@ -22,22 +60,42 @@ export function axisOf(spectrum) {
 }
 
 /** Window, bandwidth and reduction: what makes two spectra comparable. */
-function convention({ axis: { wide } = HERTZ, window, bandwidth_hz: bandwidth, resolution_hz: resolution, reduced, part }) {
+function convention({
+  axis: { wide } = HERTZ,
+  window,
+  bandwidth_hz: bandwidth,
+  resolution_hz: resolution,
+  reduced,
+  part,
+}) {
   const name = WINDOWS[window] ?? window;
   const lines = `${name} window, ${wide(bandwidth)} noise bandwidth, lines every ${wide(resolution)}`;
-  return (part ?? { reduced }).reduced ? `${lines}; drawn with fewer points, every peak kept` : `${lines}, every one drawn`;
+  return (part ?? { reduced }).reduced
+    ? `${lines}; drawn with fewer points, every peak kept`
+    : `${lines}, every one drawn`;
 }
 
 /** The amplitude axis with room for the labels on the peaks; on a log scale from below the median, so that noise stays in sight. */
 function amplitudeAxis(spectrum, other, [from, to], logarithmic, revision) {
   const title = { text: titled(QUANTITIES[spectrum.quantity] ?? spectrum.quantity, spectrum.unit) };
   const uirevision = `${revision} ${logarithmic}`;
-  const seen = ({ frequency_hz: x, amplitude }) => amplitude.filter((_, index) => x[index] >= from && x[index] <= to);
-  const visible = [spectrum, other].filter((each) => each && !(each instanceof Error)).flatMap(seen).sort((a, b) => a - b);
+  const seen = ({ frequency_hz: x, amplitude }) =>
+    amplitude.filter((_, index) => x[index] >= from && x[index] <= to);
+  const visible = [spectrum, other]
+    .filter((each) => each && !(each instanceof Error))
+    .flatMap(seen)
+    .sort((a, b) => a - b);
   const top = visible.at(-1) || 1;
   if (!logarithmic) return { title, type: "linear", range: [0, 1.15 * top], uirevision };
   const low = Math.max(visible[visible.length >> 1] / 5, top * 1e-8);
-  return { title, type: "log", range: [Math.log10(low), Math.log10(3 * top)], dtick: 1, exponentformat: "power", uirevision };
+  return {
+    title,
+    type: "log",
+    range: [Math.log10(low), Math.log10(3 * top)],
+    dtick: 1,
+    exponentformat: "power",
+    uirevision,
+  };
 }
 
 function line(spectrum, colour, which = "") {
@@ -48,7 +106,12 @@ function line(spectrum, colour, which = "") {
 
 /** What the lines' colours mean where there are two. */
 function comparedEntries(other, colour) {
-  return other && !(other instanceof Error) ? [["line", colour.accent, "selected record"], ["line", colour.other, "pinned record"]] : [];
+  return other && !(other instanceof Error)
+    ? [
+        ["line", colour.accent, "selected record"],
+        ["line", colour.other, "pinned record"],
+      ]
+    : [];
 }
 
 /** The other record's line, where there is one to compare with. */
@@ -60,7 +123,10 @@ function othersOf(other, colour) {
 function table(spectrum, other) {
   const columns = (each, which) => {
     const { frequency_hz: x, amplitude } = each.part ?? each;
-    return [[`${which}${axisOf(each).name}`, x], [`${which}amplitude_peak (${each.unit})`, amplitude]];
+    return [
+      [`${which}${axisOf(each).name}`, x],
+      [`${which}amplitude_peak (${each.unit})`, amplitude],
+    ];
   };
   return [...columns(spectrum, ""), ...(other && !(other instanceof Error) ? columns(other, "pinned ") : [])];
 }
@@ -81,7 +147,16 @@ function marks(points, colour) {
 /** A label above a mark, with a ground of its own: the mark's line would strike it through. */
 function label({ frequency_hz: x, amplitude, label: text }, colour, logarithmic) {
   const y = logarithmic ? Math.log10(amplitude) : amplitude;
-  return { x, y, text, showarrow: false, yshift: 14, borderpad: 0, bgcolor: colour.surface, font: { color: colour.reference } };
+  return {
+    x,
+    y,
+    text,
+    showarrow: false,
+    yshift: 14,
+    borderpad: 0,
+    bgcolor: colour.surface,
+    font: { color: colour.reference },
+  };
 }
 
 /** Where the user may jump to: the whole spectrum or the surroundings of a mesh line. */
@@ -104,7 +179,17 @@ function sidebandLines(harmonics, shaft, colour, zoom) {
   for (const { order, frequency_hz: centre } of harmonics) {
     for (const { x, label: text } of sidebandsOf(centre, shaft)) {
       shapes.push(verticalLine(x, colour.edge, "dash", 1));
-      if (order === Number(zoom)) annotations.push({ x, yref: "paper", y: 1, yanchor: "top", text, showarrow: false, bgcolor: colour.surface, font: { color: colour.muted } });
+      if (order === Number(zoom))
+        annotations.push({
+          x,
+          yref: "paper",
+          y: 1,
+          yanchor: "top",
+          text,
+          showarrow: false,
+          bgcolor: colour.surface,
+          font: { color: colour.muted },
+        });
     }
   }
   return { shapes, annotations };
@@ -121,10 +206,14 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
     label: `${order}×`,
     words: `mesh harmonic ${order}×: ${axis.say(frequency)}, ${number(amplitude)} ${unit(spectrum.unit)}`,
   }));
-  const shapes = harmonics.map(({ frequency_hz: frequency }) => verticalLine(frequency, colour.reference, "dot"));
+  const shapes = harmonics.map(({ frequency_hz: frequency }) =>
+    verticalLine(frequency, colour.reference, "dot"),
+  );
   // on a narrow screen there is room for every second name
   const crowded = !zoom && !part && matchMedia("(max-width: 40rem)").matches && points.length > 6;
-  const annotations = points.filter((_, index) => !crowded || index % 2 === 0).map((point) => label(point, colour, logarithmic));
+  const annotations = points
+    .filter((_, index) => !crowded || index % 2 === 0)
+    .map((point) => label(point, colour, logarithmic));
   const entries = points.length ? [["diamond", colour.reference, `mesh harmonics of ${axis.say(mesh)}`]] : [];
   if (sidebands && shaft && mesh) {
     const lines = sidebandLines(harmonics, shaft, colour, zoom);
@@ -147,7 +236,13 @@ export function spectrumDrawing(spectrum, other, { logarithmic, sidebands, zoom,
       uirevision: revision,
       hovermode: "closest",
       hoverdistance: 12,
-      xaxis: { title: { text: axis.title }, range, uirevision: axisRevision, exponentformat: "none", separatethousands: true },
+      xaxis: {
+        title: { text: axis.title },
+        range,
+        uirevision: axisRevision,
+        exponentformat: "none",
+        separatethousands: true,
+      },
       yaxis: amplitudeAxis(spectrum, other, range, logarithmic, axisRevision),
       shapes,
       annotations,
@@ -160,7 +255,10 @@ const ENVELOPE_MESH_LINES = 3;
 
 /** `[from, to]` of what is looked at of an envelope spectrum, null for all of it; and of the lines that are marked in it. */
 export function envelopeParts({ shaft_speed_hz: shaft, mesh_frequency_hz: mesh, resolution_hz: step }, near) {
-  return { part: near && shaft ? [0, NEAR_SHAFTS * shaft] : null, read: mesh ? [0, ENVELOPE_MESH_LINES * mesh + 2 * step] : null };
+  return {
+    part: near && shaft ? [0, NEAR_SHAFTS * shaft] : null,
+    read: mesh ? [0, ENVELOPE_MESH_LINES * mesh + 2 * step] : null,
+  };
 }
 
 const BAND_SOURCES = {
@@ -174,40 +272,73 @@ const BAND_SOURCES = {
 /** The drawing of an envelope spectrum, `near` the shafts' lines or whole; `teeth` are those of the driving and the driven gear. */
 export function envelopeDrawing(envelope, other, teeth, { logarithmic, near }, revision) {
   const colour = palette();
-  const { shaft_speed_hz: shaft, band_hz: [low, high], band_source: source } = envelope;
+  const {
+    shaft_speed_hz: shaft,
+    band_hz: [low, high],
+    band_source: source,
+  } = envelope;
   const whole = Math.min(envelope.frequency_hz.at(-1), high - low);
   const end = near && shaft ? Math.min(whole, NEAR_SHAFTS * shaft) : whole;
   const lines = [];
   if (shaft) {
     const driven = (shaft * teeth[0]) / teeth[1];
-    if (Math.abs(driven / shaft - 1) > 0.02) lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft" });
-    for (let k = 1; k <= 5; k++) lines.push({ frequency_hz: k * shaft, label: k === 1 ? "shaft 1×" : `${k}×`, name: `driving shaft ${k}×` });
-    for (let k = 1; k <= ENVELOPE_MESH_LINES; k++) lines.push({ frequency_hz: k * shaft * teeth[0], label: `mesh ${k}×`, name: `mesh ${k}×`, isMesh: true });
+    if (Math.abs(driven / shaft - 1) > 0.02)
+      lines.push({ frequency_hz: driven, label: "driven", name: "driven shaft" });
+    for (let k = 1; k <= 5; k++)
+      lines.push({
+        frequency_hz: k * shaft,
+        label: k === 1 ? "shaft 1×" : `${k}×`,
+        name: `driving shaft ${k}×`,
+      });
+    for (let k = 1; k <= ENVELOPE_MESH_LINES; k++)
+      lines.push({
+        frequency_hz: k * shaft * teeth[0],
+        label: `mesh ${k}×`,
+        name: `mesh ${k}×`,
+        isMesh: true,
+      });
   }
   const apart = shaft > 0.03 * end;
   const points = lines
     .filter((point) => point.frequency_hz <= end)
     .map((point) => {
       const amplitude = amplitudeAt(envelope, point.frequency_hz) ?? 0;
-      return { ...point, amplitude, words: `${point.name}: ${hertz(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}` };
+      return {
+        ...point,
+        amplitude,
+        words: `${point.name}: ${hertz(point.frequency_hz)}, ${number(amplitude)} ${unit(envelope.unit)}`,
+      };
     });
   return {
     title: `Envelope spectrum, ${number(low, 4)} to ${number(high, 4)} Hz`,
     traces: [line(envelope, colour.accent), marks(points, colour)],
     others: othersOf(other, colour),
     table: () => table(envelope, other),
-    legend: [...comparedEntries(other, colour), ...(points.length ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]] : [])],
+    legend: [
+      ...comparedEntries(other, colour),
+      ...(points.length
+        ? [["diamond", colour.reference, `lines of the shafts (${hertz(shaft)}) and of the mesh`]]
+        : []),
+    ],
     sub: `Band ${BAND_SOURCES[source] ?? source}. ${convention(envelope)}.`,
     summary: `Envelope spectrum of the band ${number(low)} to ${number(high)} Hz: ${points.map((point) => point.words).join("; ") || "no shaft speed known"}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
       hoverdistance: 12,
-      xaxis: { title: { text: "Modulation frequency (Hz)" }, range: [0, end], uirevision: `${revision} ${end}` },
+      xaxis: {
+        title: { text: "Modulation frequency (Hz)" },
+        range: [0, end],
+        uirevision: `${revision} ${end}`,
+      },
       yaxis: amplitudeAxis(envelope, other, [0, end], logarithmic, `${revision} ${end}`),
       shapes: points.map((point) => verticalLine(point.frequency_hz, colour.reference, "dot")),
       // lines too close to be told apart have one label for all
-      annotations: points.filter(({ isMesh }, index) => index === 0 || isMesh || apart).map((point) => label(apart || point.isMesh ? point : { ...point, label: "shafts" }, colour, logarithmic)),
+      annotations: points
+        .filter(({ isMesh }, index) => index === 0 || isMesh || apart)
+        .map((point) =>
+          label(apart || point.isMesh ? point : { ...point, label: "shafts" }, colour, logarithmic),
+        ),
     },
   };
 }

@@ -1,4 +1,5 @@
-// What can be chosen for a spectrum: its axis, the part that is shown, cursors, sidebands, and a logarithmic scale.
+// What can be chosen for a spectrum: its axis, the part that is shown, cursors, sidebands, and a logarithmic
+// scale.
 
 import { formatCursor } from "./cursor-lines.js";
 import { h, setChildren } from "./dom.js";
@@ -12,16 +13,39 @@ function check(id, label, onchange) {
 }
 
 function choice(id, label, options, onchange) {
-  const select = h("select", { id, "aria-label": label, onchange: () => onchange(select.value) }, options.map(([value, text]) => h("option", { value }, text)));
+  const select = h(
+    "select",
+    { id, "aria-label": label, onchange: () => onchange(select.value) },
+    options.map(([value, text]) => h("option", { value }, text)),
+  );
   return select;
 }
 
 /** The tools of the spectrum's card; everything chosen is in the address. */
 export class SpectrumTools {
   #spectrum;
-  #axis = choice("spectrum-axis", "Axis of the spectrum", [["", "Hz"], ["orders", "Orders"]], (axis) => change({ axis, cursor: null, band: null }, { quiet: true }));
-  #cursor = choice("spectrum-cursor", "Cursor", [["", "No cursor"], ["h", "Harmonics"], ["s", "Sidebands"]], (kind) => this.#place(kind));
-  #zoom = choice("spectrum-zoom", "Part of the spectrum", [["", "Whole spectrum"]], (zoom) => change({ zoom, band: null }, { quiet: true }));
+  #axis = choice(
+    "spectrum-axis",
+    "Axis of the spectrum",
+    [
+      ["", "Hz"],
+      ["orders", "Orders"],
+    ],
+    (axis) => change({ axis, cursor: null, band: null }, { quiet: true }),
+  );
+  #cursor = choice(
+    "spectrum-cursor",
+    "Cursor",
+    [
+      ["", "No cursor"],
+      ["h", "Harmonics"],
+      ["s", "Sidebands"],
+    ],
+    (kind) => this.#place(kind),
+  );
+  #zoom = choice("spectrum-zoom", "Part of the spectrum", [["", "Whole spectrum"]], (zoom) =>
+    change({ zoom, band: null }, { quiet: true }),
+  );
   #sidebands = check("sidebands", "Sidebands", (on) => this.#showSidebands(on));
   #log = check("spectrum-log", "Log", (on) => change({ slog: on ? "1" : null }, { quiet: true }));
   elements = [this.#axis, this.#zoom, this.#cursor, this.#sidebands.element, this.#log.element];
@@ -39,14 +63,21 @@ export class SpectrumTools {
     // the address, not what is drawn: another choice may have come before the answer to the first
     const { query } = parse(location.hash);
     const band = partOf(query.band);
-    if (kind !== "s") return change({ cursor: kind && formatCursor({ kind, base: mesh ?? end / 10 }) }, { quiet: true });
+    if (kind !== "s")
+      return change({ cursor: kind && formatCursor({ kind, base: mesh ?? end / 10 }) }, { quiet: true });
     const zoom = band ? null : query.zoom || (mesh ? "1" : null);
     const [from, to] = band ?? zoomRange(this.#spectrum, zoom) ?? [0, end];
     const middle = (from + to) / 2;
     // of several mesh lines in sight the one nearest to the middle
     const nearest = mesh ? Math.max(1, Math.round(middle / mesh)) * mesh : middle;
     const base = nearest > from && nearest < to ? nearest : middle;
-    change({ cursor: formatCursor({ kind, base, spacing: Math.min(shaft ?? Infinity, (to - base) / 2) }), ...(zoom && { zoom }) }, { quiet: true });
+    change(
+      {
+        cursor: formatCursor({ kind, base, spacing: Math.min(shaft ?? Infinity, (to - base) / 2) }),
+        ...(zoom && { zoom }),
+      },
+      { quiet: true },
+    );
   }
 
   /** Follows the address and the spectrum; gives the view that they ask for. */
@@ -56,8 +87,14 @@ export class SpectrumTools {
     const orders = usable ? spectrum.mesh_harmonics.map(({ order }) => order) : [];
     if (this.#zoom.dataset.choices !== String(orders)) {
       this.#zoom.dataset.choices = String(orders);
-      const choices = [["", "Whole spectrum"], ...orders.map((order) => [String(order), `Around ${order}× mesh`])];
-      setChildren(this.#zoom, choices.map(([value, label]) => h("option", { value }, label)));
+      const choices = [
+        ["", "Whole spectrum"],
+        ...orders.map((order) => [String(order), `Around ${order}× mesh`]),
+      ];
+      setChildren(
+        this.#zoom,
+        choices.map(([value, label]) => h("option", { value }, label)),
+      );
     }
     const zoom = query.zoom ?? "";
     this.#zoom.value = orders.includes(Number(zoom)) ? zoom : "";

@@ -1,4 +1,5 @@
-// What an asset's numbers mean for the person who looks after it: how severe it is, and its category after NAMUR NE 107.
+// What an asset's numbers mean for the person who looks after it: how severe it is, and its category after
+// NAMUR NE 107.
 
 import { depth, featureName, number, span } from "./format.js";
 
@@ -11,18 +12,55 @@ export const STATES = {
   alarm_danger: { word: "Danger alarm", short: "Danger alarm", severity: "danger", namur: "failure" },
   warning: { word: "Above warning limit", short: "Warning", severity: "warning", namur: "maintenance" },
   alarm_warning: { word: "Warning alarm", short: "Warning alarm", severity: "warning", namur: "maintenance" },
-  library_failed: { word: "Library failed", short: "Library failed", severity: "unsure", namur: "specification" },
+  library_failed: {
+    word: "Library failed",
+    short: "Library failed",
+    severity: "unsure",
+    namur: "specification",
+  },
   sensor: { word: "Sensor fault", short: "Sensor fault", severity: "danger", namur: "failure" },
-  outside: { word: "Not explained by wear", short: "Not explained", severity: "unsure", namur: "specification" },
-  not_comparable: { word: "Not comparable", short: "Not comparable", severity: "unsure", namur: "specification", title: "the record is too short or too sparsely sampled for its baseline" },
-  speed_in_doubt: { word: "Speed in doubt", short: "Speed in doubt", severity: "unsure", namur: "specification", title: "the lines do not fit the described teeth and speed" },
-  unclear: { word: "Not identifiable", short: "Not identifiable", severity: "unsure", namur: "specification" },
+  outside: {
+    word: "Not explained by wear",
+    short: "Not explained",
+    severity: "unsure",
+    namur: "specification",
+  },
+  not_comparable: {
+    word: "Not comparable",
+    short: "Not comparable",
+    severity: "unsure",
+    namur: "specification",
+    title: "the record is too short or too sparsely sampled for its baseline",
+  },
+  speed_in_doubt: {
+    word: "Speed in doubt",
+    short: "Speed in doubt",
+    severity: "unsure",
+    namur: "specification",
+    title: "the lines do not fit the described teeth and speed",
+  },
+  unclear: {
+    word: "Not identifiable",
+    short: "Not identifiable",
+    severity: "unsure",
+    namur: "specification",
+  },
   collecting: { word: "Collecting baseline", short: "Baseline", severity: "learning", namur: "check" },
   recomputing: { word: "Computing again", short: "Computing again", severity: "learning", namur: "check" },
   building: { word: "Building library", short: "Building library", severity: "learning", namur: "check" },
   normal: { word: "Normal", short: "Normal", severity: "normal" },
-  unlimited: { word: "No limits set", short: "No limits", severity: "none", title: "wear is estimated, but there is no limit to compare it with" },
-  no_library: { word: "Indicators only", short: "Indicators only", severity: "none", title: "no gear pair described, so wear is not estimated" },
+  unlimited: {
+    word: "No limits set",
+    short: "No limits",
+    severity: "none",
+    title: "wear is estimated, but there is no limit to compare it with",
+  },
+  no_library: {
+    word: "Indicators only",
+    short: "Indicators only",
+    severity: "none",
+    title: "no gear pair described, so wear is not estimated",
+  },
   empty: { word: "No records", short: "No records", severity: "none", title: "nothing received yet" },
 };
 
@@ -58,7 +96,8 @@ export function assetState(asset) {
 
 /** The same of one channel of several, whose latest estimate is `wear`; `alarms` are those of the channel. */
 export function channelState(asset, wear, alarms) {
-  const raised = (name) => alarms.filter(({ severity, state }) => severity === name && state !== "shelved").length;
+  const raised = (name) =>
+    alarms.filter(({ severity, state }) => severity === name && state !== "shelved").length;
   return worse(ownState(asset, wear), { danger: raised("danger"), warning: raised("warning") });
 }
 
@@ -78,12 +117,18 @@ function ownState({ summary, limits }, wear) {
 export function limitUse(wear, limits) {
   if (wear?.median_um == null) return null;
   const limit = limits?.danger_um ?? limits?.warning_um;
-  return limit == null ? null : { limit, name: limits.danger_um != null ? "danger" : "warning", share: wear.median_um / limit };
+  return limit == null
+    ? null
+    : { limit, name: limits.danger_um != null ? "danger" : "warning", share: wear.median_um / limit };
 }
 
 /** Wear and its interval in words: a median, or the least depth where the interval reaches the end of what the library holds. */
 export function depthWords({ status, at_least_um: least, median_um: median, p05_um: low, p95_um: high }) {
-  if (least != null && status === "estimated") return { number: `at least ${depth(least)} µm`, interval: `with 95 % probability; median ${depth(median)} µm` };
+  if (least != null && status === "estimated")
+    return {
+      number: `at least ${depth(least)} µm`,
+      interval: `with 95 % probability; median ${depth(median)} µm`,
+    };
   return { number: `${depth(median)} µm`, interval: `5 to 95 %: ${depth(low)} to ${depth(high)} µm` };
 }
 
@@ -104,21 +149,30 @@ export function sentence(wear, limits, hasPair = true) {
   if (wear.status === "collecting_baseline") {
     return `Learning what healthy looks like: ${have} of ${need} baseline records. Wear is estimated after that.`;
   }
-  if (wear.status === "no_library") return "No gear pair is described for this asset, so wear in µm is not estimated. Indicators are computed, and records unlike the baseline are told by their novelty.";
-  if (wear.status === "awaiting_library") return "The library of the gear pair is being simulated. Records are stored with their indicators, and their wear follows by itself.";
-  if (wear.status === "library_failed") return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the description to try again.`;
-  if (wear.status === "excluded") return "This record is excluded: it takes no part in the baseline, the estimate and the alarms.";
+  if (wear.status === "no_library")
+    return "No gear pair is described for this asset, so wear in µm is not estimated. Indicators are computed, and records unlike the baseline are told by their novelty.";
+  if (wear.status === "awaiting_library")
+    return "The library of the gear pair is being simulated. Records are stored with their indicators, and their wear follows by itself.";
+  if (wear.status === "library_failed")
+    return `Wear is not estimated: ${wear.reason}. Records are stored with their indicators. Change the description to try again.`;
+  if (wear.status === "excluded")
+    return "This record is excluded: it takes no part in the baseline, the estimate and the alarms.";
   if (wear.status === "not_comparable") return `This record is ${wear.reason}.`;
   if (wear.status === "speed_in_doubt") return `This record does not count: ${wear.reason}.`;
-  if (wear.status === "no_features") return `This record gives nothing to compare with the library: ${wear.reason}.`;
-  if (wear.status === "sensor_fault") return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
+  if (wear.status === "no_features")
+    return `This record gives nothing to compare with the library: ${wear.reason}.`;
+  if (wear.status === "sensor_fault")
+    return `The record cannot be judged: ${wear.reason}. Look at the sensor first.`;
   if (wear.status === "outside_library") return unexplained(wear);
-  if (wear.status === "recomputing") return "The records before are being computed again; the estimate follows.";
-  if (wear.status === "not_identifiable") return `The records do not tell how worn the gear is: ${wear.reason}.`;
+  if (wear.status === "recomputing")
+    return "The records before are being computed again; the estimate follows.";
+  if (wear.status === "not_identifiable")
+    return `The records do not tell how worn the gear is: ${wear.reason}.`;
   const { p05_um: low, p95_um: high } = wear;
-  const certain = wear.at_least_um != null
-    ? `With 95 % probability the greatest wear depth is at least ${depth(wear.at_least_um)} µm; it may be more than the ${depth(high)} µm where the library ends.`
-    : `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
+  const certain =
+    wear.at_least_um != null
+      ? `With 95 % probability the greatest wear depth is at least ${depth(wear.at_least_um)} µm; it may be more than the ${depth(high)} µm where the library ends.`
+      : `With 90 % probability the greatest wear depth lies between ${depth(low)} and ${depth(high)} µm.`;
   return `${certain} ${transmissionSentence(wear)}${outlook(wear, limits)}`.trim();
 }
 
@@ -130,8 +184,10 @@ function transmissionSentence(wear) {
 function outlook(wear, limits) {
   const { warning_um: warning, danger_um: danger } = limits ?? {};
   const key = wearState(wear, limits);
-  if (key === "danger") return `The median is above the danger limit of ${depth(danger)} µm: the gear must not run on.`;
-  if (key === "warning") return `The median is above the warning limit of ${depth(warning)} µm: plan maintenance.`;
+  if (key === "danger")
+    return `The median is above the danger limit of ${depth(danger)} µm: the gear must not run on.`;
+  if (key === "warning")
+    return `The median is above the warning limit of ${depth(warning)} µm: plan maintenance.`;
   const next = warning ?? danger;
   if (next == null) return "No limits are set for this asset.";
   const name = warning != null ? "warning" : "danger";
@@ -146,7 +202,9 @@ const AGED = 0.1; // a last record so much of the remaining time ago is too old 
 function unexplained({ novelty, reason }) {
   const most = (novelty?.most ?? []).filter(({ deviations }) => Math.abs(deviations) > 3);
   if (most.length === 0) return `Something other than wear has changed: ${reason}.`;
-  const words = most.map(({ feature, ln_ratio: ratio }) => `${featureName(feature)}, × ${number(Math.exp(ratio), 2)}`).join("; ");
+  const words = most
+    .map(({ feature, ln_ratio: ratio }) => `${featureName(feature)}, × ${number(Math.exp(ratio), 2)}`)
+    .join("; ");
   return `Something other than wear has changed. Against what the best wear state expects: ${words}. Look at bearings, mounting and load.`;
 }
 

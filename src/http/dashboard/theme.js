@@ -1,4 +1,5 @@
-// Light, dark, or as the system has it; and the colours of the style sheet for plots, which need them as values.
+// Light, dark, or as the system has it; and the colours of the style sheet for plots, which need them as
+// values.
 
 import { h, setChildren } from "./dom.js";
 

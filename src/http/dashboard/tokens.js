@@ -14,18 +14,48 @@ const SCOPES = {
 export class TokensPage {
   #shown;
   #session;
-  #name = h("input", { id: "token-name", maxlength: 200, autocomplete: "off", placeholder: "for example press line 3" });
-  #scopes = Object.entries(SCOPES).map(([scope, words], n) => ({ scope, radio: h("input", { type: "radio", name: "token-scope", value: scope, checked: n === 0 }), words }));
+  #name = h("input", {
+    id: "token-name",
+    maxlength: 200,
+    autocomplete: "off",
+    placeholder: "for example press line 3",
+  });
+  #scopes = Object.entries(SCOPES).map(([scope, words], n) => ({
+    scope,
+    radio: h("input", { type: "radio", name: "token-scope", value: scope, checked: n === 0 }),
+    words,
+  }));
   #result = h("p", { class: "result", role: "status" });
-  #first = h("p", { class: "result", "data-kind": "part", hidden: true }, "There is no token yet, and nobody is asked for one. With the first one, every request needs one. It has the scope admin, and this browser begins a session with it.");
+  #first = h(
+    "p",
+    { class: "result", "data-kind": "part", hidden: true },
+    "There is no token yet, and nobody is asked for one. With the first one, every request needs one. It has the scope admin, and this browser begins a session with it.",
+  );
   #made = h("div", { class: "token-made", hidden: true });
   #body = h("tbody");
-  #table = h("table", { hidden: true }, h("thead", {}, h("tr", {}, ["Name", "Scope", "Made", "Identifier", ""].map((text) => (text ? h("th", { scope: "col" }, text) : h("td", {}))))), this.#body);
+  #table = h(
+    "table",
+    { hidden: true },
+    h(
+      "thead",
+      {},
+      h(
+        "tr",
+        {},
+        ["Name", "Scope", "Made", "Identifier", ""].map((text) =>
+          text ? h("th", { scope: "col" }, text) : h("td", {}),
+        ),
+      ),
+    ),
+    this.#body,
+  );
   #notice = h("p", { class: "notice" }, "Loading the tokens…");
   #form;
 
   constructor(root) {
-    const scopes = this.#scopes.map(({ scope, radio, words }) => h("label", {}, radio, h("strong", {}, scope), h("span", { class: "muted" }, words)));
+    const scopes = this.#scopes.map(({ scope, radio, words }) =>
+      h("label", {}, radio, h("strong", {}, scope), h("span", { class: "muted" }, words)),
+    );
     this.#form = h(
       "form",
       { class: "card token-form", onsubmit: (event) => this.#create(event) },
@@ -33,11 +63,20 @@ export class TokensPage {
       this.#first,
       h("label", { class: "field", for: "token-name" }, h("span", {}, "What it is for"), this.#name),
       h("fieldset", { class: "maintenance-kinds" }, h("legend", {}, "What it may do"), scopes),
-      h("div", { class: "form-buttons" }, h("button", { type: "submit", class: "primary" }, "Make the token")),
+      h(
+        "div",
+        { class: "form-buttons" },
+        h("button", { type: "submit", class: "primary" }, "Make the token"),
+      ),
       this.#result,
       this.#made,
     );
-    const list = h("section", { class: "card table-card tokens", "aria-label": "Tokens" }, this.#table, this.#notice);
+    const list = h(
+      "section",
+      { class: "card table-card tokens", "aria-label": "Tokens" },
+      this.#table,
+      this.#notice,
+    );
     setChildren(root, h("h1", {}, "Tokens"), h("div", { class: "alarm-grid" }, list, this.#form));
     document.title = "Tokens · flankwatch";
   }
@@ -48,7 +87,10 @@ export class TokensPage {
 
   /** Asks the server and shows what changed. */
   async refresh(signal) {
-    const [answer, session] = await Promise.all([api.answer(api.tokens(signal)), api.session().catch(() => null)]);
+    const [answer, session] = await Promise.all([
+      api.answer(api.tokens(signal)),
+      api.session().catch(() => null),
+    ]);
     if (answer === this.#shown && session?.id === this.#session?.id) return;
     [this.#shown, this.#session] = [answer, session];
     const items = answer instanceof Error ? [] : answer.items;
@@ -62,13 +104,20 @@ export class TokensPage {
     this.#table.hidden = items.length === 0;
     this.#notice.hidden = items.length > 0;
     setText(this.#notice, answer instanceof Error ? answer.message : "There is no token yet.");
-    setChildren(this.#body, items.map((token) => this.#row(token)));
+    setChildren(
+      this.#body,
+      items.map((token) => this.#row(token)),
+    );
   }
 
   #row(token) {
     const { id, name, scope, created_at: made } = token;
     const own = id === this.#session?.id;
-    const revoke = h("button", { type: "button", "aria-label": `Revoke the token ${name}`, onclick: () => this.#revoke(token, own) }, "Revoke");
+    const revoke = h(
+      "button",
+      { type: "button", "aria-label": `Revoke the token ${name}`, onclick: () => this.#revoke(token, own) },
+      "Revoke",
+    );
     return h(
       "tr",
       { "data-token": id },
@@ -107,7 +156,12 @@ export class TokensPage {
 
   /** Shows a new token, the only time that it can be seen. */
   #show({ name, token }) {
-    const shown = h("input", { readonly: true, value: token, "aria-label": `The token ${name}`, onfocus: (event) => event.target.select() });
+    const shown = h("input", {
+      readonly: true,
+      value: token,
+      "aria-label": `The token ${name}`,
+      onfocus: (event) => event.target.select(),
+    });
     const copy = h("button", { type: "button" }, "Copy");
     copy.addEventListener("click", async () => {
       try {
@@ -120,7 +174,17 @@ export class TokensPage {
     });
     const hide = h("button", { type: "button", class: "quiet", onclick: () => this.#hide() }, "Hide");
     this.#made.hidden = false;
-    setChildren(this.#made, h("p", {}, h("strong", {}, `The token “${name}”. `), "It is shown this once: copy it where it is needed."), shown, h("div", { class: "form-buttons" }, copy, hide));
+    setChildren(
+      this.#made,
+      h(
+        "p",
+        {},
+        h("strong", {}, `The token “${name}”. `),
+        "It is shown this once: copy it where it is needed.",
+      ),
+      shown,
+      h("div", { class: "form-buttons" }, copy, hide),
+    );
   }
 
   #hide() {
@@ -132,7 +196,10 @@ export class TokensPage {
     const words = own ? "This session ends with it." : "Who uses it is refused from then on.";
     if (!confirm(`Revoke the token “${name}”? ${words}`)) return;
     const answer = await api.answer(api.revokeToken(id));
-    this.#said(answer instanceof Error ? "bad" : "good", answer instanceof Error ? `Not revoked: ${answer.message}.` : `The token “${name}” is revoked.`);
+    this.#said(
+      answer instanceof Error ? "bad" : "good",
+      answer instanceof Error ? `Not revoked: ${answer.message}.` : `The token “${name}” is revoked.`,
+    );
     await this.refresh().catch(() => {});
   }
 

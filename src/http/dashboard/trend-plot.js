@@ -24,7 +24,9 @@ const LEVEL_REACH = 4; // an alarm's level up to this many times the greatest va
 export function chosenPanes(text) {
   const keys = (text ?? DEFAULT).split(",").filter((key) => /^[a-z][a-z0-9_]*$/.test(key));
   const usual = PANES.filter((pane) => keys.includes(pane.key));
-  const others = keys.filter((key) => !PANES.some((pane) => pane.key === key)).map((key) => ({ key, label: indicatorName(key), names: [key] }));
+  const others = keys
+    .filter((key) => !PANES.some((pane) => pane.key === key))
+    .map((key) => ({ key, label: indicatorName(key), names: [key] }));
   const chosen = [...usual, ...others];
   return chosen.length ? chosen : PANES.slice(0, 1);
 }
@@ -33,13 +35,17 @@ export function chosenPanes(text) {
 export function otherNames(record) {
   const shown = new Set(PANES.flatMap((pane) => pane.names));
   const { indicators = {}, absent = {} } = record ?? {};
-  return [...Object.keys(indicators), ...Object.keys(absent)].filter((name) => !shown.has(name) && !/^mesh_\d+$/.test(name)).sort();
+  return [...Object.keys(indicators), ...Object.keys(absent)]
+    .filter((name) => !shown.has(name) && !/^mesh_\d+$/.test(name))
+    .sort();
 }
 
 /** The indicators to ask the server for. A record's own indicators say how many mesh harmonics there are. */
 export function paneNames(panes, record) {
   const { indicators: values = {}, absent = {} } = record ?? {};
-  const mesh = [...Object.keys(values), ...Object.keys(absent)].filter((name) => /^mesh_\d+$/.test(name)).sort((a, b) => a.slice(5) - b.slice(5));
+  const mesh = [...Object.keys(values), ...Object.keys(absent)]
+    .filter((name) => /^mesh_\d+$/.test(name))
+    .sort((a, b) => a.slice(5) - b.slice(5));
   return panes.flatMap((pane) => (pane.key === "mesh" ? mesh : pane.names));
 }
 
@@ -53,7 +59,10 @@ function logarithmicTicks(values) {
   const positive = values.filter((value) => value > 0);
   const [low, high] = [Math.min(...positive), Math.max(...positive)];
   const decades = Array.from({ length: 40 }, (_, n) => n - 20).map((power) => Number(`1e${power}`));
-  const within = (steps) => decades.flatMap((decade) => steps.map((step) => step * decade)).filter((value) => value > 0.8 * low && value < 1.25 * high);
+  const within = (steps) =>
+    decades
+      .flatMap((decade) => steps.map((step) => step * decade))
+      .filter((value) => value > 0.8 * low && value < 1.25 * high);
   const ticks = [[1, 2, 5], [1]].map(within).find(({ length }) => length <= MOST_TICKS) ?? [];
   if (ticks.length < 2) return { tickmode: "auto" };
   return { tickmode: "array", tickvals: ticks, ticktext: ticks.map((value) => number(value, 3)) };
@@ -74,17 +83,46 @@ function axisTitle(pane, units) {
 /** The levels at which an alarm on an indicator is raised, as lines over its pane with their names. */
 function levelLines(name, rules, suffix, colour, logarithmic) {
   const rule = rules.find(({ quantity }) => quantity === name || quantity?.indicator === name);
-  const all = ["warning", "danger"].flatMap((severity) => [{ severity, side: "above", level: rule?.[severity] }, { severity, side: "below", level: rule?.[`${severity}_below`] }]);
+  const all = ["warning", "danger"].flatMap((severity) => [
+    { severity, side: "above", level: rule?.[severity] },
+    { severity, side: "below", level: rule?.[`${severity}_below`] },
+  ]);
   const levels = all.filter(({ level }) => level != null && !(logarithmic && level <= 0));
   const place = { xref: "paper", yref: `y${suffix}` };
   return {
-    shapes: levels.map(({ severity, level }) => ({ ...place, type: "line", layer: "below", x0: 0, x1: 1, y0: level, y1: level, line: { color: colour[severity], width: 1.5, dash: severity === "danger" ? "solid" : "dash" } })),
-    annotations: levels.map(({ severity, side, level }) => ({ ...place, x: 0.005, xanchor: "left", yanchor: side === "above" ? "bottom" : "top", y: logarithmic ? Math.log10(level) : level, text: `${severity} ${side} ${number(level)}`, showarrow: false, bgcolor: colour.surface, font: { color: colour[severity] } })),
+    shapes: levels.map(({ severity, level }) => ({
+      ...place,
+      type: "line",
+      layer: "below",
+      x0: 0,
+      x1: 1,
+      y0: level,
+      y1: level,
+      line: { color: colour[severity], width: 1.5, dash: severity === "danger" ? "solid" : "dash" },
+    })),
+    annotations: levels.map(({ severity, side, level }) => ({
+      ...place,
+      x: 0.005,
+      xanchor: "left",
+      yanchor: side === "above" ? "bottom" : "top",
+      y: logarithmic ? Math.log10(level) : level,
+      text: `${severity} ${side} ${number(level)}`,
+      showarrow: false,
+      bgcolor: colour.surface,
+      font: { color: colour[severity] },
+    })),
   };
 }
 
 /** The drawing for indicators over time; `rules` are the alarm rules in force; `range` is that of the wear above where it holds a forecast. */
-export function trendDrawing({ items, units, channel }, panes, names, logarithmic, selected, { revision, bins = null, events, range, rules = [] }) {
+export function trendDrawing(
+  { items, units, channel },
+  panes,
+  names,
+  logarithmic,
+  selected,
+  { revision, bins = null, events, range, rules = [] },
+) {
   const colour = palette();
   const times = items.map((item) => item.start_time);
   const mode = items.length < 40 ? "lines+markers" : "lines";
@@ -108,7 +146,9 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     layout[`yaxis${suffix}`] = {
       domain: [Math.max(0, top - height), top],
       type: logarithmic ? "log" : "linear",
-      ...(logarithmic ? logarithmicTicks(items.flatMap((item) => namesOf(pane, names).map((name) => item[name]))) : { tickmode: "auto" }),
+      ...(logarithmic
+        ? logarithmicTicks(items.flatMap((item) => namesOf(pane, names).map((name) => item[name])))
+        : { tickmode: "auto" }),
       title: { text: axisTitle(pane, units) },
       nticks: panes.length > 3 ? 3 : 5,
       automargin: false,
@@ -116,8 +156,16 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
       uirevision: `${revision} ${logarithmic} ${panes.map(({ key }) => key)}`,
     };
     const shown = namesOf(pane, names);
-    const words = (item) => shown.map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim()).concat(index === 0 ? (caused.get(item.start_time) ?? []) : []).join("<br>");
-    const points = recordPoints(items, items.map((item) => item[shown[0]]), words);
+    const words = (item) =>
+      shown
+        .map((name) => `${indicatorName(name)} ${number(item[name])} ${unit(units[name])}`.trim())
+        .concat(index === 0 ? (caused.get(item.start_time) ?? []) : [])
+        .join("<br>");
+    const points = recordPoints(
+      items,
+      items.map((item) => item[shown[0]]),
+      words,
+    );
     traces.push({ ...points, xaxis: "x", yaxis: `y${suffix}` });
     if (shown.length === 1) {
       const levels = levelLines(shown[0], rules, suffix, colour, logarithmic);
@@ -125,15 +173,36 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
       annotations.push(...levels.annotations);
       // shapes do not widen an axis, traces do; a level far above all values would flatten them
       const greatest = Math.max(...items.map((item) => item[shown[0]] ?? 0));
-      const near = levels.shapes.map(({ y0 }) => y0).filter((level) => shown[0] === "novelty" || level < LEVEL_REACH * greatest);
-      if (near.length) traces.push({ x: near.map(() => times[0]), y: near, xaxis: "x", yaxis: `y${suffix}`, mode: "markers", opacity: 0, hoverinfo: "skip" });
+      const near = levels.shapes
+        .map(({ y0 }) => y0)
+        .filter((level) => shown[0] === "novelty" || level < LEVEL_REACH * greatest);
+      if (near.length)
+        traces.push({
+          x: near.map(() => times[0]),
+          y: near,
+          xaxis: "x",
+          yaxis: `y${suffix}`,
+          mode: "markers",
+          opacity: 0,
+          hoverinfo: "skip",
+        });
     }
     if (bins && shown.length === 1) {
-      traces.push(...binTraces(items, shown[0], bins, colour).map((trace) => ({ ...trace, xaxis: "x", yaxis: `y${suffix}` })));
+      traces.push(
+        ...binTraces(items, shown[0], bins, colour).map((trace) => ({
+          ...trace,
+          xaxis: "x",
+          yaxis: `y${suffix}`,
+        })),
+      );
       return;
     }
     shown.forEach((name, order) => {
-      const line = { color: shown.length > 1 ? colour.series[order % colour.series.length] : colour.accent, width: 1.5, dash: order < 5 ? "solid" : "dot" };
+      const line = {
+        color: shown.length > 1 ? colour.series[order % colour.series.length] : colour.accent,
+        width: 1.5,
+        dash: order < 5 ? "solid" : "dot",
+      };
       const y = items.map((item) => item[name]);
       traces.push({ x: times, y, yaxis: `y${suffix}`, xaxis: "x", mode, line, hoverinfo: "skip" });
       if (shown.length > 1) entries.push([order < 5 ? "line" : "dot", line.color, indicatorName(name)]);
@@ -151,7 +220,11 @@ export function trendDrawing({ items, units, channel }, panes, names, logarithmi
     traces,
     layout,
     legend: entries,
-    table: () => ["start_time", "segment_id", ...names].map((key) => [units[key] ? `${key} (${units[key]})` : key, items.map((item) => item[key])]),
+    table: () =>
+      ["start_time", "segment_id", ...names].map((key) => [
+        units[key] ? `${key} (${units[key]})` : key,
+        items.map((item) => item[key]),
+      ]),
     sub: `Channel ${channel}. OMX is the peak amplitude of the first mesh line; kurtosis is 3 for Gaussian noise; novelty is how unlike what wear explains a record is.${bins?.words ? ` ${bins.words}` : ""}`,
     summary: `Trends of ${panes.map((pane) => pane.label).join(", ")} over ${items.length} records.`,
   };

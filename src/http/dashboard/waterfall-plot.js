@@ -4,20 +4,38 @@ import { count, number, unit, utc } from "./format.js";
 import { palette } from "./plots.js";
 
 // dark to bright with even steps in lightness, told apart with any colour vision (after viridis)
-const SCALE = [[0, "#0d0a2b"], [0.2, "#3b2f7d"], [0.4, "#31688e"], [0.6, "#1f9d87"], [0.8, "#7ad151"], [1, "#fde725"]];
+const SCALE = [
+  [0, "#0d0a2b"],
+  [0.2, "#3b2f7d"],
+  [0.4, "#31688e"],
+  [0.6, "#1f9d87"],
+  [0.8, "#7ad151"],
+  [1, "#fde725"],
+];
 const TICKS = 9;
 
 function timeTicks(items) {
   const oneDay = items[0].start_time.slice(0, 10) === items.at(-1).start_time.slice(0, 10);
-  const picked = Array.from({ length: Math.min(TICKS, items.length) }, (_, n) => Math.round((n * (items.length - 1)) / Math.max(1, Math.min(TICKS, items.length) - 1)));
-  return { tickvals: picked, ticktext: picked.map((n) => items[n].start_time.slice(oneDay ? 11 : 5, 16).replace("T", " ")) };
+  const picked = Array.from({ length: Math.min(TICKS, items.length) }, (_, n) =>
+    Math.round((n * (items.length - 1)) / Math.max(1, Math.min(TICKS, items.length) - 1)),
+  );
+  return {
+    tickvals: picked,
+    ticktext: picked.map((n) => items[n].start_time.slice(oneDay ? 11 : 5, 16).replace("T", " ")),
+  };
 }
 
 /** Red, green and blue of 256 levels from the lowest to the highest. */
 function lookup() {
-  const stops = SCALE.map(([at, colour]) => [at, [1, 3, 5].map((place) => Number.parseInt(colour.slice(place, place + 2), 16))]);
+  const stops = SCALE.map(([at, colour]) => [
+    at,
+    [1, 3, 5].map((place) => Number.parseInt(colour.slice(place, place + 2), 16)),
+  ]);
   return Array.from({ length: 256 }, (_, n) => {
-    const after = Math.max(1, stops.findIndex(([at]) => at >= n / 255));
+    const after = Math.max(
+      1,
+      stops.findIndex(([at]) => at >= n / 255),
+    );
     const [[low, from], [high, to]] = [stops[after - 1], stops[after]];
     const part = (n / 255 - low) / (high - low);
     return from.map((value, channel) => Math.round(value + part * (to[channel] - value)));
@@ -43,39 +61,115 @@ function painted(items, cells, [low, high]) {
 }
 
 /** The drawing of `range` decibels below the highest level, or words where there is nothing to draw. */
-export function waterfallDrawing({ items, position, axis, unit: unitName, window, mesh_position: mesh, channel, reduced }, range, selected, revision) {
+export function waterfallDrawing(
+  { items, position, axis, unit: unitName, window, mesh_position: mesh, channel, reduced },
+  range,
+  selected,
+  revision,
+) {
   const known = items.filter((item) => item.level_db);
-  if (known.length === 0) return axis === "orders" ? "No record of this channel has a known shaft speed, so there are no orders." : "No records of this channel yet.";
+  if (known.length === 0)
+    return axis === "orders"
+      ? "No record of this channel has a known shaft speed, so there are no orders."
+      : "No records of this channel yet.";
   const colour = palette();
-  const top = known.reduce((highest, { level_db: levels }) => levels.reduce((a, b) => Math.max(a, b), highest), -Infinity);
+  const top = known.reduce(
+    (highest, { level_db: levels }) => levels.reduce((a, b) => Math.max(a, b), highest),
+    -Infinity,
+  );
   const suffix = axis === "orders" ? "order" : "Hz";
   const step = position.length > 1 ? position[1] - position[0] : 1;
-  const picture = { type: "image", source: painted(known, position.length, [top - range, top]), x0: position[0], dx: step, y0: 0, dy: 1, hoverinfo: "none" };
+  const picture = {
+    type: "image",
+    source: painted(known, position.length, [top - range, top]),
+    x0: position[0],
+    dx: step,
+    y0: 0,
+    dy: 1,
+    hoverinfo: "none",
+  };
   // an image has no colour bar: that of a trace without a point
-  const bar = { title: { text: `Peak amplitude (dB re 1 ${unit(unitName) || "unit"})`, side: "right" }, thickness: 14, outlinewidth: 0, tickfont: { color: colour.ink }, len: 1 };
-  const scale = { x: [null], y: [null], mode: "markers", hoverinfo: "skip", marker: { color: [top], cmin: top - range, cmax: top, colorscale: SCALE, showscale: true, colorbar: bar } };
-  const harmonics = mesh ? Array.from({ length: 12 }, (_, n) => (n + 1) * mesh).filter((x) => x <= position.at(-1)) : [];
+  const bar = {
+    title: { text: `Peak amplitude (dB re 1 ${unit(unitName) || "unit"})`, side: "right" },
+    thickness: 14,
+    outlinewidth: 0,
+    tickfont: { color: colour.ink },
+    len: 1,
+  };
+  const scale = {
+    x: [null],
+    y: [null],
+    mode: "markers",
+    hoverinfo: "skip",
+    marker: { color: [top], cmin: top - range, cmax: top, colorscale: SCALE, showscale: true, colorbar: bar },
+  };
+  const harmonics = mesh
+    ? Array.from({ length: 12 }, (_, n) => (n + 1) * mesh).filter((x) => x <= position.at(-1))
+    : [];
   const row = known.findIndex((item) => item.segment_id === selected);
-  const shapes = row < 0 ? [] : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: row, y1: row, line: { color: "#ffffff", width: 1.5, dash: "dot" } }];
+  const shapes =
+    row < 0
+      ? []
+      : [
+          {
+            type: "line",
+            xref: "paper",
+            x0: 0,
+            x1: 1,
+            y0: row,
+            y1: row,
+            line: { color: "#ffffff", width: 1.5, dash: "dot" },
+          },
+        ];
   // where the names would run into one another only some are written
   const width = matchMedia("(max-width: 40rem)").matches ? 200 : 800;
   const every = mesh ? Math.ceil(26 / ((mesh / position.at(-1)) * width)) : 1;
-  const annotations = harmonics.map((x, n) => [x, n]).filter(([, n]) => n % every === 0).map(([x, n]) => ({ x, yref: "paper", y: 1, yanchor: "bottom", text: `${n + 1}×`, showarrow: false, font: { color: colour.reference } }));
+  const annotations = harmonics
+    .map((x, n) => [x, n])
+    .filter(([, n]) => n % every === 0)
+    .map(([x, n]) => ({
+      x,
+      yref: "paper",
+      y: 1,
+      yanchor: "bottom",
+      text: `${n + 1}×`,
+      showarrow: false,
+      font: { color: colour.reference },
+    }));
   const first = known[0].start_time.slice(0, 10);
   const last = known.at(-1).start_time.slice(0, 10);
   return {
     traces: [picture, scale],
-    cellAt: ([row, column]) => ({ segment: known[row].segment_id, words: `${utc(known[row].start_time)}, ${number(position[column], 5)} ${suffix}: ${number(known[row].level_db[column], 3)} dB` }),
+    cellAt: ([row, column]) => ({
+      segment: known[row].segment_id,
+      words: `${utc(known[row].start_time)}, ${number(position[column], 5)} ${suffix}: ${number(known[row].level_db[column], 3)} dB`,
+    }),
     legend: [],
-    table: () => [["start_time", known.map((item) => item.start_time)], ["segment_id", known.map((item) => item.segment_id)], ...position.map((x, n) => [`${number(x, 6)} ${suffix} (dB)`, known.map((item) => item.level_db[n])])],
+    table: () => [
+      ["start_time", known.map((item) => item.start_time)],
+      ["segment_id", known.map((item) => item.segment_id)],
+      ...position.map((x, n) => [`${number(x, 6)} ${suffix} (dB)`, known.map((item) => item.level_db[n])]),
+    ],
     sub: `Channel ${channel}, ${count(known.length)} records${reduced ? " picked evenly over the life" : ""}; the highest peak amplitude in each cell, ${window === "hann" ? "Hann" : window} window. Click a line to open its record; ${harmonics.length ? "1×, 2×… are mesh harmonics." : ""}`,
     summary: `Heat map of ${known.length} spectra from ${utc(known[0].start_time)} to ${utc(known.at(-1).start_time)}.`,
     layout: {
       uirevision: revision,
       hovermode: "closest",
       margin: { l: 8, r: 8, t: 24, b: 8 },
-      xaxis: { exponentformat: "none", title: { text: axis === "orders" ? "Order of the driving shaft (–)" : "Frequency (Hz)" }, separatethousands: true, range: [position[0] - step / 2, position.at(-1) + step / 2], constrain: "range" },
-      yaxis: { title: { text: `Start of record (UTC), ${first === last ? first : `${first} to ${last}`}` }, ...timeTicks(known), range: [-0.5, known.length - 0.5], scaleanchor: false, constrain: "range" },
+      xaxis: {
+        exponentformat: "none",
+        title: { text: axis === "orders" ? "Order of the driving shaft (–)" : "Frequency (Hz)" },
+        separatethousands: true,
+        range: [position[0] - step / 2, position.at(-1) + step / 2],
+        constrain: "range",
+      },
+      yaxis: {
+        title: { text: `Start of record (UTC), ${first === last ? first : `${first} to ${last}`}` },
+        ...timeTicks(known),
+        range: [-0.5, known.length - 0.5],
+        scaleanchor: false,
+        constrain: "range",
+      },
       shapes,
       annotations,
     },

@@ -19,9 +19,30 @@ export class WaterfallPage {
   #query;
   #frame;
   #card = new PlotCard("waterfall", "Spectra over the life");
-  #axis = h("select", { id: "waterfall-axis", onchange: () => change({ axis: this.#axis.value, max: null }) }, h("option", { value: "" }, "Hz"), h("option", { value: "orders" }, "Orders"));
-  #max = h("input", { id: "waterfall-max", type: "number", min: "0", step: "any", size: 7, placeholder: "whole", onchange: () => change({ max: this.#max.value }) });
-  #floor = h("select", { id: "waterfall-floor", onchange: () => change({ floor: this.#floor.value }, { quiet: true }) }, [["", "60 dB"], ["40", "40 dB"], ["80", "80 dB"]].map(([value, text]) => h("option", { value }, text)));
+  #axis = h(
+    "select",
+    { id: "waterfall-axis", onchange: () => change({ axis: this.#axis.value, max: null }) },
+    h("option", { value: "" }, "Hz"),
+    h("option", { value: "orders" }, "Orders"),
+  );
+  #max = h("input", {
+    id: "waterfall-max",
+    type: "number",
+    min: "0",
+    step: "any",
+    size: 7,
+    placeholder: "whole",
+    onchange: () => change({ max: this.#max.value }),
+  });
+  #floor = h(
+    "select",
+    { id: "waterfall-floor", onchange: () => change({ floor: this.#floor.value }, { quiet: true }) },
+    [
+      ["", "60 dB"],
+      ["40", "40 dB"],
+      ["80", "80 dB"],
+    ].map(([value, text]) => h("option", { value }, text)),
+  );
   #shown;
   #cellAt;
   #label = h("div", { class: "cell-label", hidden: true });
@@ -36,7 +57,11 @@ export class WaterfallPage {
     this.#frame = new AssetFrame(route.id, "waterfall");
     const field = (input, label) => h("label", { class: "check", for: input.id }, label, input);
     this.#card.frame.append(this.#label);
-    this.#card.tools.append(field(this.#axis, "Axis"), field(this.#max, "Up to"), field(this.#floor, "Range"));
+    this.#card.tools.append(
+      field(this.#axis, "Axis"),
+      field(this.#max, "Up to"),
+      field(this.#floor, "Range"),
+    );
     setChildren(root, this.#frame.element, this.#card.element);
     this.#frame.update(route.id, route.query);
   }
@@ -62,8 +87,11 @@ export class WaterfallPage {
     const same = asset === this.#asset || Date.now() - this.#askedAt < AGAIN_MS;
     this.#frame.update(assetName(asset), this.#query);
     if (asked === this.#asked && same) return;
-    if (!asset.summary.segments) return this.#card.say("No records yet: the waterfall begins with the first one.");
-    const answer = await api.answer(api.waterfall(this.#id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal));
+    if (!asset.summary.segments)
+      return this.#card.say("No records yet: the waterfall begins with the first one.");
+    const answer = await api.answer(
+      api.waterfall(this.#id, { axis, max, channel, max_records: RECORDS, cells: CELLS }, signal),
+    );
     [this.#asset, this.#asked, this.#askedAt] = [asset, asked, Date.now()];
     this.#card.busy(false);
     this.#axis.value = axis ?? "";
@@ -78,7 +106,12 @@ export class WaterfallPage {
   async redraw() {
     if (!this.#shown) return;
     this.#floor.value = this.#query.floor ?? "";
-    const drawing = waterfallDrawing(this.#shown, Number(this.#query.floor) || 60, this.#query.segment, `${this.#id} ${this.#asked}`);
+    const drawing = waterfallDrawing(
+      this.#shown,
+      Number(this.#query.floor) || 60,
+      this.#query.segment,
+      `${this.#id} ${this.#asked}`,
+    );
     if (typeof drawing === "string") return this.#card.say(drawing);
     await this.#card.show(drawing, `${this.#id}-waterfall`);
     this.#cellAt = drawing.cellAt;
@@ -90,7 +123,8 @@ export class WaterfallPage {
     const { plot } = this.#card;
     if (plot.dataset.followed) return;
     plot.dataset.followed = "true";
-    const cell = ({ points }) => points.map(({ pointNumber: at }) => Array.isArray(at) && this.#cellAt(at)).find(Boolean);
+    const cell = ({ points }) =>
+      points.map(({ pointNumber: at }) => Array.isArray(at) && this.#cellAt(at)).find(Boolean);
     plot.on("plotly_hover", (event) => {
       const { words } = cell(event) ?? {};
       this.#label.hidden = !words;
@@ -98,7 +132,11 @@ export class WaterfallPage {
       const { left, right, top } = this.#card.frame.getBoundingClientRect();
       const { clientX: x, clientY: y } = event.event;
       const flipped = x > (left + right) / 2;
-      Object.assign(this.#label.style, { top: `${y - top}px`, left: flipped ? "auto" : `${x - left + 14}px`, right: flipped ? `${right - x + 14}px` : "auto" });
+      Object.assign(this.#label.style, {
+        top: `${y - top}px`,
+        left: flipped ? "auto" : `${x - left + 14}px`,
+        right: flipped ? `${right - x + 14}px` : "auto",
+      });
     });
     plot.on("plotly_unhover", () => (this.#label.hidden = true));
     plot.on("plotly_click", (event) => {

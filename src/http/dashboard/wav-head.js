@@ -1,4 +1,5 @@
-// The head of a WAV file and a sketch of its samples, read in slices: a file may be larger than the memory that a page may take.
+// The head of a WAV file and a sketch of its samples, read in slices: a file may be larger than the memory
+// that a page may take.
 
 const CHUNKS = 64; // that are looked through for the samples
 const EXTENSIBLE = 0xfffe;
@@ -9,7 +10,10 @@ const PIECE_BYTES = 4096; // of a larger file, at each column
 const FORMATS = {
   "1/8": [1, (view, at) => (view.getUint8(at) - 128) / 128],
   "1/16": [2, (view, at) => view.getInt16(at, true) / 32768],
-  "1/24": [3, (view, at) => (view.getUint8(at) | (view.getUint8(at + 1) << 8) | (view.getInt8(at + 2) << 16)) / 8388608],
+  "1/24": [
+    3,
+    (view, at) => (view.getUint8(at) | (view.getUint8(at + 1) << 8) | (view.getInt8(at + 2) << 16)) / 8388608,
+  ],
   "1/32": [4, (view, at) => view.getInt32(at, true) / 2147483648],
   "3/32": [4, (view, at) => view.getFloat32(at, true)],
   "3/64": [8, (view, at) => view.getFloat64(at, true)],
@@ -24,20 +28,29 @@ export class WavError extends Error {}
 /** `{ format, bits, channels, rate, at, bytes, frames, frameBytes }` of a WAV file; `at` is where its samples begin. */
 export async function wavHead(file) {
   const begin = await view(file, 0, 12);
-  if (begin.byteLength < 12 || tag(begin, 0) !== "RIFF" || tag(begin, 8) !== "WAVE") throw new WavError("it does not begin like a WAV file (RIFF, WAVE)");
+  if (begin.byteLength < 12 || tag(begin, 0) !== "RIFF" || tag(begin, 8) !== "WAVE")
+    throw new WavError("it does not begin like a WAV file (RIFF, WAVE)");
   let form = null;
   for (let at = 12, n = 0; n < CHUNKS && at + 8 <= file.size; n++) {
     const head = await view(file, at, at + 48);
     const [name, size] = [tag(head, 0), head.getUint32(4, true)];
     if (name === "fmt ") {
-      if (size < 16 || head.byteLength < 24) throw new WavError(`its format chunk has ${size} bytes, expected at least 16`);
+      if (size < 16 || head.byteLength < 24)
+        throw new WavError(`its format chunk has ${size} bytes, expected at least 16`);
       const kind = head.getUint16(8, true);
-      form = { format: kind === EXTENSIBLE && size >= 26 && head.byteLength >= 34 ? head.getUint16(32, true) : kind, channels: head.getUint16(10, true), rate: head.getUint32(12, true), frameBytes: head.getUint16(20, true), bits: head.getUint16(22, true) };
+      form = {
+        format: kind === EXTENSIBLE && size >= 26 && head.byteLength >= 34 ? head.getUint16(32, true) : kind,
+        channels: head.getUint16(10, true),
+        rate: head.getUint32(12, true),
+        frameBytes: head.getUint16(20, true),
+        bits: head.getUint16(22, true),
+      };
     }
     if (name === "data") {
       if (!form) throw new WavError("its samples come before their format");
       const bytes = Math.min(size, file.size - at - 8); // recorders that stop in a hurry leave a size that is too large
-      if (!form.frameBytes || !form.channels || !form.rate) throw new WavError("its format says nothing of rate or channels");
+      if (!form.frameBytes || !form.channels || !form.rate)
+        throw new WavError("its format says nothing of rate or channels");
       return { ...form, at: at + 8, bytes, frames: Math.floor(bytes / form.frameBytes) };
     }
     at += 8 + size + (size % 2);
@@ -50,7 +63,11 @@ export function envelopeOf(values) {
   const columns = Math.min(COLUMNS, values.length);
   return Array.from({ length: columns }, (_, column) => {
     let [low, high] = [Infinity, -Infinity];
-    for (let n = Math.floor((column * values.length) / columns); n < Math.floor(((column + 1) * values.length) / columns); n++) {
+    for (
+      let n = Math.floor((column * values.length) / columns);
+      n < Math.floor(((column + 1) * values.length) / columns);
+      n++
+    ) {
       if (values[n] < low) low = values[n];
       if (values[n] > high) high = values[n];
     }
@@ -67,12 +84,22 @@ function samplesOf(data, head, read, size, channel) {
 export async function wavSketch(file, head, channel) {
   const [size, read] = FORMATS[`${head.format}/${head.bits}`] ?? [];
   if (!size || head.frames === 0 || head.frameBytes < size * head.channels) return null;
-  if (head.bytes <= WHOLE_BYTES) return { columns: envelopeOf(samplesOf(await view(file, head.at, head.at + head.bytes), head, read, size, channel)), whole: true };
+  if (head.bytes <= WHOLE_BYTES)
+    return {
+      columns: envelopeOf(
+        samplesOf(await view(file, head.at, head.at + head.bytes), head, read, size, channel),
+      ),
+      whole: true,
+    };
   const piece = Math.max(1, Math.floor(PIECE_BYTES / head.frameBytes));
   const columns = [];
   for (let column = 0; column < COLUMNS; column++) {
     const from = head.at + Math.floor((column * (head.frames - piece)) / (COLUMNS - 1)) * head.frameBytes;
-    columns.push(envelopeOf(samplesOf(await view(file, from, from + piece * head.frameBytes), head, read, size, channel)).reduce(([low, high], [l, h]) => [Math.min(low, l), Math.max(high, h)]));
+    columns.push(
+      envelopeOf(
+        samplesOf(await view(file, from, from + piece * head.frameBytes), head, read, size, channel),
+      ).reduce(([low, high], [l, h]) => [Math.min(low, l), Math.max(high, h)]),
+    );
   }
   return { columns, whole: false };
 }

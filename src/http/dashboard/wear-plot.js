@@ -1,4 +1,5 @@
-// Wear over time: median with its 50 and 90 % bands, limits, the baseline's stretch, and the reference where there is one.
+// Wear over time: median with its 50 and 90 % bands, limits, the baseline's stretch, and the reference where
+// there is one.
 
 import { forecastOf } from "./forecast.js";
 import { depth } from "./format.js";
@@ -28,15 +29,57 @@ function bandOutline(items, low, high) {
 }
 
 function limitLine(name, value, colour, dash, ends) {
-  const trace = { x: ends, y: [value, value], mode: "lines", line: { color: colour, width: 1, dash }, opacity: 0, hoverinfo: "skip" };
-  const shape = { type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value, line: { color: colour, width: 1.5, dash } };
+  const trace = {
+    x: ends,
+    y: [value, value],
+    mode: "lines",
+    line: { color: colour, width: 1, dash },
+    opacity: 0,
+    hoverinfo: "skip",
+  };
+  const shape = {
+    type: "line",
+    xref: "paper",
+    x0: 0,
+    x1: 1,
+    y0: value,
+    y1: value,
+    line: { color: colour, width: 1.5, dash },
+  };
   const text = `${name} ${depth(value)} µm`;
-  const annotation = { text, xref: "paper", x: 0, xanchor: "left", xshift: 22, y: value, yanchor: "bottom", showarrow: false, font: { color: colour } };
+  const annotation = {
+    text,
+    xref: "paper",
+    x: 0,
+    xanchor: "left",
+    xshift: 22,
+    y: value,
+    yanchor: "bottom",
+    showarrow: false,
+    font: { color: colour },
+  };
   return { trace, shape, annotation };
 }
 
-function hoverWords({ start_time: time, median_um: median, p05_um: low, p25_um: quarter, p75_um: threeQuarters, p95_um: high, reference_wear_um: reference, status, reason }, events) {
-  const lines = [median == null ? (reason ?? status) : `median ${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`];
+function hoverWords(
+  {
+    start_time: time,
+    median_um: median,
+    p05_um: low,
+    p25_um: quarter,
+    p75_um: threeQuarters,
+    p95_um: high,
+    reference_wear_um: reference,
+    status,
+    reason,
+  },
+  events,
+) {
+  const lines = [
+    median == null
+      ? (reason ?? status)
+      : `median ${depth(median)} µm, 5 to 95 %: ${depth(low)} to ${depth(high)} µm`,
+  ];
   if (quarter != null) lines.push(`25 to 75 %: ${depth(quarter)} to ${depth(threeQuarters)} µm`);
   if (median != null && status !== "estimated") lines.push(status.replaceAll("_", " "));
   if (reference != null) lines.push(`reference ${depth(reference)} µm`);
@@ -45,15 +88,20 @@ function hoverWords({ start_time: time, median_um: median, p05_um: low, p25_um: 
 
 /** Why there is no estimate at all, or null where there is one or the baseline is under way. */
 export function withoutEstimate(items, hasPair) {
-  if (!hasPair && items.every((item) => item.median_um == null)) return "Wear in µm is not estimated: no gear pair is described for this asset. Its indicators are below.";
+  if (!hasPair && items.every((item) => item.median_um == null))
+    return "Wear in µm is not estimated: no gear pair is described for this asset. Its indicators are below.";
   const none = items.every((item) => item.median_um == null && item.status !== "collecting_baseline");
-  return none ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.` : null;
+  return none
+    ? `Wear is not estimated: ${items.at(-1).reason ?? items.at(-1).status.replaceAll("_", " ")}.`
+    : null;
 }
 
 /** What happened but for inspections, which are points of this plot instead of lines over it. */
 function withoutInspections(events) {
   const { maintenance } = events;
-  return maintenance instanceof Error ? events : { ...events, maintenance: { items: maintenance.items.filter(({ inspection }) => !inspection) } };
+  return maintenance instanceof Error
+    ? events
+    : { ...events, maintenance: { items: maintenance.items.filter(({ inspection }) => !inspection) } };
 }
 
 /** The stretches of records in a row that a baseline was learnt from; after maintenance there is another one. */
@@ -72,11 +120,35 @@ function baselineZones(items, colour) {
   const common = { yref: "paper", y: 0.5, showarrow: false, font: { color: colour.muted } };
   return baselineStretches(items).map((stretch) => {
     const [from, to] = [stretch[0].start_time, stretch.at(-1).start_time];
-    const shape = { type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1, layer: "below", line: { width: 0 }, fillcolor: colour.zone };
+    const shape = {
+      type: "rect",
+      xref: "x",
+      yref: "paper",
+      x0: from,
+      x1: to,
+      y0: 0,
+      y1: 1,
+      layer: "below",
+      line: { width: 0 },
+      fillcolor: colour.zone,
+    };
     const only = stretch.length === items.length;
     const annotation = only
-      ? { ...common, y: 0.3, bgcolor: colour.surface, text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`, xref: "paper", x: 0.5 }
-      : { ...common, text: "baseline", x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(), y: 0.2, textangle: -90 };
+      ? {
+          ...common,
+          y: 0.3,
+          bgcolor: colour.surface,
+          text: `${items.at(-1).reason ?? "collecting baseline"}:<br>no wear estimate yet`,
+          xref: "paper",
+          x: 0.5,
+        }
+      : {
+          ...common,
+          text: "baseline",
+          x: new Date((Date.parse(from) + Date.parse(to)) / 2).toISOString(),
+          y: 0.2,
+          textangle: -90,
+        };
     return { shape, annotation };
   });
 }
@@ -105,7 +177,13 @@ export function timeOf(text) {
 
 /** The same for an address, from a range as Plotly writes it: UTC without saying so. */
 export function formatTime(range) {
-  const text = (end) => (typeof end === "string" ? end.replace(" ", "T").replace(/Z$/, "").replace(/^(\d+-\d+-\d+)$/, "$1T00:00") : new Date(end).toISOString().slice(0, -1));
+  const text = (end) =>
+    typeof end === "string"
+      ? end
+          .replace(" ", "T")
+          .replace(/Z$/, "")
+          .replace(/^(\d+-\d+-\d+)$/, "$1T00:00")
+      : new Date(end).toISOString().slice(0, -1);
   return range && range.map((end) => `${new Date(`${text(end)}Z`).toISOString().slice(0, 19)}Z`).join("~");
 }
 
@@ -118,28 +196,79 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
   const caused = wordsAt(events);
   const estimated = items.some((item) => item.median_um != null);
   const halved = items.some((item) => item.p25_um != null);
-  const entries = estimated ? [["line", colour.accent, "median"], ...(halved ? [["band", colour.halfOnBand, "25 to 75 %"]] : []), ["band", colour.band, "5 to 95 % interval"]] : [];
+  const entries = estimated
+    ? [
+        ["line", colour.accent, "median"],
+        ...(halved ? [["band", colour.halfOnBand, "25 to 75 %"]] : []),
+        ["band", colour.band, "5 to 95 % interval"],
+      ]
+    : [];
   const traces = [
-    { ...bandOutline(items, "p05_um", "p95_um"), mode: "lines", fill: "toself", fillcolor: colour.band, line: { width: 0 }, hoverinfo: "skip" },
-    { ...bandOutline(items, "p25_um", "p75_um"), mode: "lines", fill: "toself", fillcolor: colour.half, line: { width: 0 }, hoverinfo: "skip" },
-    { x: times, y: items.map((item) => item.median_um), mode: markers, line: { color: colour.accent, width: 2 }, hoverinfo: "skip" },
-    recordPoints(items, items.map((item) => item.median_um ?? 0), (item) => hoverWords(item, caused)),
+    {
+      ...bandOutline(items, "p05_um", "p95_um"),
+      mode: "lines",
+      fill: "toself",
+      fillcolor: colour.band,
+      line: { width: 0 },
+      hoverinfo: "skip",
+    },
+    {
+      ...bandOutline(items, "p25_um", "p75_um"),
+      mode: "lines",
+      fill: "toself",
+      fillcolor: colour.half,
+      line: { width: 0 },
+      hoverinfo: "skip",
+    },
+    {
+      x: times,
+      y: items.map((item) => item.median_um),
+      mode: markers,
+      line: { color: colour.accent, width: 2 },
+      hoverinfo: "skip",
+    },
+    recordPoints(
+      items,
+      items.map((item) => item.median_um ?? 0),
+      (item) => hoverWords(item, caused),
+    ),
   ];
   const unknown = items.filter((item) => item.median_um == null);
   if (unknown.length) {
     // ticks below the depths: a record without an estimate does not say that there is no wear
-    traces.push({ x: unknown.map((item) => item.start_time), y: unknown.map(() => 0.5), yaxis: "y2", mode: "markers", marker: { symbol: "line-ns-open", size: 8, color: colour.muted, line: { width: 1.5, color: colour.muted } }, hoverinfo: "skip" });
+    traces.push({
+      x: unknown.map((item) => item.start_time),
+      y: unknown.map(() => 0.5),
+      yaxis: "y2",
+      mode: "markers",
+      marker: {
+        symbol: "line-ns-open",
+        size: 8,
+        color: colour.muted,
+        line: { width: 1.5, color: colour.muted },
+      },
+      hoverinfo: "skip",
+    });
     entries.push(["ticks", colour.muted, "records without an estimate"]);
   }
   if (items.some((item) => item.reference_wear_um != null)) {
     const line = { color: colour.reference, width: 2, dash: "dot" };
-    traces.push({ x: times, y: items.map((item) => item.reference_wear_um), mode: markers, line, hoverinfo: "skip" });
+    traces.push({
+      x: times,
+      y: items.map((item) => item.reference_wear_um),
+      mode: markers,
+      line,
+      hoverinfo: "skip",
+    });
     entries.push(["dot", colour.reference, "reference (simulated or inspected)"]);
   }
   const zones = baselineZones(items, colour);
   const shapes = zones.map(({ shape }) => shape);
   const annotations = zones.map(({ annotation }) => annotation);
-  for (const [name, value, dash] of [["warning", limits?.warning_um, "dash"], ["danger", limits?.danger_um, "solid"]]) {
+  for (const [name, value, dash] of [
+    ["warning", limits?.warning_um, "dash"],
+    ["danger", limits?.danger_um, "solid"],
+  ]) {
     if (value == null) continue;
     const line = limitLine(name, value, colour[name], dash, ends);
     traces.push(line.trace);
@@ -163,11 +292,24 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
   if (selected) shapes.push(verticalLine(selected, colour.select, "solid", 2));
   const range = zoomed ?? whole;
   const last = items.findLast((item) => item.median_um != null);
-  const now = last ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm` : "no estimate yet";
+  const now = last
+    ? `the last median is ${depth(last.median_um)} µm, interval ${depth(last.p05_um)} to ${depth(last.p95_um)} µm`
+    : "no estimate yet";
   return {
     traces,
     legend: entries,
-    table: () => ["start_time", "segment_id", "status", "median_um", "p05_um", "p25_um", "p75_um", "p95_um", "reference_wear_um"].map((key) => [key, items.map((item) => item[key])]),
+    table: () =>
+      [
+        "start_time",
+        "segment_id",
+        "status",
+        "median_um",
+        "p05_um",
+        "p25_um",
+        "p75_um",
+        "p95_um",
+        "reference_wear_um",
+      ].map((key) => [key, items.map((item) => item[key])]),
     sub: `Greatest wear depth over the flank, channel ${channel}. Click a record to see it.`,
     summary: `Wear depth over ${items.length} records: ${now}.`,
     layout: {
@@ -176,8 +318,15 @@ export function wearDrawing({ channel, items }, limits, selected, revision, late
       hoverdistance: -1,
       xaxis: { ...timeAxis, range, ...(unknown.length && { anchor: "y2" }) },
       margin: { ...timeMargin, t: timeMargin.t + happened.top },
-      yaxis: { title: { text: "Wear depth (µm)" }, rangemode: "tozero", automargin: false, domain: [unknown.length ? STRIP : 0, 1] },
-      ...(unknown.length && { yaxis2: { domain: [0, STRIP], range: [0, 1], fixedrange: true, visible: false } }),
+      yaxis: {
+        title: { text: "Wear depth (µm)" },
+        rangemode: "tozero",
+        automargin: false,
+        domain: [unknown.length ? STRIP : 0, 1],
+      },
+      ...(unknown.length && {
+        yaxis2: { domain: [0, STRIP], range: [0, 1], fixedrange: true, visible: false },
+      }),
       shapes,
       annotations,
     },

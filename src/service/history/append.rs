@@ -12,7 +12,9 @@ use crate::asset::{AssetId, Segment};
 use crate::service::error::ServiceError;
 use crate::service::keys::analysis_keys;
 use crate::service::simulations::{KeyedEstimator, Simulations};
-use crate::store::{AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey};
+use crate::store::{
+    AlarmNotice, Asset, ChannelKeys, ChannelRows, ChannelSummary, Commit, NewSegment, RunResult, SegmentKey,
+};
 
 /// Stored records after a late one that are folded again at once. Where there are more, the late record gets
 /// its estimate, and those after it are folded in the background.
@@ -81,7 +83,9 @@ impl Folding {
             });
         }
         let keys = channel.keys.clone();
-        let fits = new.values().all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
+        let fits = new
+            .values()
+            .all(|segment| segment.analysed.keys.feature == keys.analysed.feature);
         // Records go on under the estimator of the history that is served, until another one is.
         let estimator = simulations.estimator_of(&keys.fold).filter(|_| fits);
         let fold = match estimator {
@@ -134,7 +138,11 @@ impl Folding {
         if is_latest {
             let folded = self.fold_first(estimator, from, inputs, &timeline).await?;
             let estimator = estimator.clone();
-            return Ok(Fold::From { after, folded, estimator });
+            return Ok(Fold::From {
+                after,
+                folded,
+                estimator,
+            });
         }
         let fold_all = stored_after <= FOLDED_AT_ONCE && newest.is_some();
         // All that is stored after the state, or only what lies before the last of the new ones.
@@ -156,10 +164,16 @@ impl Folding {
             // Those before the first new one are what they were.
             folded.results.retain(|(key, _)| key >= first);
             let estimator = estimator.clone();
-            return Ok(Fold::From { after, folded, estimator });
+            return Ok(Fold::From {
+                after,
+                folded,
+                estimator,
+            });
         }
         folded.results.retain(|(key, _)| new.contains_key(key));
-        Ok(Fold::Later { results: folded.results })
+        Ok(Fold::Later {
+            results: folded.results,
+        })
     }
 }
 
@@ -187,8 +201,15 @@ impl Appended<'_> {
     }
 
     /// Writes what the fold says of the channel's alarms; returns what is new of them.
-    pub(crate) async fn set_alarms(&mut self, commit: &mut Commit, now: Timestamp) -> Result<Vec<AlarmNotice>, ServiceError> {
-        let Fold::From { folded, estimator, .. } = &self.fold else {
+    pub(crate) async fn set_alarms(
+        &mut self,
+        commit: &mut Commit,
+        now: Timestamp,
+    ) -> Result<Vec<AlarmNotice>, ServiceError> {
+        let Fold::From {
+            folded, estimator, ..
+        } = &self.fold
+        else {
             return Ok(Vec::new());
         };
         let is_append = folded.results.len() == self.new.len();
@@ -218,7 +239,11 @@ impl Appended<'_> {
         } = self;
         slot.set_revisions(Revisions::of(asset, Some(&channel)));
         let (results, is_outdated) = match fold {
-            Fold::From { after, folded, estimator } => {
+            Fold::From {
+                after,
+                folded,
+                estimator,
+            } => {
                 // Of a channel that has just begun nobody else saw that its library came meanwhile.
                 let now = || simulations.estimator(&asset.spec).fold_key;
                 let is_outdated = after == 0 && now() != estimator.fold_key;

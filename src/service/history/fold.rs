@@ -13,7 +13,8 @@ use crate::service::error::ServiceError;
 use crate::service::simulations::KeyedEstimator;
 use crate::signal::{Features, Indicators};
 use crate::store::{
-    ChannelSummary, FoldState, FoldedAlarms, PlacedChange, RunResult, SEGMENTS_PER_STATE, SegmentKey, StoreError, StoredFeatures,
+    ChannelSummary, FoldState, FoldedAlarms, PlacedChange, RunResult, SEGMENTS_PER_STATE, SegmentKey,
+    StoreError, StoredFeatures,
 };
 
 /// Latest states held in memory: records of connections side by side come in nearly in order.
@@ -102,7 +103,9 @@ impl AlarmRun {
     }
 
     fn add(&mut self, place: u64, changes: Vec<PanelChange>) {
-        let placed = changes.into_iter().map(|(rule, change)| PlacedChange { place, rule, change });
+        let placed = changes
+            .into_iter()
+            .map(|(rule, change)| PlacedChange { place, rule, change });
         self.changes.extend(placed);
     }
 }
@@ -204,7 +207,12 @@ pub(crate) fn states_of(points: &[FoldPoint]) -> Result<Vec<FoldState>, ServiceE
 }
 
 /// Folds records, in the order of time, on from a state or from the start. CPU work: for a worker thread.
-fn fold(keyed: &KeyedEstimator, from: Option<FoldPoint>, inputs: Vec<FoldInput>, timeline: &Timeline) -> Folded {
+fn fold(
+    keyed: &KeyedEstimator,
+    from: Option<FoldPoint>,
+    inputs: Vec<FoldInput>,
+    timeline: &Timeline,
+) -> Folded {
     let estimator = &keyed.estimator;
     let (mut state, mut position, mut last_time) = match from {
         Some(point) => (point.state, point.position, Some(point.last.start_time)),
@@ -219,7 +227,10 @@ fn fold(keyed: &KeyedEstimator, from: Option<FoldPoint>, inputs: Vec<FoldInput>,
     };
     for input in inputs {
         let FoldInput {
-            key, features, indicators, ..
+            key,
+            features,
+            indicators,
+            ..
         } = input;
         let start_time = key.start_time;
         for event in timeline.between(last_time, start_time) {
@@ -251,10 +262,17 @@ fn fold(keyed: &KeyedEstimator, from: Option<FoldPoint>, inputs: Vec<FoldInput>,
     }
     // An event counts from the next record on; what operators did to an alarm counts at once.
     for action in timeline.actions_from(last_time) {
-        alarms.add(2 * position + 1, estimator.action(&mut state, action).into_iter().collect());
+        alarms.add(
+            2 * position + 1,
+            estimator.action(&mut state, action).into_iter().collect(),
+        );
     }
     alarms.panel = state.into_alarms();
-    Folded { results, points, alarms }
+    Folded {
+        results,
+        points,
+        alarms,
+    }
 }
 
 /// A state from the store; one that cannot be read is worth as much as none, since it can be computed again.

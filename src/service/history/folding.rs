@@ -32,13 +32,20 @@ impl Folding {
     }
 
     /// The state after a channel's latest record; none before the first one, or where it cannot be read.
-    pub(crate) async fn newest_point(&self, channel: &ChannelSummary) -> Result<Option<FoldPoint>, ServiceError> {
+    pub(crate) async fn newest_point(
+        &self,
+        channel: &ChannelSummary,
+    ) -> Result<Option<FoldPoint>, ServiceError> {
         let stored = self.store.newest_state(channel).await?;
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }
 
     /// The latest kept state in which neither `key` nor any later record is.
-    pub(crate) async fn point_before(&self, channel: &ChannelSummary, key: &SegmentKey) -> Result<Option<FoldPoint>, ServiceError> {
+    pub(crate) async fn point_before(
+        &self,
+        channel: &ChannelSummary,
+        key: &SegmentKey,
+    ) -> Result<Option<FoldPoint>, ServiceError> {
         let stored = self.store.state_before(channel, key).await?;
         Ok(stored.and_then(|stored| read_point(channel, stored)))
     }

@@ -96,7 +96,9 @@ impl History {
         new: BTreeMap<SegmentKey, NewSegment>,
         slot: OwnedMutexGuard<Slot>,
     ) -> Result<Appended<'a>, ServiceError> {
-        self.folding.append(&self.simulations, asset, current, channel, new, slot).await
+        self.folding
+            .append(&self.simulations, asset, current, channel, new, slot)
+            .await
     }
 
     /// Forgets an asset that is gone.
@@ -162,7 +164,10 @@ impl History {
 
     /// Computes the histories again, in the background, of assets whose library has come, has got more
     /// members, or will not come.
-    pub(crate) fn recompute_when_simulated(self: &Arc<Self>, mut simulated: mpsc::UnboundedReceiver<Vec<AssetId>>) {
+    pub(crate) fn recompute_when_simulated(
+        self: &Arc<Self>,
+        mut simulated: mpsc::UnboundedReceiver<Vec<AssetId>>,
+    ) {
         // Not held: what waits here must not keep the service alive.
         let history = Arc::downgrade(self);
         tokio::spawn(async move {

@@ -33,7 +33,9 @@ impl Progress {
     /// The last recomputation of each channel, of one asset or of all.
     pub(crate) fn list(&self, asset: Option<&AssetId>) -> Vec<Arc<Recomputation>> {
         let shown = self.lock();
-        let wanted = shown.values().filter(|shown| asset.is_none_or(|asset| shown.asset == *asset));
+        let wanted = shown
+            .values()
+            .filter(|shown| asset.is_none_or(|asset| shown.asset == *asset));
         wanted.cloned().collect()
     }
 

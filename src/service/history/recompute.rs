@@ -20,7 +20,8 @@ use crate::service::sensor_group::described;
 use crate::service::simulations::{KeyedEstimator, Simulations};
 use crate::service::workers::Workers;
 use crate::store::{
-    Analysed, AnalysisGeneration, Asset, ChannelKeys, ChannelSummary, MadeFrom, NewSegment, SegmentKey, Store, StoreError, WearGeneration,
+    Analysed, AnalysisGeneration, Asset, ChannelKeys, ChannelSummary, MadeFrom, NewSegment, SegmentKey,
+    Store, StoreError, WearGeneration,
 };
 
 /// Records folded in one piece: bounds the memory and the length of a transaction.
@@ -134,14 +135,20 @@ impl Recomputer {
                 return Ok(Made::WithItsLibrary);
             }
             let is_other_fold = channel.keys.analysed == wanted.analysed && channel.keys.fold != wanted.fold;
-            if is_other_fold && self.store.is_shared() && self.simulations.awaits_neighbours(&description.spec) {
+            if is_other_fold
+                && self.store.is_shared()
+                && self.simulations.awaits_neighbours(&description.spec)
+            {
                 // Who has them already made the history with them, and would do so again.
                 return Ok(Made::Elsewhere);
             }
             let Some(wear) = self.store.begin_making(&channel, self.clock.now()).await? else {
                 return Ok(Made::Elsewhere);
             };
-            match self.recompute(&description, &estimator, &channel, wear, wanted).await {
+            match self
+                .recompute(&description, &estimator, &channel, wear, wanted)
+                .await
+            {
                 Ok(()) => {}
                 // Another process took its place, or its description changed: looked at from the start.
                 Err(ServiceError::Store(StoreError::Outdated(what))) => {
@@ -176,12 +183,18 @@ impl Recomputer {
         };
         let generations = Generations { analyses, wear };
         if !is_analysed {
-            self.analyse_again(&description.spec, channel, generations).await?;
+            self.analyse_again(&description.spec, channel, generations)
+                .await?;
         }
-        self.progress.update(asset, name, |shown| shown.state = RecomputationState::Folding);
+        self.progress
+            .update(asset, name, |shown| shown.state = RecomputationState::Folding);
         let mut history = Refolded::start(estimator);
         let timeline = self.timeline_now(description, channel).await?;
-        while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await? >= FOLDED_AT_ONCE as usize {}
+        while self
+            .fold_piece(estimator, channel, generations, &timeline, &mut history)
+            .await?
+            >= FOLDED_AT_ONCE as usize
+        {}
         // From here on this process brings nothing new: what came meanwhile is little. What another one
         // brings is folded in another turn.
         let mut slot = slot.lock().await;
@@ -194,10 +207,13 @@ impl Recomputer {
             }
             let (current, changed_from) = store.take_changes(channel, wear).await?;
             if !is_analysed {
-                self.analyse_again(&current_asset.spec, channel, generations).await?;
+                self.analyse_again(&current_asset.spec, channel, generations)
+                    .await?;
             }
             let timeline = self.timeline_now(&current_asset, &current).await?;
-            let passed = |point: &Option<FoldPoint>, key: &SegmentKey| point.as_ref().is_some_and(|point| point.last >= *key);
+            let passed = |point: &Option<FoldPoint>, key: &SegmentKey| {
+                point.as_ref().is_some_and(|point| point.last >= *key)
+            };
             if let Some(earliest) = changed_from
                 && passed(&history.point, &earliest)
             {
@@ -205,14 +221,21 @@ impl Recomputer {
                 history.point = stored.and_then(|stored| read_point(channel, stored));
             }
             // Also where no record is left: what operators did since the last one.
-            while self.fold_piece(estimator, channel, generations, &timeline, &mut history).await? > 0 {}
+            while self
+                .fold_piece(estimator, channel, generations, &timeline, &mut history)
+                .await?
+                > 0
+            {}
             let alarms = history.alarms.folded(estimator, false);
             let from = MadeFrom {
                 asset: current_asset.version(),
                 channel: current.version(),
             };
             let now = self.clock.now();
-            match store.serve(channel, from, (analyses, wear), wanted.clone(), alarms, now).await {
+            match store
+                .serve(channel, from, (analyses, wear), wanted.clone(), alarms, now)
+                .await
+            {
                 Err(error) if error.is_conflict() && turns < MAX_TURNS => turns += 1,
                 served => break (served?, now),
             }
@@ -233,8 +256,14 @@ impl Recomputer {
     }
 
     /// What happened between the records of a channel, without what is held of it.
-    async fn timeline_now(&self, asset: &Asset, channel: &ChannelSummary) -> Result<Arc<Timeline>, ServiceError> {
-        self.folding.timeline(asset, Some(channel), &mut Slot::default()).await
+    async fn timeline_now(
+        &self,
+        asset: &Asset,
+        channel: &ChannelSummary,
+    ) -> Result<Arc<Timeline>, ServiceError> {
+        self.folding
+            .timeline(asset, Some(channel), &mut Slot::default())
+            .await
     }
 
     /// Analyses again what is not analysed yet in a generation.
@@ -250,8 +279,12 @@ impl Recomputer {
         let store = &self.store;
         let mut after: Option<SegmentKey> = None;
         loop {
-            let segments = store.not_analysed(channel, generation, after.as_ref(), ANALYSED_AT_ONCE).await?;
-            let Some(last) = segments.last() else { return Ok(()) };
+            let segments = store
+                .not_analysed(channel, generation, after.as_ref(), ANALYSED_AT_ONCE)
+                .await?;
+            let Some(last) = segments.last() else {
+                return Ok(());
+            };
             after = Some(last.key());
             // One task for each record, so that records that come in meanwhile have their turn in between.
             let mut tasks = tokio::task::JoinSet::new();
@@ -260,22 +293,28 @@ impl Recomputer {
                 tasks.spawn(async move {
                     let samples = usize::try_from(segment.samples).unwrap_or(usize::MAX);
                     let again = move || analyse_one(&store, &spec, segment);
-                    workers.run_analysis("analyse a record again", samples, again).await
+                    workers
+                        .run_analysis("analyse a record again", samples, again)
+                        .await
                 });
             }
             let mut analyses: Vec<(SegmentId, Analysed)> = Vec::new();
             let mut without_raw = 0;
             while let Some(done) = tasks.join_next().await {
-                let (id, analysed, is_new) = done.map_err(|_| ServiceError::WorkerLost("analyse a record again"))??;
+                let (id, analysed, is_new) =
+                    done.map_err(|_| ServiceError::WorkerLost("analyse a record again"))??;
                 without_raw += u64::from(!is_new);
                 analyses.push((id, analysed));
             }
             let now = self.clock.now();
-            store.add_analyses(channel, wear, generation, &analyses, now).await?;
-            self.progress.update(&channel.asset_id, &channel.channel, |shown| {
-                shown.analysed += analyses.len() as u64 - without_raw;
-                shown.without_raw += without_raw;
-            });
+            store
+                .add_analyses(channel, wear, generation, &analyses, now)
+                .await?;
+            self.progress
+                .update(&channel.asset_id, &channel.channel, |shown| {
+                    shown.analysed += analyses.len() as u64 - without_raw;
+                    shown.without_raw += without_raw;
+                });
         }
     }
 
@@ -292,7 +331,9 @@ impl Recomputer {
         let store = &self.store;
         let Refolded { point, alarms } = history;
         let after = point.as_ref().map(|point| &point.last);
-        let stored = store.features_of_generation(channel, analyses, after, FOLDED_AT_ONCE).await?;
+        let stored = store
+            .features_of_generation(channel, analyses, after, FOLDED_AT_ONCE)
+            .await?;
         let count = stored.len();
         let inputs = stored
             .into_iter()
@@ -307,10 +348,14 @@ impl Recomputer {
         }
         let states = states_of(&folded.points)?;
         let now = self.clock.now();
-        store.add_wears(channel, wear, &folded.results, (position, &states), now).await?;
+        store
+            .add_wears(channel, wear, &folded.results, (position, &states), now)
+            .await?;
         *point = folded.points.pop();
         self.progress
-            .update(&channel.asset_id, &channel.channel, |shown| shown.folded = position + count as u64);
+            .update(&channel.asset_id, &channel.channel, |shown| {
+                shown.folded = position + count as u64
+            });
         Ok(count)
     }
 
@@ -321,7 +366,10 @@ impl Recomputer {
         let mut after = None;
         loop {
             let now = self.clock.now();
-            after = self.store.remove_leftovers(channel, after.as_ref(), REMOVED_AT_ONCE, now).await?;
+            after = self
+                .store
+                .remove_leftovers(channel, after.as_ref(), REMOVED_AT_ONCE, now)
+                .await?;
             if after.is_none() {
                 return Ok(());
             }

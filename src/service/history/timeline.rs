@@ -45,7 +45,9 @@ impl Timeline {
     /// Events and actions, each in the order of time.
     pub(crate) fn new(events: Vec<MaintenanceEvent>, actions: Vec<PanelAction>, has_alarms: bool) -> Self {
         let actions = actions.into_iter().map(TimelineEvent::Action);
-        let mut all: Vec<TimelineEvent> = actions.chain(events.into_iter().map(TimelineEvent::Maintenance)).collect();
+        let mut all: Vec<TimelineEvent> = actions
+            .chain(events.into_iter().map(TimelineEvent::Maintenance))
+            .collect();
         // Stable: at one time actions stay before events, and each in its own order.
         all.sort_by_key(TimelineEvent::time);
         Self { all, has_alarms }
@@ -53,7 +55,11 @@ impl Timeline {
 
     /// What lies between a record of the time `before`, none before the first one, and one of the time
     /// `next`.
-    pub(crate) fn between(&self, before: Option<Timestamp>, next: Timestamp) -> impl Iterator<Item = &TimelineEvent> {
+    pub(crate) fn between(
+        &self,
+        before: Option<Timestamp>,
+        next: Timestamp,
+    ) -> impl Iterator<Item = &TimelineEvent> {
         let first = before.map_or(0, |before| self.all.partition_point(|one| one.time() < before));
         let not_beyond = self.all[first..].iter().take_while(move |one| one.time() <= next);
         not_beyond.filter(move |one| one.lies_between(before, next))
@@ -62,7 +68,9 @@ impl Timeline {
     /// What operators did after a record of the time `last`.
     pub(crate) fn actions_from(&self, last: Option<Timestamp>) -> impl Iterator<Item = &PanelAction> {
         self.all.iter().filter_map(move |one| match one {
-            TimelineEvent::Action(action) if last.is_none_or(|last| last <= action.taken.after) => Some(action),
+            TimelineEvent::Action(action) if last.is_none_or(|last| last <= action.taken.after) => {
+                Some(action)
+            }
             _ => None,
         })
     }
@@ -130,7 +138,10 @@ mod tests {
             (4, false, 4),
         ];
         assert_eq!(seen, expected);
-        let later: Vec<_> = timeline.actions_from(before).map(|action| action.taken.after).collect();
+        let later: Vec<_> = timeline
+            .actions_from(before)
+            .map(|action| action.taken.after)
+            .collect();
         assert_eq!(later, [at(4), at(5), at(6)]);
     }
 }

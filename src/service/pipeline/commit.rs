@@ -90,7 +90,11 @@ impl Committer {
 
     /// Folds and stores segments of one asset, and announces them. The answer, in the order given, comes once
     /// everything is on the disk.
-    pub(crate) async fn commit(&self, asset: &AssetId, segments: Vec<NewSegment>) -> Result<Vec<CommittedSegment>, ServiceError> {
+    pub(crate) async fn commit(
+        &self,
+        asset: &AssetId,
+        segments: Vec<NewSegment>,
+    ) -> Result<Vec<CommittedSegment>, ServiceError> {
         let (answer, mut answered) = oneshot::channel();
         let queue = &self.waiting;
         queue.push(Job {
@@ -115,13 +119,18 @@ impl Committer {
                 Ok(answer) => return answer,
                 // It was not among the first ones.
                 Err(oneshot::error::TryRecvError::Empty) => {}
-                Err(oneshot::error::TryRecvError::Closed) => return Err(ServiceError::WorkerLost("store a record")),
+                Err(oneshot::error::TryRecvError::Closed) => {
+                    return Err(ServiceError::WorkerLost("store a record"));
+                }
             }
         }
     }
 
     async fn commit_jobs(&self, jobs: Vec<Job>) {
-        let (waiting, answers): (Vec<_>, Vec<_>) = jobs.into_iter().map(|job| ((job.asset, job.segments), job.answer)).unzip();
+        let (waiting, answers): (Vec<_>, Vec<_>) = jobs
+            .into_iter()
+            .map(|job| ((job.asset, job.segments), job.answer))
+            .unzip();
         let outcomes = match self.commit_patiently(&waiting).await {
             Ok(stored) => stored.into_iter().map(Ok).collect(),
             Err(error) if waiting.len() == 1 => vec![Err(error)],
@@ -146,7 +155,10 @@ impl Committer {
     }
 
     /// Stores all of this in one transaction, or nothing; again where another process was in the way.
-    async fn commit_patiently(&self, jobs: &[(AssetId, Vec<NewSegment>)]) -> Result<Vec<Vec<CommittedSegment>>, ServiceError> {
+    async fn commit_patiently(
+        &self,
+        jobs: &[(AssetId, Vec<NewSegment>)],
+    ) -> Result<Vec<Vec<CommittedSegment>>, ServiceError> {
         let mut tries = 0;
         loop {
             let outcome = if self.store.is_shared() {
@@ -167,7 +179,10 @@ impl Committer {
     }
 
     /// Stores all of this in one transaction, or nothing.
-    async fn commit_together(&self, jobs: &[(AssetId, Vec<NewSegment>)]) -> Result<Vec<Vec<CommittedSegment>>, ServiceError> {
+    async fn commit_together(
+        &self,
+        jobs: &[(AssetId, Vec<NewSegment>)],
+    ) -> Result<Vec<Vec<CommittedSegment>>, ServiceError> {
         let mut ids = Vec::new();
         let mut by_channel: BTreeMap<(&AssetId, &str), BTreeMap<SegmentKey, NewSegment>> = BTreeMap::new();
         for (asset, segments) in jobs {
@@ -189,10 +204,16 @@ impl Committer {
         // Asked under the locks: nobody else stores them now.
         let repeats = self.store.segments_by_id(&ids).await?;
         let mut done: HashMap<SegmentId, (Segment, bool)> = HashMap::new();
-        done.extend(repeats.into_iter().map(|segment| (segment.id.clone(), (segment, true))));
+        done.extend(
+            repeats
+                .into_iter()
+                .map(|segment| (segment.id.clone(), (segment, true))),
+        );
         let mut fresh = Vec::with_capacity(names.len());
         let mut estimators: HashMap<&AssetId, KeyedEstimator> = HashMap::new();
-        for (((asset, _), mut new), (channel, slot)) in by_channel.into_iter().zip(channels.into_iter().zip(slots)) {
+        for (((asset, _), mut new), (channel, slot)) in
+            by_channel.into_iter().zip(channels.into_iter().zip(slots))
+        {
             new.retain(|key, _| !done.contains_key(&key.id));
             if new.is_empty() {
                 continue;
@@ -203,9 +224,9 @@ impl Committer {
             fresh.push((asset, channel, new, slot));
         }
         let history = &self.history;
-        let append = fresh
-            .into_iter()
-            .map(|(asset, channel, new, slot)| history.append(&assets[asset], &estimators[asset], channel, new, slot));
+        let append = fresh.into_iter().map(|(asset, channel, new, slot)| {
+            history.append(&assets[asset], &estimators[asset], channel, new, slot)
+        });
         let appended = try_join_all(append).await?;
         for segment in self.write(commit, appended).await? {
             self.events.announce_segment(&segment);
@@ -229,7 +250,11 @@ impl Committer {
     }
 
     /// Writes what was folded in one transaction; returns the segments as they are stored.
-    async fn write(&self, mut commit: Commit, mut appended: Vec<Appended<'_>>) -> Result<Vec<Segment>, ServiceError> {
+    async fn write(
+        &self,
+        mut commit: Commit,
+        mut appended: Vec<Appended<'_>>,
+    ) -> Result<Vec<Segment>, ServiceError> {
         if appended.is_empty() {
             return Ok(Vec::new());
         }
@@ -247,7 +272,10 @@ impl Committer {
         let mut stored = Vec::new();
         let mut outdated = Vec::new();
         for channel in appended {
-            let Committed { segments, outdated: asset } = channel.committed(&self.simulations);
+            let Committed {
+                segments,
+                outdated: asset,
+            } = channel.committed(&self.simulations);
             stored.extend(segments);
             outdated.extend(asset);
         }

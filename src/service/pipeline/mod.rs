@@ -34,8 +34,8 @@ use super::clock::Clock;
 use super::error::ServiceError;
 use super::raw::{RawObjects, UncommittedObjects};
 use super::record::{
-    ChannelUnits, IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, check_time, decode_upload, identify_upload,
-    known_to_all, raw_bytes,
+    ChannelUnits, IdentifiedRecord, RecordFormat, StoredRecord, UploadMetadata, analyse_all, check_time,
+    decode_upload, identify_upload, known_to_all, raw_bytes,
 };
 use super::sensor_group::{SensorGroup, described};
 use super::simulations::Simulations;
@@ -134,7 +134,10 @@ impl Pipeline {
         let upload = async move {
             let _ticket = ticket;
             let accepted = pipeline.take_upload(&asset, format, bytes, metadata).await;
-            if matches!(accepted, Err(ServiceError::Recording(_) | ServiceError::Field { .. })) {
+            if matches!(
+                accepted,
+                Err(ServiceError::Recording(_) | ServiceError::Field { .. })
+            ) {
                 pipeline.tally.count(Outcome::Refused, 1);
             }
             accepted
@@ -151,18 +154,35 @@ impl Pipeline {
     ) -> Result<Vec<Accepted>, ServiceError> {
         let group = SensorGroup::of(&self.store, asset).await?;
         let received_at = self.clock.now();
-        let (units, latest) = (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
+        let (units, latest) = (
+            ChannelUnits::of(&self.store, &group.asset.spec).await?,
+            self.latest(received_at),
+        );
         let records = {
             let (spec, bytes) = (group.asset.spec.clone(), bytes.clone());
             let decode_and_identify = move || {
                 let records = decode_upload(&spec, &units, format, &bytes, &metadata, received_at)?;
-                records.iter().try_for_each(|record| check_time(record.start_time(), latest))?;
-                identify_upload(&spec.id, units, format, &bytes, records, metadata.reference_wear_um)
+                records
+                    .iter()
+                    .try_for_each(|record| check_time(record.start_time(), latest))?;
+                identify_upload(
+                    &spec.id,
+                    units,
+                    format,
+                    &bytes,
+                    records,
+                    metadata.reference_wear_um,
+                )
             };
             self.workers.run("decode a record", decode_and_identify).await??
         };
-        let name = records.first().map(|record| record.raw.sha256.clone()).unwrap_or_default();
-        let batch = self.begin(group, records, vec![(name, bytes)], received_at).await?;
+        let name = records
+            .first()
+            .map(|record| record.raw.sha256.clone())
+            .unwrap_or_default();
+        let batch = self
+            .begin(group, records, vec![(name, bytes)], received_at)
+            .await?;
         let mut accepted = self.finish(batch).await?;
         accepted.sort_by_key(Accepted::channel_index);
         Ok(accepted)
@@ -170,15 +190,21 @@ impl Pipeline {
 
     /// The latest time that a record may be of which is received at a time.
     fn latest(&self, received_at: Timestamp) -> Timestamp {
-        received_at.saturating_add(self.start_time_ahead).unwrap_or(Timestamp::MAX)
+        received_at
+            .saturating_add(self.start_time_ahead)
+            .unwrap_or(Timestamp::MAX)
     }
 
     /// Takes a record of the queue, from the analysis on; none where its asset was removed. A repeat changes
     /// nothing.
     ///
-    /// Errors: those of the store, which may pass; a record whose raw bytes are damaged, or are not the record
-    /// that was enqueued, will never do.
-    pub async fn process(self: &Arc<Self>, record: &QueuedRecord, ticket: Ticket) -> Result<Option<Accepted>, ServiceError> {
+    /// Errors: those of the store, which may pass; a record whose raw bytes are damaged, or are not the
+    /// record that was enqueued, will never do.
+    pub async fn process(
+        self: &Arc<Self>,
+        record: &QueuedRecord,
+        ticket: Ticket,
+    ) -> Result<Option<Accepted>, ServiceError> {
         let (pipeline, record) = (Arc::clone(self), record.clone());
         let work = async move {
             let _ticket = ticket;
@@ -198,8 +224,13 @@ impl Pipeline {
         let known = known_to_all(&self.store, std::slice::from_ref(queued), &group.members).await?;
         let rest = if known.is_empty() {
             let record = self.identify_queued(queued).await?;
-            self.analyse(group.asset.spec, vec![record], RawBytes::Stored, queued.received_at)
-                .await?
+            self.analyse(
+                group.asset.spec,
+                vec![record],
+                RawBytes::Stored,
+                queued.received_at,
+            )
+            .await?
         } else {
             Rest::Nothing
         };
@@ -215,7 +246,8 @@ impl Pipeline {
         received_at: Timestamp,
     ) -> Result<Batch, ServiceError> {
         let stored = known_to_all(&self.store, &records, &group.members).await?;
-        let stored: HashMap<&SegmentId, &Segment> = stored.iter().map(|segment| (&segment.id, segment)).collect();
+        let stored: HashMap<&SegmentId, &Segment> =
+            stored.iter().map(|segment| (&segment.id, segment)).collect();
         let known: Vec<Segment> = records
             .iter()
             .filter_map(|record| stored.get(&record.id))
@@ -231,7 +263,9 @@ impl Pipeline {
             Rest::Nothing
         } else if let Role::ApiNode(queue) = &self.role {
             let queued = self.queued(&group, &records, received_at).await?;
-            self.raw.put(raws, queued.iter().map(RecordNote::from).collect()).await?;
+            self.raw
+                .put(raws, queued.iter().map(RecordNote::from).collect())
+                .await?;
             Rest::Enqueue(Arc::clone(queue), queued)
         } else {
             let notes = records
@@ -255,12 +289,22 @@ impl Pipeline {
             RawBytes::New(raws, notes) => (raws, notes),
             RawBytes::Stored => (Vec::new(), Vec::new()),
         };
-        let raw = self.raw.uncommitted(raws.iter().map(|(name, _)| name.clone()).collect()).await;
+        let raw = self
+            .raw
+            .uncommitted(raws.iter().map(|(name, _)| name.clone()).collect())
+            .await;
         let objects = Arc::clone(&self.raw);
-        let put = tokio::spawn(async move { if raws.is_empty() { Ok(()) } else { objects.put(raws, notes).await } });
+        let put = tokio::spawn(async move {
+            if raws.is_empty() {
+                Ok(())
+            } else {
+                objects.put(raws, notes).await
+            }
+        });
         let records = Arc::new(records);
         let segments = analyse_all(&self.workers, &spec, &records, received_at).await;
-        put.await.map_err(|_| ServiceError::WorkerLost("store raw bytes"))??;
+        put.await
+            .map_err(|_| ServiceError::WorkerLost("store raw bytes"))??;
         Ok(Rest::Commit(Box::new(AnalysedBatch {
             spec,
             records,
@@ -283,7 +327,11 @@ impl Pipeline {
             Rest::Commit(analysed) => accepted.extend(self.commit(*analysed).await?),
             Rest::Enqueue(queue, records) => {
                 queue.enqueue(&records).await?;
-                accepted.extend(records.into_iter().map(|record| Accepted::Queued(Box::new(record))));
+                accepted.extend(
+                    records
+                        .into_iter()
+                        .map(|record| Accepted::Queued(Box::new(record))),
+                );
             }
         }
         for accepted in &accepted {
@@ -297,7 +345,10 @@ impl Pipeline {
         Ok(accepted)
     }
 
-    async fn commit(&self, batch: AnalysedBatch) -> Result<impl Iterator<Item = Accepted> + use<>, ServiceError> {
+    async fn commit(
+        &self,
+        batch: AnalysedBatch,
+    ) -> Result<impl Iterator<Item = Accepted> + use<>, ServiceError> {
         let AnalysedBatch {
             spec,
             records,
@@ -306,12 +357,16 @@ impl Pipeline {
             mut raw,
         } = batch;
         let asset = spec.id.clone();
-        let committed = self.commit_segments(spec, &records, segments, received_at).await?;
+        let committed = self
+            .commit_segments(spec, &records, segments, received_at)
+            .await?;
         raw.are_committed();
         if committed.iter().any(|committed| committed.shares_sensor) {
             self.analyse_for_group(&asset, &records, received_at).await?;
         }
-        let accepted = |CommittedSegment { segment, repeated, .. }| match repeated {
+        let accepted = |CommittedSegment {
+                            segment, repeated, ..
+                        }| match repeated {
             false => Accepted::Stored(Box::new(segment)),
             true => Accepted::Repeated(Box::new(segment)),
         };
@@ -342,7 +397,12 @@ impl Pipeline {
     /// Analyses records of an asset for the others of its sensor. Those are asked for after the records are
     /// stored, so that an asset that is described just now either is among them or finds the records there.
     /// The caller holds the records' [`UncommittedObjects`].
-    async fn analyse_for_group(&self, asset: &AssetId, records: &[IdentifiedRecord], received_at: Timestamp) -> Result<(), ServiceError> {
+    async fn analyse_for_group(
+        &self,
+        asset: &AssetId,
+        records: &[IdentifiedRecord],
+        received_at: Timestamp,
+    ) -> Result<(), ServiceError> {
         for member in SensorGroup::of(&self.store, asset).await?.members {
             let theirs = records.iter().map(|record| record.for_member(&member)).collect();
             self.analyse_for_member(member, theirs, received_at).await?;
@@ -365,7 +425,10 @@ impl Pipeline {
         }
         let records = Arc::new(records);
         let segments = analyse_all(&self.workers, &member, &records, received_at).await?;
-        Ok(self.commit_segments(member, &records, segments, received_at).await?.len())
+        Ok(self
+            .commit_segments(member, &records, segments, received_at)
+            .await?
+            .len())
     }
 
     /// What the queue takes of records.
@@ -390,7 +453,8 @@ impl Pipeline {
         let queued = queued.clone();
         let identify = move || {
             let record = StoredRecord::from(&queued).decode(&bytes)?;
-            let identified = IdentifiedRecord::new(&queued.asset_id, record, queued.raw, queued.reference_wear_um)?;
+            let identified =
+                IdentifiedRecord::new(&queued.asset_id, record, queued.raw, queued.reference_wear_um)?;
             if identified.id == queued.id {
                 Ok(identified)
             } else {

@@ -88,7 +88,11 @@ impl RecordStream {
                 }
             }
         });
-        Self { receiver, read: 0, room }
+        Self {
+            receiver,
+            read: 0,
+            room,
+        }
     }
 
     /// The next record by itself; empty at the end.
@@ -104,7 +108,8 @@ impl RecordStream {
     /// The next batch: waits for one record and takes with it those that follow at once; empty at the end.
     pub(crate) async fn next_batch(&mut self) -> ReadBatch {
         let mut batch = self.next().await;
-        while !batch.records.is_empty() && batch.records.len() < BATCH_RECORDS && batch.bytes() < BATCH_BYTES {
+        while !batch.records.is_empty() && batch.records.len() < BATCH_RECORDS && batch.bytes() < BATCH_BYTES
+        {
             let next = match self.receiver.try_recv() {
                 Ok(ready) => Some(ready),
                 // The reader is faster than the fold; a short wait makes batches, and so transactions,
@@ -133,7 +138,11 @@ impl Drop for RecordStream {
 }
 
 impl ReadBatch {
-    fn add(&mut self, number: u64, (record, taken): (Result<Recorded, RecordingError>, OwnedSemaphorePermit)) {
+    fn add(
+        &mut self,
+        number: u64,
+        (record, taken): (Result<Recorded, RecordingError>, OwnedSemaphorePermit),
+    ) {
         self.records.push((number, record));
         match &mut self.room {
             Some(room) => room.merge(taken),
@@ -158,7 +167,9 @@ impl Room {
 
     /// What so many bytes take: all of it where they are more than there is.
     fn needed(&self, bytes: usize) -> u32 {
-        u32::try_from(bytes.div_ceil(1024)).unwrap_or(u32::MAX).min(self.most)
+        u32::try_from(bytes.div_ceil(1024))
+            .unwrap_or(u32::MAX)
+            .min(self.most)
     }
 
     /// Waits for room; none where nobody wants records any more. Blocks the thread.
@@ -212,7 +223,14 @@ mod tests {
         let (mut records, read) = stream(room, sizes);
         let (mut before, mut stored, mut most) = (ReadBatch::default(), 0, 0);
         let mut batches = Vec::new();
-        let bytes = |batch: &ReadBatch| -> usize { batch.records.iter().flat_map(|(_, record)| record).map(Recorded::bytes).sum() };
+        let bytes = |batch: &ReadBatch| -> usize {
+            batch
+                .records
+                .iter()
+                .flat_map(|(_, record)| record)
+                .map(Recorded::bytes)
+                .sum()
+        };
         loop {
             let batch = tokio::time::timeout(Duration::from_secs(20), async {
                 let store = async {
@@ -241,7 +259,11 @@ mod tests {
 
     #[tokio::test]
     async fn a_record_beyond_the_bound_gets_through_by_itself() {
-        for sizes in [vec![8 * MIB; 4], vec![MIB / 64, 8 * MIB, MIB / 64, MIB / 64, 8 * MIB], vec![8; 300]] {
+        for sizes in [
+            vec![8 * MIB; 4],
+            vec![MIB / 64, 8 * MIB, MIB / 64, MIB / 64, 8 * MIB],
+            vec![8; 300],
+        ] {
             let (count, largest) = (sizes.len(), sizes.iter().copied().max().unwrap());
             let (most, batches) = read_through(2 * MIB, sizes).await;
             assert_eq!(batches.iter().sum::<usize>(), count);

@@ -40,7 +40,10 @@ impl Pipeline {
         let units = ChannelUnits::of(&self.store, &spec).await?;
         let defaults = defaults_of(&spec, &units, self.clock.now());
         let mut records = RecordStream::spawn(self.workers.recording_bytes(), move || {
-            Ok(McapReader::with_defaults(BufReader::with_capacity(1 << 20, open()?), defaults))
+            Ok(McapReader::with_defaults(
+                BufReader::with_capacity(1 << 20, open()?),
+                defaults,
+            ))
         });
         let mut summary = BatchSummary::default();
         let mut before: Option<RecordedBatch> = None;
@@ -80,11 +83,18 @@ impl Pipeline {
 
     /// All steps up to the commit for a batch of records of one recording; those that cannot be used are
     /// listed in its summary.
-    pub(crate) async fn begin_batch(&self, asset: &AssetId, read: ReadBatch) -> Result<RecordedBatch, ServiceError> {
+    pub(crate) async fn begin_batch(
+        &self,
+        asset: &AssetId,
+        read: ReadBatch,
+    ) -> Result<RecordedBatch, ServiceError> {
         let ReadBatch { records, room } = read;
         let group = SensorGroup::of(&self.store, asset).await?;
         let received_at = self.clock.now();
-        let (mut units, latest) = (ChannelUnits::of(&self.store, &group.asset.spec).await?, self.latest(received_at));
+        let (mut units, latest) = (
+            ChannelUnits::of(&self.store, &group.asset.spec).await?,
+            self.latest(received_at),
+        );
         for (_, recorded) in &records {
             if let Ok(recorded) = recorded {
                 units.note_first(&recorded.record);
@@ -107,7 +117,10 @@ impl Pipeline {
             self.workers.run("identify records", identify).await?
         };
         let mut summary = BatchSummary::default();
-        let (mut records, mut raws) = (Vec::with_capacity(identified.len()), Vec::with_capacity(identified.len()));
+        let (mut records, mut raws) = (
+            Vec::with_capacity(identified.len()),
+            Vec::with_capacity(identified.len()),
+        );
         for (number, identified) in identified {
             summary.records += 1;
             match identified {
@@ -128,7 +141,11 @@ impl Pipeline {
 
     /// Commits a batch, where there is one, in one transaction and adds what became of its records to
     /// `summary`.
-    pub(crate) async fn finish_batch(&self, begun: Option<RecordedBatch>, summary: &mut BatchSummary) -> Result<(), ServiceError> {
+    pub(crate) async fn finish_batch(
+        &self,
+        begun: Option<RecordedBatch>,
+        summary: &mut BatchSummary,
+    ) -> Result<(), ServiceError> {
         let Some(RecordedBatch {
             batch,
             summary: mut of_batch,

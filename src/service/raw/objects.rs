@@ -54,9 +54,16 @@ impl RawObjects {
 
     /// Stores raw bytes under their names, and what makes `records` of them; they are on the disk once this
     /// returns.
-    pub(crate) async fn put(&self, raws: Vec<(String, Bytes)>, records: Vec<RecordNote>) -> Result<(), ServiceError> {
+    pub(crate) async fn put(
+        &self,
+        raws: Vec<(String, Bytes)>,
+        records: Vec<RecordNote>,
+    ) -> Result<(), ServiceError> {
         let store = self.store.clone();
-        Ok(blocking("store raw bytes", move || store.objects().put_all(&raws, &records)).await??)
+        Ok(blocking("store raw bytes", move || {
+            store.objects().put_all(&raws, &records)
+        })
+        .await??)
     }
 
     /// Stores raw bytes of records that are stored already where they were lost or damaged; not those that
@@ -78,7 +85,10 @@ impl RawObjects {
         let mend = move || {
             kept.retain(|(name, _)| store.objects().get(name).is_err_and(|error| error.is_of_object()));
             for (object, _) in &kept {
-                tracing::warn!(object, "a raw recording was lost or damaged, and came again: it is stored anew");
+                tracing::warn!(
+                    object,
+                    "a raw recording was lost or damaged, and came again: it is stored anew"
+                );
             }
             store.objects().put_all(&kept, &[])
         };
@@ -164,19 +174,31 @@ impl RawObjects {
         }
         let (objects, bytes) = self.quarantine_orphans().await?;
         if objects > 0 {
-            tracing::info!(objects, bytes, "moved raw objects that no record refers to into quarantine");
+            tracing::info!(
+                objects,
+                bytes,
+                "moved raw objects that no record refers to into quarantine"
+            );
         }
         let (store, kept_for) = (self.store.clone(), self.quarantined_for);
         let remove = move || {
             let objects = store.objects();
             let removed = objects.remove_quarantined(kept_for, objects.time()?)?;
-            let kept = objects.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
+            let kept = objects
+                .quarantined()?
+                .into_iter()
+                .map(|quarantined| quarantined.name)
+                .collect();
             (0..=u8::MAX).try_for_each(|shard| objects.remove_empty_notes(shard, &kept))?;
             Ok::<_, StoreError>(removed)
         };
         let (objects, bytes) = self.workers.run("empty the quarantine", remove).await??;
         if objects > 0 {
-            tracing::info!(objects, bytes, "removed raw objects that were in quarantine for long enough");
+            tracing::info!(
+                objects,
+                bytes,
+                "removed raw objects that were in quarantine for long enough"
+            );
         }
         Ok(())
     }
@@ -236,7 +258,8 @@ impl RawObjects {
     /// Removes objects that nothing refers to. The caller has the [`exclusive`](Self::exclusive) lock.
     pub(crate) async fn remove(&self, names: Vec<String>) -> Result<(), ServiceError> {
         let unneeded = self.without_waiting(names).await?;
-        self.give_away(unneeded, |store, name| store.objects().remove(name)).await
+        self.give_away(unneeded, |store, name| store.objects().remove(name))
+            .await
     }
 
     /// Those of these objects that no record needs which waits.
@@ -275,8 +298,14 @@ impl RawObjects {
             let age = store.is_shared().then(|| Age::now(&store)).transpose()?;
             for name in &names {
                 // Asked again at the last moment: bringing an object again makes it new.
-                let is_old_enough =
-                    |age: &Age| Ok::<_, StoreError>(store.objects().written_at(name)?.is_some_and(|time| age.is_old_enough(time)));
+                let is_old_enough = |age: &Age| {
+                    Ok::<_, StoreError>(
+                        store
+                            .objects()
+                            .written_at(name)?
+                            .is_some_and(|time| age.is_old_enough(time)),
+                    )
+                };
                 if age.as_ref().map_or(Ok(true), is_old_enough)? {
                     away(&store, name)?;
                 }
@@ -299,8 +328,14 @@ impl RawObjects {
         let store = self.store.clone();
         let remove_notes = move || {
             let objects = store.objects();
-            let kept = objects.quarantined()?.into_iter().map(|quarantined| quarantined.name).collect();
-            shards.into_iter().try_for_each(|shard| objects.remove_empty_notes(shard, &kept))
+            let kept = objects
+                .quarantined()?
+                .into_iter()
+                .map(|quarantined| quarantined.name)
+                .collect();
+            shards
+                .into_iter()
+                .try_for_each(|shard| objects.remove_empty_notes(shard, &kept))
         };
         self.workers.run("remove notes", remove_notes).await??;
         Ok(count)
@@ -324,7 +359,8 @@ impl Age {
     }
 
     fn is_old_enough(&self, written_at: Timestamp) -> bool {
-        self.most.is_none_or(|most| self.now.duration_since(written_at) >= most)
+        self.most
+            .is_none_or(|most| self.now.duration_since(written_at) >= most)
     }
 }
 
@@ -341,13 +377,19 @@ impl Drop for UncommittedObjects {
             return;
         }
         // At the end of the process the next start does it.
-        let Ok(runtime) = Handle::try_current() else { return };
+        let Ok(runtime) = Handle::try_current() else {
+            return;
+        };
         let (objects, names) = (Arc::clone(&self.objects), std::mem::take(&mut self.names));
         runtime.spawn(async move {
             match objects.remove_uncommitted(names).await {
                 Ok(0) => {}
-                Ok(objects) => tracing::info!(objects, "removed raw objects whose records could not be stored"),
-                Err(error) => tracing::debug!(%error, "failed to remove raw objects whose records could not be stored"),
+                Ok(objects) => {
+                    tracing::info!(objects, "removed raw objects whose records could not be stored")
+                }
+                Err(error) => {
+                    tracing::debug!(%error, "failed to remove raw objects whose records could not be stored")
+                }
             }
         });
     }

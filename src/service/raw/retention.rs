@@ -40,7 +40,9 @@ impl Retention {
         let retention = Arc::clone(self);
         tokio::spawn(async move {
             // One at a time; one that waits sees what those before it have done.
-            let Ok(_turn) = retention.turn.try_lock() else { return };
+            let Ok(_turn) = retention.turn.try_lock() else {
+                return;
+            };
             if let Err(error) = retention.apply().await {
                 tracing::warn!(%error, "failed to give up raw recordings over their quota");
             }
@@ -81,7 +83,12 @@ impl Retention {
             if objects > 0 {
                 self.objects.remove(orphans).await?;
                 let of = asset.map_or("all", AssetId::as_str);
-                tracing::info!(of, objects, bytes, "gave up the oldest raw recordings for the quota");
+                tracing::info!(
+                    of,
+                    objects,
+                    bytes,
+                    "gave up the oldest raw recordings for the quota"
+                );
             }
             if is_within || objects == 0 {
                 return Ok(());

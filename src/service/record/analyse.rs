@@ -37,7 +37,9 @@ pub(crate) async fn analyse_all(
     const TASK: &str = "analyse records";
     let ordinary = {
         let (spec, records) = (spec.clone(), Arc::clone(records));
-        let analyse = move |record: &IdentifiedRecord| (!is_large(record.samples())).then(|| segment(record, &spec, received_at));
+        let analyse = move |record: &IdentifiedRecord| {
+            (!is_large(record.samples())).then(|| segment(record, &spec, received_at))
+        };
         move || records.par_iter().map(analyse).collect::<Vec<_>>()
     };
     let mut analysed = Vec::with_capacity(records.len());

@@ -1,4 +1,5 @@
-//! The unit of each channel: that of its records, else that of the description, else that of its first record.
+//! The unit of each channel: that of its records, else that of the description, else that of its first
+//! record.
 
 use std::collections::HashMap;
 
@@ -46,7 +47,8 @@ impl ChannelUnits {
     /// The first record of a channel says its unit, where nothing else does.
     pub(crate) fn note_first(&mut self, record: &Record) {
         if self.others.is_none() && !self.by_channel.contains_key(record.channel()) {
-            self.by_channel.insert(record.channel().to_owned(), record.unit().to_owned());
+            self.by_channel
+                .insert(record.channel().to_owned(), record.unit().to_owned());
         }
     }
 

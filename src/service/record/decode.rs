@@ -4,7 +4,10 @@ use jiff::Timestamp;
 
 use super::channel_units::ChannelUnits;
 use crate::asset::AssetSpec;
-use crate::recording::{BlockEncoding, RawLayout, RecordDefaults, RecordingError, decode_block, decode_csv, decode_raw, decode_wav};
+use crate::recording::{
+    BlockEncoding, RawLayout, RecordDefaults, RecordingError, decode_block, decode_csv, decode_raw,
+    decode_wav,
+};
 use crate::service::error::ServiceError;
 use crate::signal::{OperatingPoint, Record};
 
@@ -72,7 +75,10 @@ impl RecordFormat {
             "application/x-protobuf" | "application/protobuf" => Some(Self::Protobuf),
             "application/json" => Some(Self::Json),
             CSV => Some(Self::Csv { sample_rate_hz: None }),
-            _ => match media_type.strip_prefix(CSV).and_then(|rest| rest.strip_prefix(CSV_RATE)) {
+            _ => match media_type
+                .strip_prefix(CSV)
+                .and_then(|rest| rest.strip_prefix(CSV_RATE))
+            {
                 Some(rate_hz) => Some(Self::Csv {
                     sample_rate_hz: Some(rate_hz.parse().ok()?),
                 }),
@@ -89,7 +95,11 @@ impl RecordFormat {
     }
 
     /// The records in the bytes, one for each channel.
-    pub(crate) fn decode(self, bytes: &[u8], defaults: &RecordDefaults) -> Result<Vec<Record>, RecordingError> {
+    pub(crate) fn decode(
+        self,
+        bytes: &[u8],
+        defaults: &RecordDefaults,
+    ) -> Result<Vec<Record>, RecordingError> {
         match self {
             Self::Wav => decode_wav(bytes, defaults),
             Self::Protobuf => Ok(vec![decode_block(bytes, BlockEncoding::Protobuf, defaults)?]),

@@ -40,7 +40,12 @@ pub(crate) trait Identified {
 
 impl IdentifiedRecord {
     /// Identifies a record; refuses what cannot be stored or addressed.
-    pub(crate) fn new(asset: &AssetId, record: Record, raw: RawReference, reference_wear_um: Option<f64>) -> Result<Self, ServiceError> {
+    pub(crate) fn new(
+        asset: &AssetId,
+        record: Record,
+        raw: RawReference,
+        reference_wear_um: Option<f64>,
+    ) -> Result<Self, ServiceError> {
         check(&record, reference_wear_um)?;
         Ok(Self {
             reference_wear_um,
@@ -114,7 +119,13 @@ impl Identified for QueuedRecord {
 }
 
 fn check(record: &Record, reference_wear_um: Option<f64>) -> Result<(), ServiceError> {
-    let refuse = |field, value, expected| Err(ServiceError::Field { field, value, expected });
+    let refuse = |field, value, expected| {
+        Err(ServiceError::Field {
+            field,
+            value,
+            expected,
+        })
+    };
     let channel = record.channel();
     if channel.is_empty() || channel.len() > 200 || channel.chars().any(char::is_control) {
         let expected = "a name of 1 to 200 bytes without control characters";
@@ -145,8 +156,8 @@ fn check_unit(record: &Record) -> Result<(), ServiceError> {
     Ok(())
 }
 
-/// Refuses a record that says to be of a time so far ahead that somebody's clock must be wrong: every later one would be a
-/// late record.
+/// Refuses a record that says to be of a time so far ahead that somebody's clock must be wrong: every later
+/// one would be a late record.
 pub(crate) fn check_time(start_time: Timestamp, latest: Timestamp) -> Result<(), ServiceError> {
     if start_time <= latest {
         return Ok(());
@@ -187,7 +198,11 @@ pub(crate) fn identify_upload(
 pub(crate) type IdentifiedOrRefused = Result<(IdentifiedRecord, Vec<u8>), (Option<String>, ServiceError)>;
 
 /// Identifies one record of a recording of many.
-pub(crate) fn identify_recorded(asset: &AssetId, units: &ChannelUnits, record: Result<Recorded, RecordingError>) -> IdentifiedOrRefused {
+pub(crate) fn identify_recorded(
+    asset: &AssetId,
+    units: &ChannelUnits,
+    record: Result<Recorded, RecordingError>,
+) -> IdentifiedOrRefused {
     let recorded = record.map_err(|error| (None, error.into()))?;
     let channel = recorded.record.channel().to_string();
     let fixed = check_unit(&recorded.record).and_then(|()| units.fix(recorded.record));
@@ -195,7 +210,10 @@ pub(crate) fn identify_recorded(asset: &AssetId, units: &ChannelUnits, record: R
     let raw = RawReference {
         sha256: Objects::name(&recorded.raw),
         bytes: recorded.raw.len() as u64,
-        media_type: with_unit(RecordFormat::of_block(recorded.encoding).media_type(), came_in.as_deref()),
+        media_type: with_unit(
+            RecordFormat::of_block(recorded.encoding).media_type(),
+            came_in.as_deref(),
+        ),
         channel_index: 0,
     };
     match IdentifiedRecord::new(asset, record, raw, recorded.reference_wear_um) {
@@ -206,7 +224,11 @@ pub(crate) fn identify_recorded(asset: &AssetId, units: &ChannelUnits, record: R
 
 /// The segments of records that are stored for their asset already, and for all other assets of its sensor
 /// too.
-pub(crate) async fn known_to_all(store: &Store, records: &[impl Identified], members: &[AssetSpec]) -> Result<Vec<Segment>, ServiceError> {
+pub(crate) async fn known_to_all(
+    store: &Store,
+    records: &[impl Identified],
+    members: &[AssetSpec],
+) -> Result<Vec<Segment>, ServiceError> {
     let ids: Vec<SegmentId> = records.iter().map(|record| record.id().clone()).collect();
     let mut known = store.segments_by_id(&ids).await?;
     for member in members {

@@ -13,7 +13,8 @@ use crate::service::sensor_group::described;
 use crate::service::work_queue::QueuedRecord;
 use crate::service::workers::{Workers, blocking, with_analyzer};
 use crate::signal::{
-    Analyzer, BandError, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, OperatingPoint, Record, Spectrum,
+    Analyzer, BandError, BandSource, EnvelopeBand, EnvelopeSearch, MeshContext, MeshLine, OperatingPoint,
+    Record, Spectrum,
 };
 use crate::store::{NewSegment, Store, StoreError};
 
@@ -52,7 +53,11 @@ impl StoredRecord {
 
     /// The record in its raw bytes.
     pub(crate) fn decode(&self, bytes: &[u8]) -> Result<Record, ServiceError> {
-        let unexpected = |what, value, expected| StoreError::Unexpected { what, value, expected };
+        let unexpected = |what, value, expected| StoreError::Unexpected {
+            what,
+            value,
+            expected,
+        };
         let media_type = &self.raw.media_type;
         let (_, came_in) = without_unit(media_type);
         let format = RecordFormat::from_media_type(media_type)
@@ -66,7 +71,13 @@ impl StoredRecord {
         };
         let index = self.raw.channel_index;
         let record = format.decode(bytes, &defaults)?.into_iter().nth(index as usize);
-        let record = record.ok_or_else(|| unexpected("raw_channel_index", index.to_string(), "a channel of the recording"))?;
+        let record = record.ok_or_else(|| {
+            unexpected(
+                "raw_channel_index",
+                index.to_string(),
+                "a channel of the recording",
+            )
+        })?;
         let record = record.with_channel(&self.channel).in_unit(&self.unit);
         Ok(record.map_err(RecordingError::from)?)
     }
@@ -96,10 +107,14 @@ impl StoredRecords {
     pub async fn raw(&self, segment: &Segment) -> Result<Bytes, ServiceError> {
         let name = &segment.raw.sha256;
         match raw_bytes(&self.store, name).await {
-            Err(ServiceError::Store(StoreError::ObjectMissing(_))) if !self.store.keeps_raw(&segment.asset_id, name).await? => {
+            Err(ServiceError::Store(StoreError::ObjectMissing(_)))
+                if !self.store.keeps_raw(&segment.asset_id, name).await? =>
+            {
                 Err(ServiceError::RawGivenUp(segment.id.clone()))
             }
-            read => read.inspect_err(|error| tracing::warn!(segment = %segment.id, %error, "failed to read raw recording")),
+            read => read.inspect_err(
+                |error| tracing::warn!(segment = %segment.id, %error, "failed to read raw recording"),
+            ),
         }
     }
 
@@ -107,7 +122,9 @@ impl StoredRecords {
     pub async fn recall(&self, segment: &Segment) -> Result<Record, ServiceError> {
         let bytes = self.raw(segment).await?;
         let stored = StoredRecord::from(segment);
-        self.workers.run("read a record", move || stored.decode(&bytes)).await?
+        self.workers
+            .run("read a record", move || stored.decode(&bytes))
+            .await?
     }
 
     /// What `analyse` makes of a segment's record and of what is known of its mesh; `task` names it if it is
@@ -136,16 +153,24 @@ impl StoredRecords {
         let samples = record.samples().len();
         let analyse = move || {
             with_analyzer(samples, |analyzer| {
-                let lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
+                let lines = analyzer
+                    .analyze(&spec.seen_from_shaft(&record), &spec.mesh_context())
+                    .mesh_lines;
                 (analyzer.amplitude_spectrum(&record), lines)
             })
         };
-        self.workers.run_analysis("compute a spectrum", samples, analyse).await
+        self.workers
+            .run_analysis("compute a spectrum", samples, analyse)
+            .await
     }
 
     /// The envelope spectrum of a segment in the band asked for, else in the asset's, else in the one found
     /// in the record.
-    pub async fn envelope(&self, segment: &Segment, choice: BandChoice) -> Result<SegmentEnvelope, ServiceError> {
+    pub async fn envelope(
+        &self,
+        segment: &Segment,
+        choice: BandChoice,
+    ) -> Result<SegmentEnvelope, ServiceError> {
         let spec = described(&self.store, &segment.asset_id).await?.spec;
         let record = self.recall(segment).await?;
         let speed = segment.shaft_speed;
@@ -162,7 +187,9 @@ impl StoredRecords {
                     _ => spec.envelope_band,
                 };
                 let band = given.unwrap_or_else(|| analyzer.envelope_band(&record, speed.as_ref(), search));
-                let mesh_lines = analyzer.analyze(&spec.seen_from_shaft(&record), &spec.mesh_context()).mesh_lines;
+                let mesh_lines = analyzer
+                    .analyze(&spec.seen_from_shaft(&record), &spec.mesh_context())
+                    .mesh_lines;
                 let [low, high] = band.band_hz;
                 let was_given = matches!(band.source, BandSource::Query | BandSource::Asset);
                 let spectrum = match analyzer.envelope_spectrum(&record, band.band_hz) {
@@ -188,7 +215,9 @@ impl StoredRecords {
             })
         };
         let workers = &self.workers;
-        workers.run_analysis("compute an envelope spectrum", samples, analyse).await?
+        workers
+            .run_analysis("compute an envelope spectrum", samples, analyse)
+            .await?
     }
 }
 

@@ -37,13 +37,16 @@ pub(crate) fn find(folder: &Path, file: &str) -> Result<PathBuf, ServiceError> {
         reason,
     };
     let relative = Path::new(file);
-    let is_plain = relative.components().all(|part| matches!(part, Component::Normal(_)));
+    let is_plain = relative
+        .components()
+        .all(|part| matches!(part, Component::Normal(_)));
     if file.is_empty() || file.contains(['\0', '\\']) || !is_plain {
         return Err(refuse(
             "is not a path inside the replay folder, expected one without \"..\" and not absolute",
         ));
     }
-    let folder = fs::canonicalize(folder).map_err(|_| refuse("is not there: the replay folder cannot be read"))?;
+    let folder =
+        fs::canonicalize(folder).map_err(|_| refuse("is not there: the replay folder cannot be read"))?;
     let path = fs::canonicalize(folder.join(relative)).map_err(|_| refuse("is not in the replay folder"))?;
     if !path.starts_with(&folder) {
         return Err(refuse("leads out of the replay folder"));
@@ -79,7 +82,10 @@ mod tests {
             "..\\secret",
             absolute.to_str().unwrap(),
         ] {
-            assert!(matches!(find(&folder, file), Err(ServiceError::ReplayFile { .. })), "{file:?}");
+            assert!(
+                matches!(find(&folder, file), Err(ServiceError::ReplayFile { .. })),
+                "{file:?}"
+            );
         }
     }
 

@@ -82,7 +82,12 @@ impl Replays {
     /// were over.
     pub(crate) async fn resume(&self) -> Result<(), ServiceError> {
         for (number, mut replay) in self.list.load().await? {
-            tracing::info!(replay = number, file = replay.file, done = replay.records_done, "resuming a replay");
+            tracing::info!(
+                replay = number,
+                file = replay.file,
+                done = replay.records_done,
+                "resuming a replay"
+            );
             match self.find(&replay.asset, &replay.file).await {
                 Ok(found) => {
                     self.run_in_background(number, replay, found);
@@ -101,7 +106,11 @@ impl Replays {
     }
 
     /// What a replay needs: the asset's description, the recording, the right to read it.
-    async fn find(&self, asset: &AssetId, file: &str) -> Result<(AssetSpec, ChannelUnits, PathBuf, OwnedSemaphorePermit), ServiceError> {
+    async fn find(
+        &self,
+        asset: &AssetId,
+        file: &str,
+    ) -> Result<(AssetSpec, ChannelUnits, PathBuf, OwnedSemaphorePermit), ServiceError> {
         let spec = SensorGroup::of(&self.store, asset).await?.asset.spec;
         let path = folder::find(&self.folder, file)?;
         let units = ChannelUnits::of(&self.store, &spec).await?;

@@ -27,7 +27,12 @@ pub(crate) struct Run {
 
 impl Run {
     /// Runs a replay to its end and notes that.
-    pub(crate) async fn to_end(&self, mut replay: Replay, mut records: RecordStream, mut stopped: watch::Receiver<bool>) {
+    pub(crate) async fn to_end(
+        &self,
+        mut replay: Replay,
+        mut records: RecordStream,
+        mut stopped: watch::Receiver<bool>,
+    ) {
         let began = tokio::time::Instant::now();
         let mut summary = so_far(&replay);
         let seconds_before = summary.record_seconds;
@@ -59,7 +64,9 @@ impl Run {
                 if before.is_none() {
                     return Ok(());
                 }
-                self.pipeline.finish_batch(before.take().map(|batch| *batch), &mut summary).await?;
+                self.pipeline
+                    .finish_batch(before.take().map(|batch| *batch), &mut summary)
+                    .await?;
                 note(&mut replay, &summary, seconds_before, began.elapsed());
                 self.list.announce(self.number, &replay);
                 if saved.elapsed() > SAVED_EVERY {
@@ -74,7 +81,9 @@ impl Run {
                 Ok(Next::Stopped) => break Ok(ReplayState::Stopped),
                 Ok(Next::End) => {
                     break match summary.refused.first() {
-                        Some(refused) if summary.refused_count == summary.records => Err(refused.reason.clone()),
+                        Some(refused) if summary.refused_count == summary.records => {
+                            Err(refused.reason.clone())
+                        }
                         _ => Ok(ReplayState::Finished),
                     };
                 }
@@ -115,7 +124,12 @@ enum Next {
 }
 
 /// The next record once its time has come: as far after the first one as it was recorded, divided by `times`.
-async fn paced(records: &mut RecordStream, times: f64, began: tokio::time::Instant, first_start: &mut Option<Timestamp>) -> ReadBatch {
+async fn paced(
+    records: &mut RecordStream,
+    times: f64,
+    began: tokio::time::Instant,
+    first_start: &mut Option<Timestamp>,
+) -> ReadBatch {
     let batch = records.next().await;
     if let Some((_, Ok(recorded))) = batch.records.first() {
         let start = recorded.record.start_time();

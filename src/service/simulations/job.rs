@@ -68,13 +68,16 @@ impl Job {
         }
         let _turn = lock(&self.turns.simulating);
         self.begin(SimulationStage::Library);
-        let library = self.source.get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?;
+        let library = self
+            .source
+            .get_or_build(&self.pair, &self.grid, &self.progress(), &self.cancel)?;
         let alone = Ensemble::of(Arc::clone(&library));
         if self.neighbours.members == 0 {
             self.ready(library, alone, None);
             return Ok(());
         }
-        // Estimates wait for the first members alone: when the rest are there, histories are folded again with them.
+        // Estimates wait for the first members alone: when the rest are there, histories are folded again
+        // with them.
         self.begin(SimulationStage::FirstMembers);
         let first = match self.members(&alone, &self.neighbours.first()) {
             Ok(first) => first,
@@ -84,7 +87,11 @@ impl Job {
                 return Err(error);
             }
         };
-        self.ready(Arc::clone(&library), first.clone(), Some(SimulationStage::Members));
+        self.ready(
+            Arc::clone(&library),
+            first.clone(),
+            Some(SimulationStage::Members),
+        );
         (self.tell)();
         let whole = self.members(&first, &self.neighbours)?;
         self.ready(library, whole, None);
@@ -152,7 +159,10 @@ fn guarded(simulate: impl FnOnce() -> Result<(), LibraryError>) -> Result<(), Op
         Ok(Ok(())) => Ok(()),
         Ok(Err(LibraryError::Cancelled)) => Err(None),
         Ok(Err(error)) => Err(Some(error.to_string())),
-        Err(panic) => Err(Some(format!("the simulation panicked: {}", words_of(panic.as_ref())))),
+        Err(panic) => Err(Some(format!(
+            "the simulation panicked: {}",
+            words_of(panic.as_ref())
+        ))),
     }
 }
 
@@ -174,7 +184,9 @@ mod tests {
     fn errors_and_panics_become_reasons() {
         assert_eq!(guarded(|| Ok(())), Ok(()));
         assert_eq!(guarded(|| Err(LibraryError::Cancelled)), Err(None));
-        let reason = guarded(|| Err(LibraryError::Damaged("torn".into()))).unwrap_err().unwrap();
+        let reason = guarded(|| Err(LibraryError::Damaged("torn".into())))
+            .unwrap_err()
+            .unwrap();
         assert!(reason.contains("torn"), "{reason}");
         let teeth = 0;
         let reason = guarded(|| panic!("{teeth} teeth")).unwrap_err().unwrap();

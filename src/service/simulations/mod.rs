@@ -194,7 +194,10 @@ impl Simulations {
         };
         // A thread of its own, not one of the runtime's: a build may take a minute and must not hold up the
         // end of the process.
-        if let Err(error) = std::thread::Builder::new().name("library".into()).spawn(move || job.run()) {
+        if let Err(error) = std::thread::Builder::new()
+            .name("library".into())
+            .spawn(move || job.run())
+        {
             tracing::error!(%error, "failed to start a thread for a library");
             // Who asks next tries again.
             all.remove(&id);
@@ -204,7 +207,9 @@ impl Simulations {
 
     /// Waits until it is known whether the library of an asset is kept from before.
     pub(crate) async fn known(&self, spec: &AssetSpec) {
-        let Some((_, mut simulation)) = self.ask(spec) else { return };
+        let Some((_, mut simulation)) = self.ask(spec) else {
+            return;
+        };
         let known = simulation.wait_for(|simulation| !simulation.is_loading);
         // Where it takes longer the record is folded without.
         let _ = tokio::time::timeout(KNOWN_WITHIN, known).await;
@@ -227,13 +232,18 @@ impl Simulations {
     }
 
     fn id_of(&self, spec: &AssetSpec) -> Option<String> {
-        spec.gear.pair.as_ref().map(|pair| library_id(pair, &self.grid.for_pair(pair)))
+        spec.gear
+            .pair
+            .as_ref()
+            .map(|pair| library_id(pair, &self.grid.for_pair(pair)))
     }
 
     /// Whether neighbours of an asset's library are still to come, so that what is folded now is to be folded
     /// again with them.
     pub(crate) fn awaits_neighbours(&self, spec: &AssetSpec) -> bool {
-        let Some((_, simulation)) = self.ask(spec) else { return false };
+        let Some((_, simulation)) = self.ask(spec) else {
+            return false;
+        };
         let simulation = simulation.borrow();
         self.neighbours.members > 0 && (simulation.is_loading || simulation.progress.is_some())
     }
@@ -255,7 +265,10 @@ impl Simulations {
         let keyed = estimators.entry(fold_key.clone()).or_insert_with(|| {
             let (estimator, lack) = match library {
                 Ok(ensemble) => (ChannelEstimator::new(settings, Some(ensemble), rules), None),
-                Err(lack) => (ChannelEstimator::without_library(settings, lack.clone(), rules), Some(lack)),
+                Err(lack) => (
+                    ChannelEstimator::without_library(settings, lack.clone(), rules),
+                    Some(lack),
+                ),
             };
             KeyedEstimator {
                 estimator,
@@ -269,7 +282,8 @@ impl Simulations {
 }
 
 impl Drop for Simulations {
-    /// What nobody can ask for any more is not simulated to its end: it would keep every core from others in this process.
+    /// What nobody can ask for any more is not simulated to its end: it would keep every core from others in
+    /// this process.
     fn drop(&mut self) {
         for asked in lock(&self.asked).values() {
             asked.cancel.store(true, Ordering::Relaxed);
@@ -280,7 +294,9 @@ impl Drop for Simulations {
 /// Tells the assets that ask for a library.
 fn tell(all: &Weak<AllAsked>, library: &str, changed: &mpsc::UnboundedSender<Vec<AssetId>>) {
     let Some(all) = all.upgrade() else { return };
-    let assets = lock(&all).get(library).map(|asked| asked.by.keys().cloned().collect());
+    let assets = lock(&all)
+        .get(library)
+        .map(|asked| asked.by.keys().cloned().collect());
     // Nobody is told where the service has ended meanwhile.
     let _ = changed.send(assets.unwrap_or_default());
 }

@@ -9,8 +9,8 @@ use tokio::runtime::Handle;
 
 use crate::gear::PairSpec;
 use crate::library::{
-    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, decode, decode_ensemble, encode,
-    encode_ensemble, ensemble_id, library_id,
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, LibraryShelf, decode,
+    decode_ensemble, encode, encode_ensemble, ensemble_id, library_id,
 };
 use crate::service::clock::Clock;
 use crate::store::{Store, StoreError};
@@ -93,7 +93,11 @@ impl LibrarySource {
     }
 
     /// The ensemble with these settings around a library, where it was simulated before.
-    pub(super) fn kept_ensemble(&self, library: &Arc<Library>, settings: &EnsembleSettings) -> Result<Option<Ensemble>, LibraryError> {
+    pub(super) fn kept_ensemble(
+        &self,
+        library: &Arc<Library>,
+        settings: &EnsembleSettings,
+    ) -> Result<Option<Ensemble>, LibraryError> {
         if let Some(kept) = self.shelf.kept_ensemble(library, settings)? {
             return Ok(Some(kept));
         }
@@ -109,8 +113,8 @@ impl LibrarySource {
         Ok(None)
     }
 
-    /// The ensemble with these settings around the library of a smaller one: as it was simulated before, else simulated with what the
-    /// smaller one has.
+    /// The ensemble with these settings around the library of a smaller one: as it was simulated before, else
+    /// simulated with what the smaller one has.
     pub(super) fn ensemble(
         &self,
         smaller: &Ensemble,
@@ -123,7 +127,10 @@ impl LibrarySource {
         let ensemble = smaller.extended(settings, control)?;
         self.shelf.put_ensemble(&ensemble)?;
         if let Some(shared) = &self.shared
-            && let Err(error) = shared.store.objects().put_library(ensemble.id(), encode_ensemble(&ensemble).into())
+            && let Err(error) = shared
+                .store
+                .objects()
+                .put_library(ensemble.id(), encode_ensemble(&ensemble).into())
         {
             // Another process simulates the same bits.
             tracing::warn!(ensemble = ensemble.id(), %error, "failed to share the ensemble");
@@ -182,12 +189,19 @@ impl Shared {
             if said.elapsed() >= SAID_EVERY {
                 *said = Instant::now();
                 // Where this is not heard, another process builds the same: the same bits.
-                if let Err(error) = self.runtime.block_on(self.store.go_on_building(&id, self.clock.now())) {
+                if let Err(error) = self
+                    .runtime
+                    .block_on(self.store.go_on_building(&id, self.clock.now()))
+                {
                     tracing::warn!(%error, "failed to say that a library is being built");
                 }
             }
         };
-        let built = shelf.get_or_build(pair, grid, &BuildControl::with_progress(&progress).cancelled_by(cancel));
+        let built = shelf.get_or_build(
+            pair,
+            grid,
+            &BuildControl::with_progress(&progress).cancelled_by(cancel),
+        );
         if built.is_err()
             && let Err(error) = self.runtime.block_on(self.store.end_building(&id))
         {
@@ -221,7 +235,8 @@ impl Shared {
         if !self.builds {
             return Ok(false);
         }
-        self.runtime.block_on(self.store.begin_building(id, self.clock.now()))
+        self.runtime
+            .block_on(self.store.begin_building(id, self.clock.now()))
     }
 
     fn wait_for_store(&self, error: &StoreError) {

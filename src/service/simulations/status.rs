@@ -148,7 +148,10 @@ mod tests {
         assert_eq!(progress.remaining_s(after(5)), None);
         progress.note(50, 100, after(10));
         progress.note(49, 100, after(10));
-        assert_eq!((progress.fraction(), progress.remaining_s(after(10))), (0.5, Some(50.0)));
+        assert_eq!(
+            (progress.fraction(), progress.remaining_s(after(10))),
+            (0.5, Some(50.0))
+        );
     }
 
     #[test]

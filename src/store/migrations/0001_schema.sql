@@ -1,10 +1,11 @@
 -- The tables, in one text for SQLite and PostgreSQL.
 --
--- Types are BIGINT (also for times: nanoseconds UTC), DOUBLE PRECISION, TEXT and BLOB; there are no booleans, UUIDs or timestamps, which
--- sqlx's `Any` driver cannot carry. Structures that are only read whole are JSON in TEXT. For PostgreSQL the store reads BLOB as BYTEA and
--- gives texts the order of their bytes.
+-- Types are BIGINT (also for times: nanoseconds UTC), DOUBLE PRECISION, TEXT and BLOB; there are no booleans,
+-- UUIDs or timestamps, which sqlx's `Any` driver cannot carry. Structures that are only read whole are JSON
+-- in TEXT. For PostgreSQL the store reads BLOB as BYTEA and gives texts the order of their bytes.
 
--- Numbers that are given out once, also after what they named is gone, and rows by which processes take turns.
+-- Numbers that are given out once, also after what they named is gone, and rows by which processes take
+-- turns.
 CREATE TABLE counters (
     name TEXT NOT NULL PRIMARY KEY,
     value BIGINT NOT NULL
@@ -18,7 +19,7 @@ CREATE TABLE store_identity (
     generation BIGINT NOT NULL
 );
 
--- What is monitored ----------------------------------------------------------------------------------------------------------------------
+-- What is monitored -----------------------------------------------------------------------------------------
 
 CREATE TABLE assets (
     id TEXT NOT NULL PRIMARY KEY,
@@ -31,7 +32,8 @@ CREATE TABLE assets (
     settled_revision BIGINT NOT NULL DEFAULT -1
 );
 
--- One row for each asset that shares the sensor of another one, beside its description, so that an index finds them.
+-- One row for each asset that shares the sensor of another one, beside its description, so that an index
+-- finds them.
 CREATE TABLE shared_sensors (
     asset_id TEXT NOT NULL PRIMARY KEY REFERENCES assets (id) ON DELETE CASCADE,
     of_asset TEXT NOT NULL REFERENCES assets (id),
@@ -49,7 +51,7 @@ CREATE TABLE maintenance_events (
 );
 CREATE INDEX maintenance_in_time ON maintenance_events (asset_id, time_ns, id);
 
--- Records and what is derived from them --------------------------------------------------------------------------------------------------
+-- Records and what is derived from them ---------------------------------------------------------------------
 
 -- One row for each asset and channel: the short key of its records, and what summaries need without counting.
 CREATE TABLE channels (
@@ -71,7 +73,8 @@ CREATE TABLE channels (
     analysis_key TEXT NOT NULL DEFAULT '',
     feature_key TEXT NOT NULL DEFAULT '',
     fold_key TEXT NOT NULL DEFAULT '',
-    -- Whether late records wait for their history to be folded, and whether rows of other generations are to be removed.
+    -- Whether late records wait for their history to be folded, and whether rows of other generations are to
+    -- be removed.
     must_fold BIGINT NOT NULL DEFAULT 0,
     leftovers BIGINT NOT NULL DEFAULT 0,
     -- The generations that are being made, and until when their maker counts as alive.
@@ -146,7 +149,8 @@ CREATE TABLE wear_posteriors (
     PRIMARY KEY (segment_id, generation)
 );
 
--- The fold's state after some of a channel's records, the newest among them; `position` counts the records up to it.
+-- The fold's state after some of a channel's records, the newest among them; `position` counts the records up
+-- to it.
 CREATE TABLE fold_states (
     channel_no BIGINT NOT NULL REFERENCES channels (channel_no) ON DELETE CASCADE,
     generation BIGINT NOT NULL,
@@ -157,7 +161,7 @@ CREATE TABLE fold_states (
     PRIMARY KEY (channel_no, generation, position)
 );
 
--- Alarms ---------------------------------------------------------------------------------------------------------------------------------
+-- Alarms ----------------------------------------------------------------------------------------------------
 
 CREATE TABLE alarms (
     id TEXT NOT NULL PRIMARY KEY,
@@ -183,8 +187,9 @@ CREATE TABLE alarm_actions (
     PRIMARY KEY (alarm_id, number)
 );
 
--- What happened to an alarm. A history that is folded again replaces its changes; those that it does not confirm stay as withdrawn. `place`
--- is twice the number of records before and at a change, and one more where it lies between two records.
+-- What happened to an alarm. A history that is folded again replaces its changes; those that it does not
+-- confirm stay as withdrawn. `place` is twice the number of records before and at a change, and one more
+-- where it lies between two records.
 CREATE TABLE alarm_changes (
     alarm_id TEXT NOT NULL REFERENCES alarms (id) ON DELETE CASCADE,
     place BIGINT NOT NULL,
@@ -194,7 +199,7 @@ CREATE TABLE alarm_changes (
     PRIMARY KEY (alarm_id, place, number)
 );
 
--- Raw objects ----------------------------------------------------------------------------------------------------------------------------
+-- Raw objects -----------------------------------------------------------------------------------------------
 
 -- Which raw objects are kept for which asset, and how many bytes they are together.
 CREATE TABLE raw_objects (
@@ -212,7 +217,7 @@ CREATE TABLE raw_volumes (
     bytes BIGINT NOT NULL
 );
 
--- Uploads --------------------------------------------------------------------------------------------------------------------------------
+-- Uploads ---------------------------------------------------------------------------------------------------
 
 -- Uploads under a key of the client's, with what was answered.
 CREATE TABLE keyed_uploads (
@@ -248,7 +253,7 @@ CREATE TABLE upload_pieces (
     PRIMARY KEY (upload_id, at_byte)
 );
 
--- The service itself ---------------------------------------------------------------------------------------------------------------------
+-- The service itself ----------------------------------------------------------------------------------------
 
 -- One row for each token there ever was: one that was revoked stays, so that nothing brings it back.
 CREATE TABLE tokens (
@@ -272,7 +277,8 @@ CREATE TABLE library_builds (
     builder_until_ns BIGINT NOT NULL
 );
 
--- How often a queued record was put among the dead letters; `letter` is the place in the queue that the last one had.
+-- How often a queued record was put among the dead letters; `letter` is the place in the queue that the last
+-- one had.
 CREATE TABLE dead_letters (
     segment_id TEXT NOT NULL PRIMARY KEY,
     times BIGINT NOT NULL,

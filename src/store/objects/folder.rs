@@ -30,10 +30,13 @@ impl Folder {
     /// Opens the folder, making it where it is missing and clearing what an interrupted write left behind.
     pub(super) fn open(folder: PathBuf) -> Result<Self, StoreError> {
         let temporary = folder.join("tmp");
-        fs::create_dir_all(&temporary).map_err(|source| file_error("create the folder", &temporary, source))?;
+        fs::create_dir_all(&temporary)
+            .map_err(|source| file_error("create the folder", &temporary, source))?;
         let mut stale = 0;
         for entry in fs::read_dir(&temporary).map_err(|source| file_error("list", &temporary, source))? {
-            let path = entry.map_err(|source| file_error("list", &temporary, source))?.path();
+            let path = entry
+                .map_err(|source| file_error("list", &temporary, source))?
+                .path();
             fs::remove_file(&path).map_err(|source| file_error("remove the unfinished", &path, source))?;
             stale += 1;
         }
@@ -62,9 +65,11 @@ impl Folder {
     #[cfg(feature = "cluster")]
     pub(super) fn open_shared(folder: PathBuf) -> Result<Self, StoreError> {
         let mut unguessable = [0; 8];
-        getrandom::fill(&mut unguessable).map_err(|source| file_error("name a folder in", &folder, source.into()))?;
+        getrandom::fill(&mut unguessable)
+            .map_err(|source| file_error("name a folder in", &folder, source.into()))?;
         let temporary = folder.join("tmp").join(hex::encode(unguessable));
-        fs::create_dir_all(&temporary).map_err(|source| file_error("create the folder", &temporary, source))?;
+        fs::create_dir_all(&temporary)
+            .map_err(|source| file_error("create the folder", &temporary, source))?;
         Ok(Self {
             folder,
             temporary,
@@ -75,16 +80,23 @@ impl Folder {
 
     /// Stores every object, and a note beside them; when this returns they are on disk, and so are their
     /// names. An object that is there already as a whole is left as it is.
-    pub(super) fn put_all(&self, objects: &[(String, Bytes)], note: Option<(String, Bytes)>) -> Result<(), StoreError> {
+    pub(super) fn put_all(
+        &self,
+        objects: &[(String, Bytes)],
+        note: Option<(String, Bytes)>,
+    ) -> Result<(), StoreError> {
         let mut touched: Vec<PathBuf> = Vec::new();
         let files = objects.iter().map(|(name, bytes)| (self.path(name), bytes, true));
-        let note = note.as_ref().map(|(path, bytes)| (self.folder.join(path), bytes, false));
+        let note = note
+            .as_ref()
+            .map(|(path, bytes)| (self.folder.join(path), bytes, false));
         for (path, bytes, is_object) in files.chain(note) {
             let folder = path.parent().unwrap_or(&self.folder).to_path_buf();
             let is_whole = is_object && !self.is_shared && is_file_of(&path, bytes);
             if !is_whole {
                 if !folder.is_dir() {
-                    fs::create_dir_all(&folder).map_err(|source| file_error("create the folder", &folder, source))?;
+                    fs::create_dir_all(&folder)
+                        .map_err(|source| file_error("create the folder", &folder, source))?;
                     touched.push(self.folder.clone());
                 }
                 self.write(&path, bytes)?;
@@ -123,7 +135,9 @@ impl Folder {
         let mut found = Vec::new();
         for entry in entries {
             let entry = entry.map_err(|source| file_error("list", &folder, source))?;
-            let Ok(name) = entry.file_name().into_string() else { continue };
+            let Ok(name) = entry.file_name().into_string() else {
+                continue;
+            };
             if let Ok(metadata) = entry.metadata()
                 && is_name(&name)
             {
@@ -241,7 +255,9 @@ impl Folder {
 
     /// Has the names in a folder on the disk, and that folder's own in those above it.
     fn sync_up_from(&self, folder: &Path) -> Result<(), StoreError> {
-        let inside = folder.ancestors().take_while(|folder| folder.starts_with(&self.folder));
+        let inside = folder
+            .ancestors()
+            .take_while(|folder| folder.starts_with(&self.folder));
         for folder in inside {
             File::open(folder)
                 .and_then(|folder| folder.sync_all())
@@ -254,7 +270,9 @@ impl Folder {
     pub(super) fn remove_pieces(&self, upload: &str) -> Result<(), StoreError> {
         let folder = self.pieces(upload);
         match fs::remove_dir_all(&folder) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(file_error("remove", &folder, error)),
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(file_error("remove", &folder, error))
+            }
             _ => Ok(()),
         }
     }
@@ -298,7 +316,9 @@ impl Folder {
 
     /// Writes bytes where nobody looks for them, and has them on the disk.
     fn write_temporary(&self, bytes: &[u8]) -> Result<PathBuf, StoreError> {
-        let temporary = self.temporary.join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
+        let temporary = self
+            .temporary
+            .join(self.counter.fetch_add(1, Ordering::Relaxed).to_string());
         let written = File::create(&temporary).and_then(|mut file| {
             file.write_all(bytes)?;
             file.sync_all()
@@ -320,7 +340,10 @@ fn is_file_of(path: &Path, bytes: &[u8]) -> bool {
 
 /// When a file was last written; never long ago where the file system does not say.
 fn written_at(metadata: &fs::Metadata) -> Timestamp {
-    let modified = metadata.modified().ok().and_then(|time| Timestamp::try_from(time).ok());
+    let modified = metadata
+        .modified()
+        .ok()
+        .and_then(|time| Timestamp::try_from(time).ok());
     modified.unwrap_or(Timestamp::MAX)
 }
 
@@ -339,7 +362,9 @@ mod tests {
 
     fn put(objects: &Objects, bytes: &[u8]) -> String {
         let name = Objects::name(bytes);
-        objects.put_all(&[(name.clone(), Bytes::copy_from_slice(bytes))], &[]).unwrap();
+        objects
+            .put_all(&[(name.clone(), Bytes::copy_from_slice(bytes))], &[])
+            .unwrap();
         name
     }
 
@@ -362,7 +387,10 @@ mod tests {
         let name = put(&objects, b"abcdef");
         let path = folder.path().join(&name[..2]).join(&name);
         fs::write(&path, b"abcdex").unwrap();
-        assert!(matches!(objects.get(&name), Err(StoreError::ObjectDamaged { .. })));
+        assert!(matches!(
+            objects.get(&name),
+            Err(StoreError::ObjectDamaged { .. })
+        ));
         for damaged in [&b"abcdex"[..], b"abc"] {
             fs::write(&path, damaged).unwrap();
             put(&objects, b"abcdef");

@@ -24,7 +24,9 @@ pub struct StoreMark {
 impl Objects {
     /// The mark of the store that the objects are of; none where there is none yet.
     pub fn mark(&self) -> Result<Option<StoreMark>, StoreError> {
-        let Some(bytes) = self.file(PATH)? else { return Ok(None) };
+        let Some(bytes) = self.file(PATH)? else {
+            return Ok(None);
+        };
         let mark = serde_json::from_slice(&bytes).map_err(|source| StoreError::Damaged {
             what: "mark",
             of: PATH.to_owned(),

@@ -69,7 +69,9 @@ pub struct RemovalNote {
 impl Objects {
     /// The file of a note of records that are stored together; none of no records.
     pub(super) fn note_of(&self, records: &[RecordNote]) -> Result<Option<(String, Bytes)>, StoreError> {
-        let Some(first) = records.first() else { return Ok(None) };
+        let Some(first) = records.first() else {
+            return Ok(None);
+        };
         // The same records tried again have the same note.
         let ids: Vec<&str> = records.iter().map(|record| record.id.0.as_str()).collect();
         let batch = Self::name(ids.join(" ").as_bytes());
@@ -88,7 +90,8 @@ impl Objects {
 
     /// Removes notes of which no object is there any more, nor among those that are `kept` elsewhere.
     pub fn remove_empty_notes(&self, shard: u8, kept: &HashSet<String>) -> Result<(), StoreError> {
-        let is_there = |name: &str| Ok::<_, StoreError>(kept.contains(name) || self.written_at(name)?.is_some());
+        let is_there =
+            |name: &str| Ok::<_, StoreError>(kept.contains(name) || self.written_at(name)?.is_some());
         for (first, path) in self.note_paths(shard)? {
             if is_there(&first)? {
                 continue;
@@ -174,7 +177,12 @@ impl Objects {
         let path = self.object_path(&format!("{shard:02x}"));
         let folder = path.rsplit_once('/').map_or("", |(folder, _)| folder);
         let note = |path: String| {
-            let name = path.strip_suffix(".json")?.rsplit('/').next()?.split('.').next()?;
+            let name = path
+                .strip_suffix(".json")?
+                .rsplit('/')
+                .next()?
+                .split('.')
+                .next()?;
             is_name(name).then(|| (name.to_owned(), path.clone()))
         };
         let files = self.files(folder)?.into_iter();

@@ -1,9 +1,10 @@
 //! Vibrations simulated beforehand, from which many runs are drawn.
 //!
-//! A run to failure of hundreds of records, hundreds of times over, cannot be simulated record by record. A bank holds one physics: some
-//! hundred states, each with a wear depth, torque and speed of its own, evenly spread over the depths and at random over the
-//! operating range, integrated by the dynamics as a record of its own. Nothing is interpolated between states: a record of a run
-//! takes the state nearest in depth, and that state's depth, torque and speed are the truth.
+//! A run to failure of hundreds of records, hundreds of times over, cannot be simulated record by record. A
+//! bank holds one physics: some hundred states, each with a wear depth, torque and speed of its own, evenly
+//! spread over the depths and at random over the operating range, integrated by the dynamics as a record of
+//! its own. Nothing is interpolated between states: a record of a run takes the state nearest in depth, and
+//! that state's depth, torque and speed are the truth.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -74,7 +75,11 @@ impl Bank {
             let (depth_um, torque, speed, seed, phase) = draw(index);
             let wear_um = if worn { depth_um } else { 0.0 };
             let pair = with_torque(&plan.pair, torque).resolve()?;
-            let cycle = MeshCycle::compute(&pair, &FlankWear::from_shape(&pair, wear_um * 1e-3)?, CYCLE_POINTS)?;
+            let cycle = MeshCycle::compute(
+                &pair,
+                &FlankWear::from_shape(&pair, wear_um * 1e-3)?,
+                CYCLE_POINTS,
+            )?;
             let run = RunSettings {
                 sample_rate_hz: plan.sample_rate_hz,
                 seconds: plan.seconds,

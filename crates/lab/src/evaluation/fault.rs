@@ -68,8 +68,16 @@ const CLIPPED_PART: f64 = 0.5;
 /// What the sensitivity is multiplied by.
 const GAIN: f64 = 2.0;
 
-/// Adds what a fault puts into the vibration before the transmission path; `healthy_rms` that of the vibration without it.
-pub(super) fn excite(fault: Fault, vibration: &mut [f64], rate_hz: f64, shaft_hz: f64, healthy_rms: f64, rng: &mut impl RngExt) {
+/// Adds what a fault puts into the vibration before the transmission path; `healthy_rms` that of the
+/// vibration without it.
+pub(super) fn excite(
+    fault: Fault,
+    vibration: &mut [f64],
+    rate_hz: f64,
+    shaft_hz: f64,
+    healthy_rms: f64,
+    rng: &mut impl RngExt,
+) {
     match fault {
         Fault::BearingLines => {
             let (mut y1, mut y2) = (0.0, 0.0);
@@ -99,7 +107,10 @@ pub(super) fn excite(fault: Fault, vibration: &mut [f64], rate_hz: f64, shaft_hz
                 let turns = shaft_hz * n as f64 / rate_hz;
                 for k in 0..2 {
                     let order = k as f64 + 1.0;
-                    *x += SHAFT_PARTS[k] * healthy_rms * 2.0_f64.sqrt() * (TAU * (order * turns + phases[k])).sin();
+                    *x += SHAFT_PARTS[k]
+                        * healthy_rms
+                        * 2.0_f64.sqrt()
+                        * (TAU * (order * turns + phases[k])).sin();
                 }
             }
         }

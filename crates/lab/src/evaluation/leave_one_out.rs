@@ -1,5 +1,5 @@
-//! Runs that a member of the ensemble makes, for an estimate with all other members: how far a few hundred pairs stand for one
-//! that is not among them.
+//! Runs that a member of the ensemble makes, for an estimate with all other members: how far a few hundred
+//! pairs stand for one that is not among them.
 
 use std::sync::Arc;
 
@@ -46,7 +46,9 @@ fn run_of(member: &Member, depths_um: &[f64], number: usize) -> RecordedRun {
     let mut record = |index: usize| {
         let part = index.saturating_sub(HEALTHY) as f64 / (RECORDS - 1 - HEALTHY) as f64;
         let wear_um = LAST_PART * greatest_um * part;
-        let upper = depths_um.partition_point(|um| *um <= wear_um).clamp(1, depths_um.len() - 1);
+        let upper = depths_um
+            .partition_point(|um| *um <= wear_um)
+            .clamp(1, depths_um.len() - 1);
         let between = (wear_um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
         let mut features = Features::default();
         for (line, gain) in path.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! How good the wear estimate is: runs to failure with the truth known, in the physics of the library and in others, with faults that
-//! are not wear, and what the estimator makes of them.
+//! How good the wear estimate is: runs to failure with the truth known, in the physics of the library and in
+//! others, with faults that are not wear, and what the estimator makes of them.
 
 mod bank;
 mod case;
@@ -27,7 +27,9 @@ pub use score::{NOMINAL, Score};
 pub use single_indicators::{SingleIndicators, single_indicators};
 
 use flankwatch_gear::GearError;
-use flankwatch_wear::estimate::{EstimatorSettings, MachineSign, SensorFault, Tracker, WearEstimate, WearStatus};
+use flankwatch_wear::estimate::{
+    EstimatorSettings, MachineSign, SensorFault, Tracker, WearEstimate, WearStatus,
+};
 use flankwatch_wear::library::Ensemble;
 use score::Judged;
 
@@ -68,7 +70,8 @@ impl Default for EvaluationSettings {
 /// Records in the baseline.
 const BASELINE: usize = 20;
 
-/// Length of a record in seconds, sampling rate in hertz, sensor noise, variation of speed within and between records and of torque.
+/// Length of a record in seconds, sampling rate in hertz, sensor noise, variation of speed within and between
+/// records and of torque.
 const SECONDS: f64 = 1.0;
 const RATE_HZ: f64 = 20_000.0;
 const SNR_DB: f64 = 10.0;
@@ -80,7 +83,11 @@ const TORQUE_VARIATION: f64 = 0.1;
 ///
 /// # Errors
 /// [`GearError`] where the gear model refuses the case's pair.
-pub fn evaluate(case: &Case, ensemble: &Arc<Ensemble>, settings: &EvaluationSettings) -> Result<Score, GearError> {
+pub fn evaluate(
+    case: &Case,
+    ensemble: &Arc<Ensemble>,
+    settings: &EvaluationSettings,
+) -> Result<Score, GearError> {
     let max_wear_um = ensemble.described().max_wear_um();
     let (fault, last_wear_um) = match case.aim {
         Aim::OwnPhysics | Aim::OtherPhysics => (None, max_wear_um),
@@ -93,7 +100,11 @@ pub fn evaluate(case: &Case, ensemble: &Arc<Ensemble>, settings: &EvaluationSett
         healthy: (settings.states / 8).max(40),
         seconds: SECONDS + sensor::SETTLING_S + sensor::MARGIN_S,
         sample_rate_hz: RATE_HZ,
-        max_wear_um: if last_wear_um > 0.0 { last_wear_um } else { max_wear_um },
+        max_wear_um: if last_wear_um > 0.0 {
+            last_wear_um
+        } else {
+            max_wear_um
+        },
         speed_variation: SPEED_VARIATION,
         torque_variation: TORQUE_VARIATION,
         weak_tooth: None,
@@ -124,7 +135,12 @@ pub fn evaluate(case: &Case, ensemble: &Arc<Ensemble>, settings: &EvaluationSett
     let runs: Vec<Vec<Judged>> = (0..settings.runs)
         .into_par_iter()
         .map(|run| {
-            let observations = observe(&bank, faulty.as_ref(), &shape, settings.seed.wrapping_add(7919 * (run as u64 + 1)));
+            let observations = observe(
+                &bank,
+                faulty.as_ref(),
+                &shape,
+                settings.seed.wrapping_add(7919 * (run as u64 + 1)),
+            );
             judge(&observations, ensemble, fault_from)
         })
         .collect();
@@ -141,7 +157,9 @@ fn judge(observations: &[Observation], ensemble: &Arc<Ensemble>, fault_from: Opt
     let tracker = Tracker::new(settings, Some(Arc::clone(ensemble)));
     let mut state = tracker.start();
     let at = |index: usize| Timestamp::UNIX_EPOCH + SignedDuration::from_hours(index as i64);
-    let crossing = observations.iter().position(|observation| observation.wear_um >= limit_um);
+    let crossing = observations
+        .iter()
+        .position(|observation| observation.wear_um >= limit_um);
     observations
         .iter()
         .enumerate()
@@ -199,7 +217,11 @@ fn below(told: &WearEstimate, truth_um: f64) -> Option<f64> {
     let depths = &posterior.wear_um;
     let mut below = 0.0;
     for (i, p) in posterior.probability.iter().enumerate() {
-        let low = if i == 0 { 0.0 } else { 0.5 * (depths[i - 1] + depths[i]) };
+        let low = if i == 0 {
+            0.0
+        } else {
+            0.5 * (depths[i - 1] + depths[i])
+        };
         let high = if i + 1 == depths.len() {
             depths[i]
         } else {

@@ -7,7 +7,9 @@ use serde::Serialize;
 
 use super::run::Observation;
 use super::score::rank_correlation;
-use flankwatch_wear::estimate::{EstimatorSettings, Inspection, MaintenanceEvent, MaintenanceKind, Tracker, WearEstimate, WearStatus};
+use flankwatch_wear::estimate::{
+    EstimatorSettings, Inspection, MaintenanceEvent, MaintenanceKind, Tracker, WearEstimate, WearStatus,
+};
 use flankwatch_wear::library::{Ensemble, FlankPlace};
 
 /// Width in µm below which an interval is narrow.
@@ -93,7 +95,12 @@ pub fn follow(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial:
     let gap = half - trial.gap.min(half) / 2..half + trial.gap.div_ceil(2);
     let mut answers = Vec::with_capacity(run.records.len());
     let mut inspection = trial.inspection_um;
-    for (record, observation) in run.records.iter().enumerate().filter(|(record, _)| !gap.contains(record)) {
+    for (record, observation) in run
+        .records
+        .iter()
+        .enumerate()
+        .filter(|(record, _)| !gap.contains(record))
+    {
         let at = Timestamp::UNIX_EPOCH + SignedDuration::from_hours(record as i64);
         if record >= half
             && let Some(error_um) = inspection.take()
@@ -114,7 +121,10 @@ pub fn follow(run: &RecordedRun, ensemble: &Arc<Ensemble>, baseline: u32, trial:
 
 /// Scores the answers of a run after its baseline.
 pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: Option<usize>) -> RunScore {
-    let answers: Vec<&Answer> = answers.iter().filter(|answer| answer.record >= baseline).collect();
+    let answers: Vec<&Answer> = answers
+        .iter()
+        .filter(|answer| answer.record >= baseline)
+        .collect();
     let told: Vec<(usize, f64, [f64; 3])> = answers
         .iter()
         .filter_map(|answer| Some((answer.record, answer.truth_um, answer.wear_um?)))
@@ -122,7 +132,11 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
     let holds = |truth: f64, [_, low, high]: [f64; 3]| low <= truth && truth <= high;
     type Told = (usize, f64, [f64; 3]);
     let mean = |values: &dyn Fn(&Told) -> f64, from: usize| {
-        let chosen: Vec<f64> = told.iter().filter(|(record, ..)| *record >= from).map(values).collect();
+        let chosen: Vec<f64> = told
+            .iter()
+            .filter(|(record, ..)| *record >= from)
+            .map(values)
+            .collect();
         chosen.iter().sum::<f64>() / chosen.len().max(1) as f64
     };
     let (mut longest_miss, mut missed) = (0, 0);
@@ -135,7 +149,10 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
         .filter(|(.., [_, low, high])| high - low < NARROW_UM)
         .map(|(_, truth, wear)| holds(*truth, *wear))
         .collect();
-    let pairs: Vec<(f64, f64)> = told.iter().map(|(_, truth, [median, ..])| (*truth, *median)).collect();
+    let pairs: Vec<(f64, f64)> = told
+        .iter()
+        .map(|(_, truth, [median, ..])| (*truth, *median))
+        .collect();
     let flagged = answers.iter().filter(|answer| answer.flagged).count();
     RunScore {
         run: name.to_owned(),
@@ -143,7 +160,11 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
         estimated: told.len(),
         flagged,
         without: answers.len() - told.len() - flagged,
-        coverage: told.iter().filter(|(_, truth, wear)| holds(*truth, *wear)).count() as f64 / told.len().max(1) as f64,
+        coverage: told
+            .iter()
+            .filter(|(_, truth, wear)| holds(*truth, *wear))
+            .count() as f64
+            / told.len().max(1) as f64,
         longest_miss,
         rank: rank_correlation(&pairs),
         mean_error_um: mean(&|(_, truth, [median, ..])| (median - truth).abs(), 0),
@@ -151,7 +172,8 @@ pub fn score_run(name: &str, answers: &[Answer], baseline: usize, inspected_at: 
         width_um: mean(&|(.., [_, low, high])| high - low, 0),
         narrow: [narrow.len(), narrow.iter().filter(|held| **held).count()],
         last: told.last().map(|(.., wear)| *wear),
-        error_after_um: inspected_at.map(|from| mean(&|(_, truth, [median, ..])| (median - truth).abs(), from)),
+        error_after_um: inspected_at
+            .map(|from| mean(&|(_, truth, [median, ..])| (median - truth).abs(), from)),
         width_after_um: inspected_at.map(|from| mean(&|(.., [_, low, high])| high - low, from)),
     }
 }

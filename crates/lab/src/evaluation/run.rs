@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::bank::Bank;
 use super::fault::Fault;
 use super::sensor::{Kernel, Sensor};
-use flankwatch_signal::{AnalysisSettings, Analyzer, Features, MeshContext, OperatingPoint, OtherMeshes, Record};
+use flankwatch_signal::{
+    AnalysisSettings, Analyzer, Features, MeshContext, OperatingPoint, OtherMeshes, Record,
+};
 use flankwatch_wear::simulation::TransmissionPath;
 
 /// What the runs of one case have in common.
@@ -44,8 +46,8 @@ pub struct Observation {
 
 /// Observations of one run in time order; the same arguments give the same run.
 ///
-/// Wear grows from 0 as a power of the record's number, the power drawn between 1.2 and 1.8. `faulty` is the bank from the fault's first record on, where
-/// a fault changes the physics.
+/// Wear grows from 0 as a power of the record's number, the power drawn between 1.2 and 1.8. `faulty` is the
+/// bank from the fault's first record on, where a fault changes the physics.
 pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u64) -> Vec<Observation> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let plan = &bank.plan;
@@ -61,7 +63,9 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
         kernel: Kernel::new(),
     };
     let calm = sensor.record(&bank.healthy[0], settings.seconds, None, &mut rng);
-    let rms = |samples: &[f32]| (samples.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>() / samples.len() as f64).sqrt();
+    let rms = |samples: &[f32]| {
+        (samples.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>() / samples.len() as f64).sqrt()
+    };
     sensor.noise_deviation = rms(&calm) / 10f64.powf(settings.snr_db / 20.0);
     sensor.healthy_rms = rms(&bank.healthy[0].samples);
 
@@ -77,8 +81,11 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
     let mut reached_um: f64 = 0.0;
     (0..settings.drawn.min(settings.records))
         .map(|index| {
-            let wear_um = settings.last_wear_um * (index as f64 / (settings.records.max(2) - 1) as f64).powf(power);
-            let fault = settings.fault.and_then(|(fault, first)| (index >= first).then_some(fault));
+            let wear_um =
+                settings.last_wear_um * (index as f64 / (settings.records.max(2) - 1) as f64).powf(power);
+            let fault = settings
+                .fault
+                .and_then(|(fault, first)| (index >= first).then_some(fault));
             let bank = match (fault, faulty) {
                 (Some(_), Some(faulty)) => faulty,
                 _ => bank,
@@ -87,7 +94,9 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
             reached_um = reached_um.max(vibration.wear_um);
             let samples = sensor.record(vibration, settings.seconds, fault, &mut rng);
             if fault.is_none() {
-                sensor.peak = samples.iter().fold(0.0, |most, &x| f64::max(most, f64::from(x.abs())));
+                sensor.peak = samples
+                    .iter()
+                    .fold(0.0, |most, &x| f64::max(most, f64::from(x.abs())));
             }
             let record = Record::new("1", Timestamp::UNIX_EPOCH, plan.sample_rate_hz, "m/s2", samples)
                 .and_then(|record| {
@@ -110,7 +119,13 @@ pub fn observe(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, seed: u6
 }
 
 /// Runs side by side, seeds from `first_seed` on.
-pub fn observe_many(bank: &Bank, faulty: Option<&Bank>, settings: &RunShape, runs: usize, first_seed: u64) -> Vec<Vec<Observation>> {
+pub fn observe_many(
+    bank: &Bank,
+    faulty: Option<&Bank>,
+    settings: &RunShape,
+    runs: usize,
+    first_seed: u64,
+) -> Vec<Vec<Observation>> {
     (0..runs)
         .into_par_iter()
         .map(|run| observe(bank, faulty, settings, first_seed + run as u64))

@@ -9,7 +9,8 @@ use super::bank::Vibration;
 use super::fault::{Fault, distort, excite};
 use flankwatch_wear::simulation::TransmissionPath;
 
-/// Samples on each side that the interpolation at a wandering speed takes, and its tabled places between two samples.
+/// Samples on each side that the interpolation at a wandering speed takes, and its tabled places between two
+/// samples.
 const REACH: usize = 8;
 const PLACES: usize = 256;
 
@@ -34,10 +35,18 @@ pub(super) struct Sensor {
 }
 
 impl Sensor {
-    /// A record of `seconds` from a vibration: from a random place on, its speed wandering as a slow sine, through the path, with fresh noise.
+    /// A record of `seconds` from a vibration: from a random place on, its speed wandering as a slow sine,
+    /// through the path, with fresh noise.
     ///
-    /// The vibration is stretched in time, so structures' own frequencies wander with the speed by up to half a per cent.
-    pub(super) fn record(&self, vibration: &Vibration, seconds: f64, fault: Option<Fault>, rng: &mut impl RngExt) -> Vec<f32> {
+    /// The vibration is stretched in time, so structures' own frequencies wander with the speed by up to half
+    /// a per cent.
+    pub(super) fn record(
+        &self,
+        vibration: &Vibration,
+        seconds: f64,
+        fault: Option<Fault>,
+        rng: &mut impl RngExt,
+    ) -> Vec<f32> {
         let rate_hz = self.sample_rate_hz;
         let wanted = (seconds * rate_hz).round() as usize;
         let length = wanted + (SETTLING_S * rate_hz) as usize;
@@ -50,11 +59,19 @@ impl Sensor {
         let mut felt: Vec<f64> = (0..length)
             .map(|n| {
                 let swing = displaced * (TAU * (swing_hz * n as f64 / rate_hz + phase)).cos();
-                self.kernel.interpolate(&vibration.samples, start + n as f64 + swing)
+                self.kernel
+                    .interpolate(&vibration.samples, start + n as f64 + swing)
             })
             .collect();
         if let Some(fault) = fault {
-            excite(fault, &mut felt, rate_hz, vibration.shaft_speed_hz, self.healthy_rms, rng);
+            excite(
+                fault,
+                &mut felt,
+                rate_hz,
+                vibration.shaft_speed_hz,
+                self.healthy_rms,
+                rng,
+            );
         }
         let mut seen = self.path.apply(&felt);
         for x in &mut seen {
@@ -79,7 +96,11 @@ impl Kernel {
             let raw: [f64; 2 * REACH] = std::array::from_fn(|k| {
                 let x = k as f64 + 1.0 - REACH as f64 - fraction;
                 let window = (0.5 * PI * x / REACH as f64).cos().powi(2);
-                if x.abs() < 1e-9 { 1.0 } else { window * (PI * x).sin() / (PI * x) }
+                if x.abs() < 1e-9 {
+                    1.0
+                } else {
+                    window * (PI * x).sin() / (PI * x)
+                }
             });
             let sum: f64 = raw.iter().sum();
             raw.map(|w| (w / sum) as f32)
@@ -89,7 +110,9 @@ impl Kernel {
 
     fn interpolate(&self, samples: &[f32], position: f64) -> f64 {
         let centre = (position as usize).clamp(REACH, samples.len() - REACH - 1);
-        let place = ((position - centre as f64) * PLACES as f64).round().clamp(0.0, PLACES as f64) as usize;
+        let place = ((position - centre as f64) * PLACES as f64)
+            .round()
+            .clamp(0.0, PLACES as f64) as usize;
         let around = &samples[centre + 1 - REACH..=centre + REACH];
         f64::from(around.iter().zip(&self.0[place]).map(|(x, w)| x * w).sum::<f32>())
     }

@@ -1,4 +1,5 @@
-//! What single indicators make of recorded runs: an alarm on the root mean square, and a regression on the first mesh line.
+//! What single indicators make of recorded runs: an alarm on the root mean square, and a regression on the
+//! first mesh line.
 
 use serde::Serialize;
 
@@ -6,7 +7,8 @@ use super::recorded::RecordedRun;
 use super::run::Observation;
 use super::score::rank_correlation;
 
-/// The root mean square over its healthy mean at which an alarm is raised, and how many of the last records must pass it.
+/// The root mean square over its healthy mean at which an alarm is raised, and how many of the last records
+/// must pass it.
 const ALARM_FACTOR: f64 = 2.0;
 const ALARM_OF: (usize, usize) = (3, 5);
 
@@ -15,9 +17,11 @@ const ALARM_OF: (usize, usize) = (3, 5);
 pub struct SingleIndicators {
     /// The run.
     pub run: String,
-    /// True depth in µm at which the root mean square has passed twice its healthy mean in 3 of 5 records; none where it never did.
+    /// True depth in µm at which the root mean square has passed twice its healthy mean in 3 of 5 records;
+    /// none where it never did.
     pub rms_alarm_um: Option<f64>,
-    /// Mean absolute error in µm of the depth by a straight line over the logarithm of OMX, fitted to all other runs; none for a single run.
+    /// Mean absolute error in µm of the depth by a straight line over the logarithm of OMX, fitted to all
+    /// other runs; none for a single run.
     pub omx_error_um: Option<f64>,
     /// Rank correlation of OMX and truth; none where the truth stands still.
     pub omx_rank: Option<f64>,
@@ -31,7 +35,10 @@ pub fn single_indicators(runs: &[RecordedRun], baseline: usize) -> Vec<SingleInd
         let others: Vec<(f64, f64)> = others.flat_map(|(_, points)| points.iter().copied()).collect();
         let own = &points[index];
         let errors = |[slope, at_zero]: [f64; 2]| {
-            let sum: f64 = own.iter().map(|(omx, truth)| (slope * omx + at_zero - truth).abs()).sum();
+            let sum: f64 = own
+                .iter()
+                .map(|(omx, truth)| (slope * omx + at_zero - truth).abs())
+                .sum();
             sum / own.len().max(1) as f64
         };
         SingleIndicators {
@@ -49,7 +56,9 @@ fn omx_points(run: &RecordedRun, baseline: usize) -> Vec<(f64, f64)> {
     let (healthy, rest) = run.records.split_at(baseline.min(run.records.len()));
     let mean = mean(healthy, 2);
     let usable = rest.iter().filter(|record| record.single[2] > 0.0 && mean > 0.0);
-    usable.map(|record| ((record.single[2] / mean).ln(), record.wear_um)).collect()
+    usable
+        .map(|record| ((record.single[2] / mean).ln(), record.wear_um))
+        .collect()
 }
 
 fn rms_alarm_um(run: &RecordedRun, baseline: usize) -> Option<f64> {
@@ -69,11 +78,15 @@ fn mean(records: &[Observation], indicator: usize) -> f64 {
 /// Slope and value at 0 by least squares; none for points that do not differ.
 fn straight_line(points: &[(f64, f64)]) -> Option<[f64; 2]> {
     let count = points.len() as f64;
-    let (x_mean, y_mean) = points
-        .iter()
-        .fold((0.0, 0.0), |(x, y), point| (x + point.0 / count, y + point.1 / count));
+    let (x_mean, y_mean) = points.iter().fold((0.0, 0.0), |(x, y), point| {
+        (x + point.0 / count, y + point.1 / count)
+    });
     let spread: f64 = points.iter().map(|(x, _)| (x - x_mean).powi(2)).sum();
-    let slope = points.iter().map(|(x, y)| (x - x_mean) * (y - y_mean)).sum::<f64>() / spread;
+    let slope = points
+        .iter()
+        .map(|(x, y)| (x - x_mean) * (y - y_mean))
+        .sum::<f64>()
+        / spread;
     (spread > 0.0).then_some([slope, y_mean - slope * x_mean])
 }
 

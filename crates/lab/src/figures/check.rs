@@ -18,7 +18,13 @@ pub struct Check {
 }
 
 impl Check {
-    pub(super) fn new(figure: u32, statement: &'static str, criterion: &'static str, measured: String, holds: bool) -> Self {
+    pub(super) fn new(
+        figure: u32,
+        statement: &'static str,
+        criterion: &'static str,
+        measured: String,
+        holds: bool,
+    ) -> Self {
         Self {
             figure,
             statement,

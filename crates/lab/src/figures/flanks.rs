@@ -8,7 +8,8 @@ use flankwatch_gear::{Flank, FlankWear, GearError, GearPair, MeshRelationship, P
 
 /// Cells of the flank at which wear is listed.
 const FLANK_CELLS: usize = 300;
-/// Greatest part of its range by which a relationship may depart from a line and still be approximately linear.
+/// Greatest part of its range by which a relationship may depart from a line and still be approximately
+/// linear.
 const NEARLY_LINEAR: f64 = 0.01;
 /// Greatest rise of the stiffness that is still slight.
 const SLIGHT: f64 = 0.05;
@@ -46,7 +47,9 @@ pub struct ToothPair {
 impl ToothPair {
     pub(super) fn compute(pair: &GearPair, wear: &FlankWear) -> Result<Self, GearError> {
         let flank = |i: usize| {
-            let points: Vec<_> = Flank::new(&pair.gears[i], wear, i).active_points(FLANK_CELLS).collect();
+            let points: Vec<_> = Flank::new(&pair.gears[i], wear, i)
+                .active_points(FLANK_CELLS)
+                .collect();
             FlankCurve {
                 alpha_rad: points.iter().map(|point| point.alpha_rad).collect(),
                 radius_mm: points.iter().map(|point| point.radius_mm).collect(),
@@ -83,14 +86,21 @@ impl FlankCurve {
             return false;
         };
         let inner = least > 0 && least + 1 < depth.len();
-        inner && depth[..=least].windows(2).all(|two| two[1] <= two[0]) && depth[least..].windows(2).all(|two| two[1] >= two[0])
+        inner
+            && depth[..=least].windows(2).all(|two| two[1] <= two[0])
+            && depth[least..].windows(2).all(|two| two[1] >= two[0])
     }
 }
 
 /// Checks of Figs. 7, 8 and 11; the first state is unworn, each further one is worn more.
 pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
     let worn = &states[1..];
-    let column = |values: fn(&ToothPair) -> &[f64]| states.iter().map(|state| range(values(state))).collect::<Vec<_>>();
+    let column = |values: fn(&ToothPair) -> &[f64]| {
+        states
+            .iter()
+            .map(|state| range(values(state)))
+            .collect::<Vec<_>>()
+    };
     let rad = |values: &[f64]| listed(values, |value| format!("{value:.5}")) + " rad";
     let below_first = |values: &[f64]| values[1..].iter().all(|value| *value < values[0]);
     let above_first = |values: &[f64]| values[1..].iter().all(|value| *value > values[0]);
@@ -100,7 +110,10 @@ pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
         let [driving, driven] = state.flanks.each_ref().map(|flank| {
             let least = limits(&flank.depth_um).0;
             let last = flank.depth_um.len() - 1;
-            format!("{:.1}/{:.1}/{:.1}", flank.depth_um[0], least, flank.depth_um[last])
+            format!(
+                "{:.1}/{:.1}/{:.1}",
+                flank.depth_um[0], least, flank.depth_um[last]
+            )
         });
         format!("{driving} and {driven}")
     });
@@ -109,7 +122,9 @@ pub(super) fn checks(states: &[ToothPair]) -> Vec<Check> {
         "From root to tip the wear depth first falls, then rises.",
         "on both flanks of every worn state",
         format!("root/least/tip {} µm", listed(deepest, |text| text)),
-        worn.iter().flat_map(|state| &state.flanks).all(FlankCurve::falls_then_rises),
+        worn.iter()
+            .flat_map(|state| &state.flanks)
+            .all(FlankCurve::falls_then_rises),
     ));
 
     let bent: Vec<f64> = states

@@ -1,4 +1,5 @@
-//! Figures 12 to 15 and 18: all pairs of teeth. Who carries, how stiff the mesh is, and how far the driven gear lags.
+//! Figures 12 to 15 and 18: all pairs of teeth. Who carries, how stiff the mesh is, and how far the driven
+//! gear lags.
 
 use std::f64::consts::TAU;
 
@@ -21,7 +22,8 @@ const NEGLIGIBLE: f64 = 0.02;
 pub struct Mesh {
     /// φ₁ in rad of the places at which a pair touches (Figs. 13 and 14).
     pub pair_phi1_rad: Vec<f64>,
-    /// Δφ₂ in rad there: lead of whichever neighbour pushes the driven gear furthest, below zero where this pair leads.
+    /// Δφ₂ in rad there: lead of whichever neighbour pushes the driven gear furthest, below zero where this
+    /// pair leads.
     pub neighbour_lead_rad: Vec<f64>,
     /// Whether the pair carries there under the multi-tooth rule.
     pub carries: Vec<bool>,
@@ -92,7 +94,9 @@ impl Mesh {
     /// Greatest stiffness in N/m where `pairs` carry.
     fn greatest_stiffness(&self, pairs: u32) -> f64 {
         let at = self.stiffness_n_per_m.iter().zip(&self.pairs_in_contact);
-        at.filter(|(_, count)| **count == pairs).map(|(k, _)| *k).fold(0.0, f64::max)
+        at.filter(|(_, count)| **count == pairs)
+            .map(|(k, _)| *k)
+            .fold(0.0, f64::max)
     }
 
     /// Numbers of carrying pairs in their order over the period, repeats left out.
@@ -103,8 +107,8 @@ impl Mesh {
     }
 }
 
-/// Total transmission error in µm along the line of action over one turn of the driving shaft, without its random part (Fig. 18b): turns
-/// and errors.
+/// Total transmission error in µm along the line of action over one turn of the driving shaft, without its
+/// random part (Fig. 18b): turns and errors.
 pub(super) fn transmission_error_um(pair: &GearPair, mesh: &Mesh) -> (Vec<f64>, Vec<f64>) {
     let teeth = f64::from(pair.gears[0].teeth);
     let count = 100 * pair.gears[0].teeth as usize;
@@ -115,7 +119,8 @@ pub(super) fn transmission_error_um(pair: &GearPair, mesh: &Mesh) -> (Vec<f64>, 
         .map(|turn| {
             let period = turn * teeth;
             let place = (period.rem_euclid(1.0) * POINTS as f64).round() as usize % POINTS;
-            let periodic = pair.errors.long_period_um * (TAU * turn).sin() + pair.errors.short_period_um * (TAU * period).sin();
+            let periodic = pair.errors.long_period_um * (TAU * turn).sin()
+                + pair.errors.short_period_um * (TAU * period).sin();
             periodic + base_um * mesh.e_wear_rad[place]
         })
         .collect();
@@ -155,7 +160,11 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
         13,
         "The rule shortens double contact and lengthens single contact (Wear01).",
         "against perfect flanks, as parts of the mesh period",
-        format!("double {}; single {}", percent(&doubles[..2]), percent(&singles[..2])),
+        format!(
+            "double {}; single {}",
+            percent(&doubles[..2]),
+            percent(&singles[..2])
+        ),
         doubles[1] < doubles[0],
     ));
 
@@ -229,7 +238,9 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
         "peak to peak, from state to state",
         listed(&swings, |swing| format!("{:.1}", swing * 1e6))
             + " µrad ("
-            + &listed(&swings, |swing| format!("{:.1}", swing * pair.gears[1].base_radius_mm * 1e3))
+            + &listed(&swings, |swing| {
+                format!("{:.1}", swing * pair.gears[1].base_radius_mm * 1e3)
+            })
             + " µm along the line of action)",
         rises(&swings),
     ));
@@ -238,7 +249,10 @@ pub(super) fn checks(pair: &GearPair, states: &[ToothPair], meshes: &[Mesh]) -> 
 
 /// Leads of the neighbours where one touches too.
 fn shared(mesh: &Mesh) -> impl Iterator<Item = f64> {
-    mesh.neighbour_lead_rad.iter().copied().filter(|lead| *lead > -1.0)
+    mesh.neighbour_lead_rad
+        .iter()
+        .copied()
+        .filter(|lead| *lead > -1.0)
 }
 
 /// Greatest difference, as a part, of the mesh's stiffness in single contact from that of the pair alone.
@@ -249,7 +263,10 @@ fn greatest_difference(mesh: &Mesh, pair: &ToothPair) -> f64 {
     single
         .map(|i| {
             let own = [0.0, 1.0].map(|n| pair.stiffness_at(mesh.phi1_rad[i] + n * pitch));
-            let nearest = own.iter().flatten().map(|k| (mesh.stiffness_n_per_m[i] / k - 1.0).abs());
+            let nearest = own
+                .iter()
+                .flatten()
+                .map(|k| (mesh.stiffness_n_per_m[i] / k - 1.0).abs());
             nearest.fold(f64::INFINITY, f64::min)
         })
         .fold(0.0, f64::max)
@@ -258,6 +275,9 @@ fn greatest_difference(mesh: &Mesh, pair: &ToothPair) -> f64 {
 /// Step of e_wear from the end of the period to its start against the greatest step within.
 fn join_of_error(mesh: &Mesh) -> f64 {
     let error = &mesh.e_wear_rad;
-    let within = error.windows(2).map(|two| (two[1] - two[0]).abs()).fold(0.0, f64::max);
+    let within = error
+        .windows(2)
+        .map(|two| (two[1] - two[0]).abs())
+        .fold(0.0, f64::max);
     (error[0] - error[POINTS - 1]).abs() / within
 }

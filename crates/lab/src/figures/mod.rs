@@ -1,7 +1,7 @@
 //! The figures of Shen et al. 2022 from this model, and what their text says about them held against it.
 //!
-//! Figs. 7, 8 and 11 are of one pair of teeth, 12 to 15 and 18 of the whole mesh, 17 beside finite elements, 19 to 22 of the
-//! vibration. Pure: numbers alone, nothing is drawn here.
+//! Figs. 7, 8 and 11 are of one pair of teeth, 12 to 15 and 18 of the whole mesh, 17 beside finite elements,
+//! 19 to 22 of the vibration. Pure: numbers alone, nothing is drawn here.
 
 mod check;
 mod finite_elements;
@@ -43,8 +43,8 @@ pub struct FigureSettings {
 }
 
 impl Default for FigureSettings {
-    /// The paper's 50 states of 5 µm and its state 40; the rest is not in it: records of 10 s at 20 kHz, and 50, 100 and 150 µm for its three
-    /// degrees of wear.
+    /// The paper's 50 states of 5 µm and its state 40; the rest is not in it: records of 10 s at 20 kHz, and
+    /// 50, 100 and 150 µm for its three degrees of wear.
     fn default() -> Self {
         Self {
             wear_um: [50.0, 100.0, 150.0],
@@ -80,7 +80,9 @@ pub enum FiguresError {
     #[error("the simulated record has no envelope: {0}")]
     Envelope(#[from] BandError),
     /// An indicator could not be computed.
-    #[error("wear state {num} has no {name}: records are too short or sampled too slowly for the mesh frequency")]
+    #[error(
+        "wear state {num} has no {name}: records are too short or sampled too slowly for the mesh frequency"
+    )]
     NoIndicator {
         /// Number of the state.
         num: u32,
@@ -100,7 +102,8 @@ pub struct MeshState {
     pub tooth_pair: ToothPair,
     /// The whole mesh (Figs. 12 to 15, 18a).
     pub mesh: Mesh,
-    /// Total transmission error along the line of action in µm over one turn of the driving shaft, its random part left out (Fig. 18b).
+    /// Total transmission error along the line of action in µm over one turn of the driving shaft, its random
+    /// part left out (Fig. 18b).
     pub transmission_error_um: Vec<f64>,
 }
 
@@ -127,10 +130,20 @@ pub struct Figures {
 
 impl FigureSettings {
     fn check(&self) -> Result<(), FiguresError> {
-        let refuse = |field, value: String, expected| Err(FiguresError::Setting { field, value, expected });
+        let refuse = |field, value: String, expected| {
+            Err(FiguresError::Setting {
+                field,
+                value,
+                expected,
+            })
+        };
         let [slight, moderate, severe] = self.wear_um;
         if !(slight > 0.0 && moderate > slight && severe > moderate && severe.is_finite()) {
-            return refuse("wear_um", format!("{:?}", self.wear_um), "three rising depths above 0");
+            return refuse(
+                "wear_um",
+                format!("{:?}", self.wear_um),
+                "three rising depths above 0",
+            );
         }
         if !(2..=1000).contains(&self.states) {
             return refuse("states", self.states.to_string(), "a number from 2 to 1000");
@@ -145,19 +158,26 @@ impl FigureSettings {
     }
 }
 
-/// Works out all figures, the states of Fig. 22 in parallel; `progress` is called with the number of these that are done. The result depends on the
-/// inputs alone, not on the number of threads.
+/// Works out all figures, the states of Fig. 22 in parallel; `progress` is called with the number of these
+/// that are done. The result depends on the inputs alone, not on the number of threads.
 ///
 /// # Errors
 /// [`FiguresError`] with the setting, or what the gear model refused.
-pub fn compute(spec: &PairSpec, settings: &FigureSettings, progress: &(dyn Fn(usize) + Sync)) -> Result<Figures, FiguresError> {
+pub fn compute(
+    spec: &PairSpec,
+    settings: &FigureSettings,
+    progress: &(dyn Fn(usize) + Sync),
+) -> Result<Figures, FiguresError> {
     settings.check()?;
     let pair = spec.resolve()?;
     let (states, turns) = mesh_states(&pair, settings)?;
     let finite_elements = finite_elements::points(spec);
     let vibration = vibration_figures(&pair, settings, progress)?;
 
-    let (tooth_pairs, meshes): (Vec<_>, Vec<_>) = states.iter().map(|state| (state.tooth_pair.clone(), state.mesh.clone())).unzip();
+    let (tooth_pairs, meshes): (Vec<_>, Vec<_>) = states
+        .iter()
+        .map(|state| (state.tooth_pair.clone(), state.mesh.clone()))
+        .unzip();
     let mut checks = flanks::checks(&tooth_pairs);
     checks.extend(mesh::checks(&pair, &tooth_pairs, &meshes));
     checks.extend(finite_elements::checks(&meshes[0], &finite_elements));
@@ -175,9 +195,17 @@ pub fn compute(spec: &PairSpec, settings: &FigureSettings, progress: &(dyn Fn(us
     })
 }
 
-fn mesh_states(pair: &GearPair, settings: &FigureSettings) -> Result<(Vec<MeshState>, Vec<f64>), FiguresError> {
+fn mesh_states(
+    pair: &GearPair,
+    settings: &FigureSettings,
+) -> Result<(Vec<MeshState>, Vec<f64>), FiguresError> {
     let [slight, moderate, severe] = settings.wear_um;
-    let named = [("No wear", 0.0), ("Wear01", slight), ("Wear02", moderate), ("Wear03", severe)];
+    let named = [
+        ("No wear", 0.0),
+        ("Wear01", slight),
+        ("Wear02", moderate),
+        ("Wear03", severe),
+    ];
     let mut turns = Vec::new();
     let mut states = Vec::with_capacity(named.len());
     for (name, wear_um) in named {
@@ -245,11 +273,18 @@ mod tests {
     fn statements_about_the_mesh_hold_as_documented() {
         let figures = compute(&shen2022(), &short(), &|_| ()).unwrap();
         // docs/model.md: all of Figs. 7 to 18 hold but the two of Fig. 17 that elastic teeth refute.
-        let refuted: Vec<_> = figures.checks.iter().filter(|check| check.figure < 19 && !check.holds).collect();
+        let refuted: Vec<_> = figures
+            .checks
+            .iter()
+            .filter(|check| check.figure < 19 && !check.holds)
+            .collect();
         assert_eq!(refuted.len(), 2, "{refuted:?}");
         assert!(refuted.iter().all(|check| check.figure == 17), "{refuted:?}");
         for number in [7, 8, 11, 12, 13, 14, 15, 17, 18, 19, 20, 21, 22] {
-            assert!(figures.checks.iter().any(|check| check.figure == number), "Fig. {number}");
+            assert!(
+                figures.checks.iter().any(|check| check.figure == number),
+                "Fig. {number}"
+            );
         }
         assert_eq!(figures.vibration.indicators.len(), 3);
         assert_eq!(figures.vibration.states[1].wear_um, 200.0);
@@ -276,7 +311,13 @@ mod tests {
                 },
             ),
             ("states", FigureSettings { states: 1, ..short() }),
-            ("worn_num", FigureSettings { worn_num: 3, ..short() }),
+            (
+                "worn_num",
+                FigureSettings {
+                    worn_num: 3,
+                    ..short()
+                },
+            ),
             (
                 "seconds",
                 FigureSettings {

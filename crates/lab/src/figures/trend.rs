@@ -20,11 +20,15 @@ pub(super) fn departure_from_a_line(x: &[f64], y: &[f64]) -> f64 {
     let products: f64 = x.iter().zip(y).map(|(x, y)| (x - mean_x) * (y - mean_y)).sum();
     let squares: f64 = x.iter().map(|x| (x - mean_x).powi(2)).sum();
     let slope = products / squares;
-    let departures = x.iter().zip(y).map(|(x, y)| (y - mean_y - slope * (x - mean_x)).abs());
+    let departures = x
+        .iter()
+        .zip(y)
+        .map(|(x, y)| (y - mean_y - slope * (x - mean_x)).abs());
     departures.fold(0.0, f64::max) / range(y)
 }
 
-/// y at `at` on the straight lines between the points, x rising or not; the greatest where several pass, `None` outside.
+/// y at `at` on the straight lines between the points, x rising or not; the greatest where several pass,
+/// `None` outside.
 pub(super) fn highest_at(x: &[f64], y: &[f64], at: f64) -> Option<f64> {
     x.windows(2)
         .zip(y.windows(2))
@@ -48,7 +52,11 @@ pub(super) fn spearman_with_order(values: &[f64]) -> f64 {
         own += rank * rank;
         orders += order * order;
     }
-    if own > 0.0 { products / (own * orders).sqrt() } else { 0.0 }
+    if own > 0.0 {
+        products / (own * orders).sqrt()
+    } else {
+        0.0
+    }
 }
 
 /// Whether each value is above the one before it.
@@ -70,8 +78,12 @@ mod tests {
         // scipy.stats.spearmanr(range(6), v).statistic
         assert_eq!(spearman_with_order(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), 1.0);
         assert_eq!(spearman_with_order(&[6.0, 5.0, 4.0, 3.0, 2.0, 1.0]), -1.0);
-        assert!((spearman_with_order(&[1.0, 3.0, 2.0, 5.0, 4.0, 6.0]) - 0.885_714_285_714_285_8).abs() < 1e-15);
-        assert!((spearman_with_order(&[1.0, 2.0, 2.0, 3.0, 5.0, 4.0]) - 0.927_633_657_043_917_5).abs() < 1e-15);
+        assert!(
+            (spearman_with_order(&[1.0, 3.0, 2.0, 5.0, 4.0, 6.0]) - 0.885_714_285_714_285_8).abs() < 1e-15
+        );
+        assert!(
+            (spearman_with_order(&[1.0, 2.0, 2.0, 3.0, 5.0, 4.0]) - 0.927_633_657_043_917_5).abs() < 1e-15
+        );
         assert_eq!(spearman_with_order(&[2.0, 2.0, 2.0]), 0.0);
     }
 

@@ -7,7 +7,9 @@ use super::check::Check;
 use super::trend::{range, spearman_with_order};
 use super::{FigureSettings, FiguresError};
 use flankwatch_gear::{FlankWear, GearPair, MeshCycle, RunSettings, simulate};
-use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record, Spectrum};
+use flankwatch_signal::{
+    AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record, Spectrum,
+};
 
 /// Positions of the mesh cycle that the dynamics use.
 const CYCLE_POINTS: usize = 1000;
@@ -71,7 +73,8 @@ pub struct Vibration {
     pub envelope: Lines,
     /// The strongest lines of the spectrum, strongest first.
     pub strongest: Lines,
-    /// Median, over the shaft sidebands of the first ten mesh harmonics, of their amplitude against that half a shaft rate further out.
+    /// Median, over the shaft sidebands of the first ten mesh harmonics, of their amplitude against that half
+    /// a shaft rate further out.
     pub sideband_to_background: f64,
     /// Root sum square of the envelope's amplitudes at the first ten mesh harmonics in m/s².
     pub envelope_harmonics: f64,
@@ -112,7 +115,14 @@ pub(super) fn state(
         ..OperatingPoint::default()
     };
     let samples = signal.iter().map(|value| *value as f32).collect();
-    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?.with_operating_point(speed)?;
+    let record = Record::new(
+        "simulated",
+        Timestamp::UNIX_EPOCH,
+        run.sample_rate_hz,
+        "m/s2",
+        samples,
+    )?
+    .with_operating_point(speed)?;
     let mesh = MeshContext {
         teeth,
         mate_teeth: 0,
@@ -123,7 +133,12 @@ pub(super) fn state(
     };
     let mut analyzer = Analyzer::new(AnalysisSettings::default());
     let analysis = analyzer.analyze(&record, &mesh);
-    let of = |name: &'static str| analysis.indicators.get(name).ok_or(FiguresError::NoIndicator { num, name });
+    let of = |name: &'static str| {
+        analysis
+            .indicators
+            .get(name)
+            .ok_or(FiguresError::NoIndicator { num, name })
+    };
     let indicators = IndicatorState {
         num,
         wear_um,
@@ -166,7 +181,9 @@ fn mean_period(signal: &[f64], period: f64) -> Vec<f64> {
         *sum += value;
         *count += 1;
     }
-    sums.iter().map(|(sum, count)| sum / f64::from((*count).max(1))).collect()
+    sums.iter()
+        .map(|(sum, count)| sum / f64::from((*count).max(1)))
+        .collect()
 }
 
 /// Mean of the greatest magnitudes of the mesh periods.
@@ -174,7 +191,9 @@ fn mean_peak(signal: &[f64], period: f64) -> f64 {
     let count = (signal.len() as f64 / period) as usize;
     let peak = |i: usize| {
         let (start, end) = ((i as f64 * period) as usize, ((i + 1) as f64 * period) as usize);
-        signal[start..end].iter().fold(0.0, |most: f64, value| most.max(value.abs()))
+        signal[start..end]
+            .iter()
+            .fold(0.0, |most: f64, value| most.max(value.abs()))
     };
     (0..count).map(peak).sum::<f64>() / count.max(1) as f64
 }
@@ -193,14 +212,19 @@ fn drawn_lines(spectrum: &Spectrum, up_to_hz: f64) -> Lines {
     let group = (2.0 / spectrum.resolution_hz).round().max(1.0) as usize;
     let mut lines = Lines::default();
     for (i, bins) in spectrum.amplitude[..last].chunks(group).enumerate() {
-        let strongest = (0..bins.len()).max_by(|a, b| bins[*a].total_cmp(&bins[*b])).unwrap_or(0);
-        lines.frequency_hz.push(spectrum.frequency_hz(i * group + strongest));
+        let strongest = (0..bins.len())
+            .max_by(|a, b| bins[*a].total_cmp(&bins[*b]))
+            .unwrap_or(0);
+        lines
+            .frequency_hz
+            .push(spectrum.frequency_hz(i * group + strongest));
         lines.amplitude.push(bins[strongest]);
     }
     lines
 }
 
-/// The strongest local maxima of a spectrum, strongest first; what lies within `apart_hz` of a stronger one is its side lobe.
+/// The strongest local maxima of a spectrum, strongest first; what lies within `apart_hz` of a stronger one
+/// is its side lobe.
 fn strongest(spectrum: &Spectrum, apart_hz: f64) -> Lines {
     let amplitude = &spectrum.amplitude;
     let mut peaks: Vec<usize> = (1..amplitude.len().saturating_sub(1))
@@ -226,22 +250,37 @@ fn strongest(spectrum: &Spectrum, apart_hz: f64) -> Lines {
 /// Greatest amplitude within 1.5 bins of a frequency.
 fn line_at(spectrum: &Spectrum, frequency_hz: f64) -> f64 {
     let place = frequency_hz / spectrum.resolution_hz;
-    let (first, last) = ((place - 1.5).ceil().max(0.0) as usize, (place + 1.5).floor() as usize);
-    let bins = spectrum.amplitude.get(first..=last.min(spectrum.amplitude.len().saturating_sub(1)));
+    let (first, last) = (
+        (place - 1.5).ceil().max(0.0) as usize,
+        (place + 1.5).floor() as usize,
+    );
+    let bins = spectrum
+        .amplitude
+        .get(first..=last.min(spectrum.amplitude.len().saturating_sub(1)));
     bins.unwrap_or_default().iter().copied().fold(0.0, f64::max)
 }
 
 /// Root sum square of the lines at each of these distances from the first ten mesh harmonics.
 fn root_sum_square(spectrum: &Spectrum, mesh_hz: f64, beside_hz: &[f64]) -> f64 {
-    let lines = (1..=10).flat_map(|h| beside_hz.iter().map(move |beside| f64::from(h) * mesh_hz + beside));
-    lines.map(|frequency| line_at(spectrum, frequency).powi(2)).sum::<f64>().sqrt()
+    let lines = (1..=10).flat_map(|h| {
+        beside_hz
+            .iter()
+            .map(move |beside| f64::from(h) * mesh_hz + beside)
+    });
+    lines
+        .map(|frequency| line_at(spectrum, frequency).powi(2))
+        .sum::<f64>()
+        .sqrt()
 }
 
 /// Median of the sidebands' amplitudes against those of the places half a shaft rate beyond them.
 fn sideband_to_background(spectrum: &Spectrum, mesh_hz: f64, shaft_hz: f64) -> f64 {
     let sides = (1..=10).flat_map(|h| [-shaft_hz, shaft_hz].map(|beside| (f64::from(h) * mesh_hz, beside)));
     let mut ratios: Vec<f64> = sides
-        .map(|(harmonic, beside)| line_at(spectrum, harmonic + beside) / line_at(spectrum, harmonic + 1.5 * beside).max(f64::MIN_POSITIVE))
+        .map(|(harmonic, beside)| {
+            line_at(spectrum, harmonic + beside)
+                / line_at(spectrum, harmonic + 1.5 * beside).max(f64::MIN_POSITIVE)
+        })
         .collect();
     ratios.sort_by(f64::total_cmp);
     ratios[ratios.len() / 2]
@@ -251,14 +290,15 @@ fn sideband_to_background(spectrum: &Spectrum, mesh_hz: f64, shaft_hz: f64) -> f
 fn of_the_mesh(lines: &Lines, mesh_hz: f64, shaft_hz: f64, resolution_hz: f64) -> usize {
     let belongs = |frequency: &&f64| {
         let harmonic = (*frequency / mesh_hz).round();
-        (-SIDEBANDS..=SIDEBANDS).any(|n| (**frequency - harmonic * mesh_hz - f64::from(n) * shaft_hz).abs() <= 1.5 * resolution_hz)
-            && harmonic >= 1.0
+        (-SIDEBANDS..=SIDEBANDS).any(|n| {
+            (**frequency - harmonic * mesh_hz - f64::from(n) * shaft_hz).abs() <= 1.5 * resolution_hz
+        }) && harmonic >= 1.0
     };
     lines.frequency_hz.iter().filter(belongs).count()
 }
 
-/// Places in mesh periods of the greatest magnitude of the mean period that follow a change of the carrying pairs within a third of a period: the
-/// impacts; and the time between the two, in parts of the period.
+/// Places in mesh periods of the greatest magnitude of the mean period that follow a change of the carrying
+/// pairs within a third of a period: the impacts; and the time between the two, in parts of the period.
 fn interval_of_impacts(state: &Vibration) -> Option<f64> {
     let [first, second] = *state.changes.as_slice() else {
         return None;
@@ -278,13 +318,19 @@ fn interval_of_impacts(state: &Vibration) -> Option<f64> {
 impl VibrationFigures {
     /// Puts the states together.
     pub(super) fn new(pair: &GearPair, indicators: Vec<IndicatorState>, states: [Vibration; 2]) -> Self {
-        let column = |value: fn(&IndicatorState) -> f64| spearman_with_order(&indicators.iter().map(value).collect::<Vec<_>>());
+        let column = |value: fn(&IndicatorState) -> f64| {
+            spearman_with_order(&indicators.iter().map(value).collect::<Vec<_>>())
+        };
         let shaft_hz = pair.spec.operation.shaft_speed_hz;
         Self {
             mesh_hz: shaft_hz * f64::from(pair.gears[0].teeth),
             shaft_hz,
             states,
-            spearman: [column(|state| state.rms), column(|state| state.kurtosis), column(|state| state.omx)],
+            spearman: [
+                column(|state| state.rms),
+                column(|state| state.kurtosis),
+                column(|state| state.omx),
+            ],
             indicators,
         }
     }
@@ -297,7 +343,10 @@ impl VibrationFigures {
             19,
             "The impacts grow clearly with wear.",
             "mean over the mesh periods of the greatest magnitude at least 1.2 times the unworn one",
-            format!("{:.1} and {:.1} m/s²", unworn.mean_peak_m_per_s2, worn.mean_peak_m_per_s2),
+            format!(
+                "{:.1} and {:.1} m/s²",
+                unworn.mean_peak_m_per_s2, worn.mean_peak_m_per_s2
+            ),
             worn.mean_peak_m_per_s2 > 1.2 * unworn.mean_peak_m_per_s2,
         )];
         let between = |state: &Vibration| {
@@ -327,7 +376,8 @@ impl VibrationFigures {
             holds,
         ));
 
-        let own = [unworn, worn].map(|state| of_the_mesh(&state.strongest, self.mesh_hz, self.shaft_hz, 1.0 / seconds));
+        let own = [unworn, worn]
+            .map(|state| of_the_mesh(&state.strongest, self.mesh_hz, self.shaft_hz, 1.0 / seconds));
         checks.push(Check::new(
             20,
             "Mesh harmonics and their shaft sidebands are the main lines, worn or not: the spectrum keeps its structure.",
@@ -379,7 +429,10 @@ impl VibrationFigures {
             "The first mesh amplitude (OMX) grows with wear.",
         ];
         let values = |i: usize| {
-            let column = self.indicators.iter().map(move |state| [state.rms, state.kurtosis, state.omx][i]);
+            let column = self
+                .indicators
+                .iter()
+                .map(move |state| [state.rms, state.kurtosis, state.omx][i]);
             column.collect::<Vec<_>>()
         };
         for (i, statement) in statements.into_iter().enumerate() {

@@ -1,4 +1,5 @@
-//! Peak memory of hostile recordings, which are small on the disk: within a small multiple of the longest message.
+//! Peak memory of hostile recordings, which are small on the disk: within a small multiple of the longest
+//! message.
 
 use std::io::Cursor;
 
@@ -16,8 +17,12 @@ pub(super) fn mcap_of(messages: &[(&str, &str, &str, Vec<u8>)]) -> Vec<u8> {
         .compression_threads(0);
     let mut writer = options.create(Cursor::new(Vec::new())).unwrap();
     for (schema, topic, encoding, data) in messages {
-        let schema = writer.add_schema(&format!("flankwatch.v1.{schema}"), encoding, &[]).unwrap();
-        let channel_id = writer.add_channel(schema, topic, encoding, &Default::default()).unwrap();
+        let schema = writer
+            .add_schema(&format!("flankwatch.v1.{schema}"), encoding, &[])
+            .unwrap();
+        let channel_id = writer
+            .add_channel(schema, topic, encoding, &Default::default())
+            .unwrap();
         let header = mcap::records::MessageHeader {
             channel_id,
             sequence: 1,
@@ -73,7 +78,10 @@ fn a_message_full_of_pulses_is_refused_before_it_is_unpacked() {
         (
             "WaveformBlock",
             "json",
-            json(r#"{"tachometer":{"pulses_per_revolution":1,"pulse_time_ns":["#, "]}}"),
+            json(
+                r#"{"tachometer":{"pulses_per_revolution":1,"pulse_time_ns":["#,
+                "]}}",
+            ),
         ),
         ("Tachometer", "json", json(r#"{"pulse_time_ns":["#, "]}")),
     ] {
@@ -102,7 +110,11 @@ fn as_many_pulses_as_are_taken_stand_in_memory_once() {
     });
     assert_eq!(pulses, 1 << 22);
     // Eight bytes each, and half of that while the list grows for the last time.
-    assert!(counted.bytes_max <= (12 << 22) + 4096, "{} bytes", counted.bytes_max);
+    assert!(
+        counted.bytes_max <= (12 << 22) + 4096,
+        "{} bytes",
+        counted.bytes_max
+    );
 }
 
 #[test]

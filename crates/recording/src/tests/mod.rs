@@ -1,4 +1,5 @@
-//! Whole recordings: the hand-made hostile ones in `fixtures/recordings`, round trips, and the real ones of the data folder.
+//! Whole recordings: the hand-made hostile ones in `fixtures/recordings`, round trips, and the real ones of
+//! the data folder.
 
 mod fixtures;
 mod memory;
@@ -25,5 +26,8 @@ fn read_all(path: &Path, cut: Option<Cut>) -> Vec<Result<Recorded, String>> {
 }
 
 fn records(path: &Path) -> Vec<Record> {
-    read_all(path, None).into_iter().map(|item| item.unwrap().record).collect()
+    read_all(path, None)
+        .into_iter()
+        .map(|item| item.unwrap().record)
+        .collect()
 }

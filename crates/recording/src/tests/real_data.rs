@@ -4,8 +4,9 @@ use super::*;
 
 /// One channel of a file of `wav-edge`, or why the file is refused.
 ///
-/// Values: `soundfile` (libsndfile) and `scipy.io.wavfile`, whose samples agree in full scale where both read a file; for 24 bits at the bottom
-/// of 4 bytes, on which they do not agree, those that the file's origin (hound's tests) states.
+/// Values: `soundfile` (libsndfile) and `scipy.io.wavfile`, whose samples agree in full scale where both read
+/// a file; for 24 bits at the bottom of 4 bytes, on which they do not agree, those that the file's origin
+/// (hound's tests) states.
 #[derive(Debug, Clone, serde::Deserialize)]
 struct Expected {
     file: String,
@@ -64,7 +65,9 @@ fn every_wav_that_breaks_readers_is_read_right_or_refused() {
     let mut there = Vec::new();
     for part in ["hound/testsamples", "hound/testsamples/fuzz", "scipy"] {
         for entry in std::fs::read_dir(folder.join(part)).unwrap() {
-            there.extend(Some(entry.unwrap().path()).filter(|path| path.extension().is_some_and(|e| e == "wav")));
+            there.extend(
+                Some(entry.unwrap().path()).filter(|path| path.extension().is_some_and(|e| e == "wav")),
+            );
         }
     }
     assert_eq!(there.len(), files.len(), "a file of wav-edge is not in the table");
@@ -89,7 +92,10 @@ fn hound_reads_the_same_samples() {
             hound::SampleFormat::Float => 1.0,
         };
         let theirs: Result<Vec<f64>, hound::Error> = match spec.sample_format {
-            hound::SampleFormat::Int => reader.into_samples::<i32>().map(|s| Ok(f64::from(s?) * scale)).collect(),
+            hound::SampleFormat::Int => reader
+                .into_samples::<i32>()
+                .map(|s| Ok(f64::from(s?) * scale))
+                .collect(),
             hound::SampleFormat::Float => reader.into_samples::<f32>().map(|s| Ok(f64::from(s?))).collect(),
         };
         // Some layouts (more than 32 bits) it opens and then cannot read.
@@ -119,7 +125,8 @@ fn recordings_without_vibration_are_refused_with_what_is_in_them() {
         let error = items[0].as_ref().unwrap_err();
         assert_eq!(items.len(), 1, "{path:?}: {items:?}");
         assert!(
-            error.contains("no vibration in it") && (error.contains("(cdr, ") || error.contains("(wrong_format, ")),
+            error.contains("no vibration in it")
+                && (error.contains("(cdr, ") || error.contains("(wrong_format, ")),
             "{path:?}: {error}"
         );
     }
@@ -142,8 +149,12 @@ fn a_bearing_run_to_failure_is_cut_into_its_records() {
         })
         .collect();
     assert_eq!(levels.len(), 2803);
-    // Medians over the records of the first and the last tenth, from soundfile and NumPy (`sqrt(mean(x**2, axis=1))`).
-    for (part, expected) in [(&levels[..280], 0.384_101_32), (&levels[2803 - 280..], 1.415_991_42)] {
+    // Medians over the records of the first and the last tenth, from soundfile and NumPy
+    // (`sqrt(mean(x**2, axis=1))`).
+    for (part, expected) in [
+        (&levels[..280], 0.384_101_32),
+        (&levels[2803 - 280..], 1.415_991_42),
+    ] {
         let mut sorted = part.to_vec();
         sorted.sort_by(f64::total_cmp);
         let median = (sorted[139] + sorted[140]) / 2.0;

@@ -5,11 +5,14 @@ use prost::Message;
 use super::memory::mcap_of;
 use super::*;
 
-/// A second of vibration after tachometers: topic, shaft in the message and pulses a second of each. How many pulses the record has.
+/// A second of vibration after tachometers: topic, shaft in the message and pulses a second of each. How many
+/// pulses the record has.
 fn pulses_taken(tachometers: &[(&'static str, &str, i64)]) -> Option<usize> {
     let tachometer = |&(topic, shaft, pulses): &(&'static str, &str, i64)| {
         let message = message::Tachometer {
-            pulse_time_ns: (0..pulses).map(|pulse| 1_000_000_000 + pulse * 1_000_000_000 / pulses).collect(),
+            pulse_time_ns: (0..pulses)
+                .map(|pulse| 1_000_000_000 + pulse * 1_000_000_000 / pulses)
+                .collect(),
             pulses_per_revolution: 1,
             shaft: shaft.to_owned(),
         };
@@ -22,11 +25,18 @@ fn pulses_taken(tachometers: &[(&'static str, &str, i64)]) -> Option<usize> {
         ..Default::default()
     };
     let mut messages: Vec<_> = tachometers.iter().map(tachometer).collect();
-    messages.push(("WaveformBlock", "/pump/x/waveform", "protobuf", block.encode_to_vec()));
+    messages.push((
+        "WaveformBlock",
+        "/pump/x/waveform",
+        "protobuf",
+        block.encode_to_vec(),
+    ));
     let mut records = McapReader::new(Cursor::new(mcap_of(&messages)));
     let record = records.next().unwrap().unwrap().record;
     assert!(records.next().is_none());
-    record.tachometer().map(|tachometer| tachometer.pulse_times_s.len())
+    record
+        .tachometer()
+        .map(|tachometer| tachometer.pulse_times_s.len())
 }
 
 #[test]
@@ -48,6 +58,9 @@ fn the_topic_names_the_shaft_where_the_message_does_not() {
 
 #[test]
 fn pulses_of_both_shafts_are_told_apart() {
-    let both = [("/pump/driven/tachometer", "", 7), ("/pump/driving/tachometer", "", 20)];
+    let both = [
+        ("/pump/driven/tachometer", "", 7),
+        ("/pump/driving/tachometer", "", 20),
+    ];
     assert_eq!(pulses_taken(&both), Some(20));
 }

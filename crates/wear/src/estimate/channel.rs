@@ -1,4 +1,5 @@
-//! What the records of one channel say one after the other: its wear, its indicators over the run, its alarms.
+//! What the records of one channel say one after the other: its wear, its indicators over the run, its
+//! alarms.
 //!
 //! Everything here is a pure function of the records, events and actions that went in, in their order.
 
@@ -72,11 +73,19 @@ impl ChannelEstimator {
     }
 
     /// Takes a record.
-    pub fn record(&self, state: &mut ChannelState, time: Timestamp, features: &Features, indicators: &Indicators) -> RecordResult {
+    pub fn record(
+        &self,
+        state: &mut ChannelState,
+        time: Timestamp,
+        features: &Features,
+        indicators: &Indicators,
+    ) -> RecordResult {
         let wear = self.tracker.update(&mut state.tracker, time, features);
         let mut of_run = state.run_means.update(indicators);
         of_run.extend(wear.indicators());
-        let changes = state.alarms.reading(&self.rules, time, &wear, [indicators, &of_run]);
+        let changes = state
+            .alarms
+            .reading(&self.rules, time, &wear, [indicators, &of_run]);
         RecordResult {
             indicators: of_run,
             wear,

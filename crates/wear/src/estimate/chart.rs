@@ -1,14 +1,16 @@
 //! Control charts: small deviations that last.
 //!
-//! One record deviates by chance; a fault stays. For each check that faults of their own kind raise, a cumulative sum (Page 1954) folds
-//! over the records: S ← max(0, S + z − k), z the deviation in standard deviations. What is healthy pulls it down by k a record; what lasts at
-//! z > k reaches any level, so that ten records of 2 standard deviations say more than one of 4.
+//! One record deviates by chance; a fault stays. For each check that faults of their own kind raise, a
+//! cumulative sum (Page 1954) folds over the records: S ← max(0, S + z − k), z the deviation in standard
+//! deviations. What is healthy pulls it down by k a record; what lasts at z > k reaches any level, so that
+//! ten records of 2 standard deviations say more than one of 4.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// What a record has to deviate by to count, in standard deviations: above what errors of the baseline and slow wear leave.
+/// What a record has to deviate by to count, in standard deviations: above what errors of the baseline and
+/// slow wear leave.
 const ALLOWANCE: f64 = 1.0;
 
 /// One record counts for no more than this.
@@ -35,18 +37,26 @@ impl Charts {
         }
     }
 
-    /// The check whose sum is highest, and the probability that the highest of healthy sums stands there or above.
+    /// The check whose sum is highest, and the probability that the highest of healthy sums stands there or
+    /// above.
     ///
-    /// The sum of independent normal deviates less k has a tail of e^(−2k(S + 0.583)) where it has gone on for long.
+    /// The sum of independent normal deviates less k has a tail of e^(−2k(S + 0.583)) where it has gone on
+    /// for long.
     pub(super) fn highest(&self) -> Option<(&str, f64)> {
-        let (name, sum) = self.sums.iter().max_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, sum)| **sum > 0.0)?;
+        let (name, sum) = self
+            .sums
+            .iter()
+            .max_by(|a, b| a.1.total_cmp(b.1))
+            .filter(|(_, sum)| **sum > 0.0)?;
         Some((name, self.p_value(*sum)))
     }
 
     /// The highest sum of the checks whose names begin with `kind`, and its probability.
     pub(super) fn highest_of(&self, kind: &str) -> Option<(&str, f64)> {
         let of_kind = self.sums.iter().filter(|(name, _)| name.starts_with(kind));
-        let (name, sum) = of_kind.max_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, sum)| **sum > 0.0)?;
+        let (name, sum) = of_kind
+            .max_by(|a, b| a.1.total_cmp(b.1))
+            .filter(|(_, sum)| **sum > 0.0)?;
         Some((name, self.p_value(*sum)))
     }
 
@@ -76,7 +86,11 @@ mod tests {
         let levels = [1e-1, 1e-2, 1e-3];
         let mut passed = [0_u32; 3];
         for _ in 0..100_000 {
-            charts.update(["a", "b", "c", "d"].into_iter().map(|name| (name, normal(&mut random))));
+            charts.update(
+                ["a", "b", "c", "d"]
+                    .into_iter()
+                    .map(|name| (name, normal(&mut random))),
+            );
             if let Some((_, p)) = charts.highest() {
                 for (passed, level) in passed.iter_mut().zip(levels) {
                     *passed += u32::from(p < level);

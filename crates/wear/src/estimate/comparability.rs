@@ -1,4 +1,5 @@
-//! Which records can be compared with a baseline: a record too short or too sparsely sampled says nothing, neither of wear nor of faults.
+//! Which records can be compared with a baseline: a record too short or too sparsely sampled says nothing,
+//! neither of wear nor of faults.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +8,8 @@ use flankwatch_signal::{Extent, Features};
 /// Logarithm of two sampling rates' ratio below which they are the same.
 const SAME_RATE: f64 = 0.1;
 
-/// Logarithm of two lengths' ratio below which they are the same: what one record can be compared with, the other can.
+/// Logarithm of two lengths' ratio below which they are the same: what one record can be compared with, the
+/// other can.
 const SAME_LENGTH: f64 = 0.2;
 
 /// How the records of a baseline were taken.
@@ -26,25 +28,37 @@ pub(super) struct Comparability {
 
 /// Whether a record's mesh lines are read apart from their sidebands, where its speed and length are known.
 fn lines_are_apart(record: &Features) -> Option<bool> {
-    let speed_hz = record.operating_point.shaft_speed_hz.filter(|_| record.has_mesh())?;
+    let speed_hz = record
+        .operating_point
+        .shaft_speed_hz
+        .filter(|_| record.has_mesh())?;
     Some(record.extent?.seconds >= Extent::seconds_apart(speed_hz))
 }
 
 /// Whether two records can be part of one baseline.
 pub(super) fn go_together(one: &Features, other: &Features) -> bool {
     let same_length = |one: Extent, other: Extent| (one.seconds / other.seconds).ln().abs() < SAME_LENGTH;
-    let same = one.extent.zip(other.extent).is_none_or(|(one, other)| same_length(one, other));
+    let same = one
+        .extent
+        .zip(other.extent)
+        .is_none_or(|(one, other)| same_length(one, other));
     same || lines_are_apart(one) == lines_are_apart(other)
 }
 
 impl Comparability {
     /// Of the records of a baseline.
     pub(super) fn of<'a>(records: impl Iterator<Item = &'a Features> + Clone) -> Self {
-        let speeds = records.clone().filter_map(|record| record.operating_point.shaft_speed_hz);
+        let speeds = records
+            .clone()
+            .filter_map(|record| record.operating_point.shaft_speed_hz);
         Self {
             seconds: mean(records.clone().filter_map(|record| Some(record.extent?.seconds))),
             shaft_speed_hz: mean(speeds),
-            sample_rate_hz: mean(records.clone().filter_map(|record| Some(record.extent?.sample_rate_hz))),
+            sample_rate_hz: mean(
+                records
+                    .clone()
+                    .filter_map(|record| Some(record.extent?.sample_rate_hz)),
+            ),
             apart: records.into_iter().next().and_then(lines_are_apart),
         }
     }
@@ -68,8 +82,8 @@ impl Comparability {
         }
     }
 
-    /// Whether a record reaches as high in frequency as the baseline, and no higher: what lies between the mesh harmonics is one sum over all of
-    /// them.
+    /// Whether a record reaches as high in frequency as the baseline, and no higher: what lies between the
+    /// mesh harmonics is one sum over all of them.
     pub(super) fn reaches_as_high(&self, record: &Features) -> bool {
         match (self.sample_rate_hz, record.extent) {
             (Some(rate_hz), Some(extent)) => (extent.sample_rate_hz / rate_hz).ln().abs() < SAME_RATE,
@@ -77,7 +91,8 @@ impl Comparability {
         }
     }
 
-    /// By how much the variance of a record's values is larger than in the baseline, as the record is shorter.
+    /// By how much the variance of a record's values is larger than in the baseline, as the record is
+    /// shorter.
     pub(super) fn scatter(&self, record: &Features) -> f64 {
         match (self.seconds, record.extent) {
             (Some(seconds), Some(extent)) if extent.seconds > 0.0 => (seconds / extent.seconds).max(1.0),
@@ -86,10 +101,15 @@ impl Comparability {
     }
 }
 
-/// Why a record that is sampled at this rate lacks too many of the baseline's values: the `needed_hz` is the least rate that gives them.
+/// Why a record that is sampled at this rate lacks too many of the baseline's values: the `needed_hz` is the
+/// least rate that gives them.
 pub(super) fn sampled_too_slowly(record: &Features, needed_hz: f64) -> Option<String> {
     let rate_hz = record.extent?.sample_rate_hz;
-    (rate_hz < needed_hz).then(|| format!("not comparable with the baseline: sampled at {rate_hz:.0} Hz, and {needed_hz:.0} Hz are needed"))
+    (rate_hz < needed_hz).then(|| {
+        format!(
+            "not comparable with the baseline: sampled at {rate_hz:.0} Hz, and {needed_hz:.0} Hz are needed"
+        )
+    })
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {

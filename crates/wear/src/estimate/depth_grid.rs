@@ -47,7 +47,8 @@ impl DepthGrid {
         self.depths_um.iter().zip(probability).map(|(um, p)| um * p).sum()
     }
 
-    /// The depth in µm below which a part `level` of the probability lies; each point's probability is spread over its cell.
+    /// The depth in µm below which a part `level` of the probability lies; each point's probability is spread
+    /// over its cell.
     pub(super) fn quantile_um(&self, probability: &[f64], level: f64) -> f64 {
         let mut below = 0.0;
         for (point, p) in probability.iter().enumerate() {

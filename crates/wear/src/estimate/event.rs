@@ -12,14 +12,16 @@ use crate::library::FlankPlace;
 pub enum MaintenanceKind {
     /// The gear pair was replaced: wear begins at zero again, and a new baseline is learnt.
     GearReplaced,
-    /// The sensor was replaced, moved or fastened again: a new baseline is learnt, and wear goes on from where it was.
+    /// The sensor was replaced, moved or fastened again: a new baseline is learnt, and wear goes on from
+    /// where it was.
     SensorReplaced,
     /// The machine runs at another speed or load from now on: as for a replaced sensor.
     RegimeChanged,
-    /// The teeth were looked at, and their wear was measured: the estimate goes on from the depth of [`MaintenanceEvent::inspection`].
+    /// The teeth were looked at, and their wear was measured: the estimate goes on from the depth of
+    /// [`MaintenanceEvent::inspection`].
     Inspected,
-    /// The records from here to [`MaintenanceEvent::until`] are the healthy baseline: what was learnt before is forgotten, and wear counts
-    /// from zero there.
+    /// The records from here to [`MaintenanceEvent::until`] are the healthy baseline: what was learnt before
+    /// is forgotten, and wear counts from zero there.
     BaselineChosen,
 }
 
@@ -49,7 +51,11 @@ impl Inspection {
     /// What is wrong with its numbers: field, value, and what was expected.
     pub fn fault(&self) -> Option<(&'static str, String, &'static str)> {
         if !(0.0..=1e5).contains(&self.depth_um) {
-            return Some(("inspection.depth_um", self.depth_um.to_string(), "a depth from 0 to 100000 µm"));
+            return Some((
+                "inspection.depth_um",
+                self.depth_um.to_string(),
+                "a depth from 0 to 100000 µm",
+            ));
         }
         if !(self.error_um > 0.0 && self.error_um <= 1e4) {
             return Some((
@@ -69,8 +75,8 @@ impl Inspection {
     }
 }
 
-/// Something that was done to a machine. Events and records are folded together in the order of their times; an event
-/// comes before a record of the same time.
+/// Something that was done to a machine. Events and records are folded together in the order of their times;
+/// an event comes before a record of the same time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct MaintenanceEvent {

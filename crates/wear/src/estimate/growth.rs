@@ -1,11 +1,13 @@
 //! How wear grows: never down, at a rate that is in the state.
 //!
-//! Archard's law lets wear grow with load, sliding and turns times a coefficient that nobody knows. The unit of growth is
-//! the load and the turns between two records of the baseline; the rate in µm a unit stands for the coefficient.
+//! Archard's law lets wear grow with load, sliding and turns times a coefficient that nobody knows. The unit
+//! of growth is the load and the turns between two records of the baseline; the rate in µm a unit stands for
+//! the coefficient.
 
 use crate::library::DEPTHS;
 
-/// Rates in parts of the greatest depth a unit: none, and from hardly any to a gear that fails within fifty records.
+/// Rates in parts of the greatest depth a unit: none, and from hardly any to a gear that fails within fifty
+/// records.
 const RATE_PARTS: [f64; RATES] = [0.0, 4e-4, 2e-3, 6.5e-3, 2e-2];
 
 /// Rates in µm a unit on these depths.
@@ -23,7 +25,8 @@ pub(super) const PRIOR: [f32; RATES] = [0.3, 0.2, 0.2, 0.2, 0.1];
 /// Probability within a unit that the rate is drawn anew.
 const CHANGES: f64 = 0.06;
 
-/// Probability within a unit that wear is anywhere above where it was: a tooth was damaged, or the oil was lost.
+/// Probability within a unit that wear is anywhere above where it was: a tooth was damaged, or the oil was
+/// lost.
 const JUMPS: f64 = 0.003;
 
 /// Longest interval in units at a rate that does not change.
@@ -64,7 +67,11 @@ impl Growth {
     }
 
     fn advance_part(&self, blocks: &mut [f32], units: f64) {
-        let moves: Vec<(usize, Vec<f32>)> = self.rates_um.iter().map(|rate_um| self.moves(rate_um * units)).collect();
+        let moves: Vec<(usize, Vec<f32>)> = self
+            .rates_um
+            .iter()
+            .map(|rate_um| self.moves(rate_um * units))
+            .collect();
         let drawn_anew = (1.0 - (1.0 - CHANGES).powf(units)) as f32;
         let jumping = (1.0 - (1.0 - JUMPS).powf(units)) as f32;
         for block in blocks.chunks_exact_mut(RATES * DEPTHS) {
@@ -91,7 +98,13 @@ impl Growth {
         }
         let steps = ((mean_um / (0.8 * self.least_um)).ceil() as usize).clamp(1, MAX_STEPS);
         let each = (mean_um / steps as f64) as f32;
-        (steps, self.widths_um.iter().map(|width| (each / width).min(1.0)).collect())
+        (
+            steps,
+            self.widths_um
+                .iter()
+                .map(|width| (each / width).min(1.0))
+                .collect(),
+        )
     }
 
     /// Spreads a part of each depth's probability over all greater depths.
@@ -99,7 +112,11 @@ impl Growth {
         let whole: f32 = self.widths_um.iter().sum();
         let (mut falling, mut left) = (0.0_f32, whole);
         for (depth, (value, width)) in row.iter_mut().zip(&self.widths_um).enumerate() {
-            let arrives = if depth == 0 { 0.0 } else { falling * self.widths_um[depth - 1] };
+            let arrives = if depth == 0 {
+                0.0
+            } else {
+                falling * self.widths_um[depth - 1]
+            };
             let leaves = part * *value;
             *value += arrives - leaves;
             falling += leaves / left.max(f32::MIN_POSITIVE);
@@ -138,7 +155,10 @@ mod tests {
             growth.advance(&mut block, 1.0);
         }
         assert!((block.iter().sum::<f32>() - 1.0).abs() < 1e-4);
-        let below: f32 = block.chunks(DEPTHS).map(|row| row[..10].iter().sum::<f32>()).sum();
+        let below: f32 = block
+            .chunks(DEPTHS)
+            .map(|row| row[..10].iter().sum::<f32>())
+            .sum();
         assert!(below.abs() < 1e-6);
     }
 
@@ -166,7 +186,11 @@ mod tests {
         (0..20).for_each(|_| growth.advance(&mut short, 1.0));
         let mean = |block: &[f32]| -> f64 {
             let depths = grid();
-            block.iter().enumerate().map(|(i, p)| f64::from(*p) * depths[i % DEPTHS]).sum()
+            block
+                .iter()
+                .enumerate()
+                .map(|(i, p)| f64::from(*p) * depths[i % DEPTHS])
+                .sum()
         };
         assert!(
             mean(&long) > mean(&short) && mean(&long) < 3.0 * mean(&short),

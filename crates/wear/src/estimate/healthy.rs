@@ -1,9 +1,10 @@
 //! What healthy looks like on one asset: each feature as a smooth function of the speed, with its scatter.
 //!
-//! An unknown path multiplies each line by its gain at that line's frequency. Where a structure's resonance lies near, the gain
-//! changes by a factor within a few per cent of speed, so the gain's logarithm is a Gaussian process over the logarithm of the
-//! speed: y = b + g(x) + ε, covariance of g ρσ²·(1 + √3 r)e^(−√3 r) with r = |x − x′|/ℓ (Matérn 3/2). The
-//! constant b has a flat prior; σ² an inverse gamma one. ρ and ℓ are chosen per feature by marginal likelihood.
+//! An unknown path multiplies each line by its gain at that line's frequency. Where a structure's resonance
+//! lies near, the gain changes by a factor within a few per cent of speed, so the gain's logarithm is a
+//! Gaussian process over the logarithm of the speed: y = b + g(x) + ε, covariance of g ρσ²·(1 + √3 r)e^(−√3
+//! r) with r = |x − x′|/ℓ (Matérn 3/2). The constant b has a flat prior; σ² an inverse gamma one. ρ and ℓ are
+//! chosen per feature by marginal likelihood.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -51,17 +52,23 @@ impl SpeedKernels {
     /// Kernels for the logarithms of the baseline's speeds.
     pub(super) fn new(log_speeds: Vec<f64>) -> Self {
         let choices = [(0.0, 1.0)].into_iter();
-        let choices = choices.chain(LENGTHS.iter().flat_map(|&length| RATIOS.iter().map(move |&ratio| (ratio, length))));
+        let choices = choices.chain(
+            LENGTHS
+                .iter()
+                .flat_map(|&length| RATIOS.iter().map(move |&ratio| (ratio, length))),
+        );
         let kernels = choices
             .filter_map(|(ratio, length)| Kernel::new(&log_speeds, ratio, length))
             .collect();
         Self { log_speeds, kernels }
     }
 
-    /// Log marginal likelihood of residuals under each kernel with σ² integrated out, and the sum of squares that it is made of.
+    /// Log marginal likelihood of residuals under each kernel with σ² integrated out, and the sum of squares
+    /// that it is made of.
     pub(super) fn log_evidence(&self, kernel: usize, residuals: &[f64]) -> f64 {
         let square = self.square(kernel, residuals);
-        self.kernels[kernel].log_weight - 0.5 * self.freedom() * (square + PRIOR_COUNT * PRIOR_DEVIATION.powi(2)).ln()
+        self.kernels[kernel].log_weight
+            - 0.5 * self.freedom() * (square + PRIOR_COUNT * PRIOR_DEVIATION.powi(2)).ln()
     }
 
     /// Number of kernels to choose from.
@@ -118,7 +125,12 @@ impl SpeedKernels {
 impl SpeedWeights {
     /// g(x*) for a feature with this kernel and these K⁻¹(y − b).
     pub(super) fn path(&self, kernel: usize, weights: &[f64]) -> f64 {
-        self.by_kernel[kernel].0.iter().zip(weights).map(|(k, w)| k * w).sum()
+        self.by_kernel[kernel]
+            .0
+            .iter()
+            .zip(weights)
+            .map(|(k, w)| k * w)
+            .sum()
     }
 
     /// Variance of b + g(x*) over σ².
@@ -161,7 +173,8 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    /// Without a path the fit is the mean, the variance that of the sample with the prior's three observations.
+    /// Without a path the fit is the mean, the variance that of the sample with the prior's three
+    /// observations.
     #[test]
     fn without_a_path_the_fit_is_the_mean() {
         let kernels = SpeedKernels::new(vec![0.0, 0.01, -0.02, 0.005]);
@@ -174,11 +187,14 @@ mod tests {
         assert!((weights.variance(0) - 0.25).abs() < 1e-12);
     }
 
-    /// A resonance's gain over the speed is learnt: the process wins by evidence, and predicts between the speeds it has seen.
+    /// A resonance's gain over the speed is learnt: the process wins by evidence, and predicts between the
+    /// speeds it has seen.
     #[test]
     fn a_resonance_is_learnt_from_the_baseline() {
         let gain = |x: f64| -0.5 * (1.0 + (x / 0.01).powi(2)).ln();
-        let speeds: Vec<f64> = (0..24).map(|i| -0.03 + 0.06 * f64::from(i * 7 % 24) / 23.0).collect();
+        let speeds: Vec<f64> = (0..24)
+            .map(|i| -0.03 + 0.06 * f64::from(i * 7 % 24) / 23.0)
+            .collect();
         let y: Vec<f64> = speeds
             .iter()
             .enumerate()
@@ -186,7 +202,11 @@ mod tests {
             .collect();
         let kernels = SpeedKernels::new(speeds);
         let best = (0..kernels.len())
-            .max_by(|a, b| kernels.log_evidence(*a, &y).total_cmp(&kernels.log_evidence(*b, &y)))
+            .max_by(|a, b| {
+                kernels
+                    .log_evidence(*a, &y)
+                    .total_cmp(&kernels.log_evidence(*b, &y))
+            })
             .unwrap();
         assert!(best > 0);
         let (constant, weights) = kernels.fit(best, &y);

@@ -11,17 +11,18 @@ use super::novelty::Deviation;
 use crate::library::Ensemble;
 use flankwatch_signal::Features;
 
-/// Standard deviation of what the library may be wrong by in a check, and as a part of the change; half of the change that the library has
-/// is expected, as the sensor's own noise does not change.
+/// Standard deviation of what the library may be wrong by in a check, and as a part of the change; half of
+/// the change that the library has is expected, as the sensor's own noise does not change.
 const CHECK_DISCREPANCY: f64 = 0.05;
 const CHECK_RELATIVE_DISCREPANCY: f64 = 0.6;
 const CHECK_PART: f64 = 0.5;
 
-/// Wear that moves the mesh lines apart from each other moves what lies between them too, by something that no library
-/// knows: at most this part of how far the lines have moved apart, by kind of check.
+/// Wear that moves the mesh lines apart from each other moves what lies between them too, by something that
+/// no library knows: at most this part of how far the lines have moved apart, by kind of check.
 const MOVED_PARTS: [(&str, f64); 3] = [("ln_shaft_", 0.5), ("ln_tooth_", 0.5), ("ln_", 0.6)];
 
-/// How far wear moves the lines apart from each other within a unit of growth, at most: what moves at once is no wear.
+/// How far wear moves the lines apart from each other within a unit of growth, at most: what moves at once is
+/// no wear.
 const SUDDEN: f64 = 0.1;
 
 /// Part of what a check may have moved by that differs from record to record.
@@ -47,7 +48,8 @@ struct Check {
     change: Vec<f64>,
 }
 
-/// How wear has moved the checks so far: slowly, and no further than in proportion to what it did to the mesh lines.
+/// How wear has moved the checks so far: slowly, and no further than in proportion to what it did to the mesh
+/// lines.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Drift {
     /// How far the lines have moved apart.
@@ -65,7 +67,8 @@ pub(super) struct Drifting<'a> {
 }
 
 impl Drift {
-    /// What a record may show whose lines are `apart` from each other, `units` of growth after the one before.
+    /// What a record may show whose lines are `apart` from each other, `units` of growth after the one
+    /// before.
     pub(super) fn at(&self, apart: f64, units: f64) -> Drifting<'_> {
         Drifting {
             drift: self,
@@ -80,7 +83,10 @@ impl Drift {
         let offset = |check: &Deviation| {
             let before = self.offsets.get(&check.name).copied().unwrap_or(0.0);
             let most = part(&check.name) * apart;
-            (check.name.clone(), (before + NEWEST_PART * check.residual).clamp(-most, most))
+            (
+                check.name.clone(),
+                (before + NEWEST_PART * check.residual).clamp(-most, most),
+            )
         };
         Self {
             apart: self.apart + NEWEST_PART * (apart - self.apart),
@@ -121,11 +127,18 @@ pub(super) struct HealthyChecks {
 
 impl HealthyChecks {
     /// Fits a baseline whose speeds have these logarithms, for a grid of depths in µm.
-    pub(super) fn new(baseline: &Baseline, log_speeds: Vec<f64>, ensemble: Option<&Ensemble>, depths_um: &[f64]) -> Self {
+    pub(super) fn new(
+        baseline: &Baseline,
+        log_speeds: Vec<f64>,
+        ensemble: Option<&Ensemble>,
+        depths_um: &[f64],
+    ) -> Self {
         let kernels = SpeedKernels::new(log_speeds);
         let fit = |feature: &HealthyFeature| {
             let values: Vec<f64> = feature.values.iter().map(|&value| f64::from(value)).collect();
-            let evidence: Vec<f64> = (0..kernels.len()).map(|kernel| kernels.log_evidence(kernel, &values)).collect();
+            let evidence: Vec<f64> = (0..kernels.len())
+                .map(|kernel| kernels.log_evidence(kernel, &values))
+                .collect();
             let kernel = (0..evidence.len())
                 .max_by(|&a, &b| evidence[a].total_cmp(&evidence[b]))
                 .unwrap_or(0);
@@ -134,7 +147,8 @@ impl HealthyChecks {
                 None => vec![0.0],
                 Some(ensemble) => {
                     let library = ensemble.described();
-                    let change = |um: &f64| CHECK_PART * library.check_change(&feature.name, *um).unwrap_or(0.0);
+                    let change =
+                        |um: &f64| CHECK_PART * library.check_change(&feature.name, *um).unwrap_or(0.0);
                     depths_um.iter().map(change).collect()
                 }
             };
@@ -158,14 +172,24 @@ impl HealthyChecks {
         }
     }
 
-    /// How each check of a record deviates from what is expected at a depth of the grid, a logarithm of the speed and a drift.
+    /// How each check of a record deviates from what is expected at a depth of the grid, a logarithm of the
+    /// speed and a drift.
     ///
-    /// A record whose values scatter more, as it is shorter than the baseline's, has `scatter` times their variance. Of averages of different
-    /// numbers of turns the longest are compared that the record and the baseline have.
-    pub(super) fn deviations(&self, record: &Features, log_speed: f64, depth: usize, drifting: Drifting<'_>) -> Vec<Deviation> {
+    /// A record whose values scatter more, as it is shorter than the baseline's, has `scatter` times their
+    /// variance. Of averages of different numbers of turns the longest are compared that the record and the
+    /// baseline have.
+    pub(super) fn deviations(
+        &self,
+        record: &Features,
+        log_speed: f64,
+        depth: usize,
+        drifting: Drifting<'_>,
+    ) -> Vec<Deviation> {
         let scatter = self.comparability.scatter(record);
         let at = self.kernels.weights(log_speed);
-        let compared = |check: &&Check| self.comparability.reaches_as_high(record) && record.checks.contains_key(&check.name);
+        let compared = |check: &&Check| {
+            self.comparability.reaches_as_high(record) && record.checks.contains_key(&check.name)
+        };
         let turns = self.checks.iter().filter(compared);
         let most_turns = turns.filter_map(|check| averaged_turns(&check.name)).max();
         let deviation = |check: &Check| {
@@ -179,7 +203,10 @@ impl HealthyChecks {
             Some(Deviation {
                 name: check.name.clone(),
                 residual: value - check.constant - at.path(check.kernel, &check.weights) - change - offset,
-                deviation: (wrong * wrong + drift_variance + check.variance * (scatter + at.variance(check.kernel))).sqrt(),
+                deviation: (wrong * wrong
+                    + drift_variance
+                    + check.variance * (scatter + at.variance(check.kernel)))
+                .sqrt(),
             })
         };
         self.checks.iter().filter_map(deviation).collect()
@@ -187,7 +214,10 @@ impl HealthyChecks {
 
     /// How what a gain multiplies stands to the healthy values, whatever wear does.
     pub(super) fn gained(&self, record: &Features, log_speed: f64) -> Vec<Deviation> {
-        let gained = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
+        let gained = self
+            .checks
+            .iter()
+            .filter(|check| averaged_turns(&check.name).is_none());
         gained
             .filter_map(|check| self.against_healthy(check, *record.checks.get(&check.name)?, log_speed))
             .collect()
@@ -209,8 +239,13 @@ impl HealthyChecks {
 
     /// Checks that a baseline has, and how many of them a record has.
     pub(super) fn shared(&self, record: &Features) -> [usize; 2] {
-        let of_energy = self.checks.iter().filter(|check| averaged_turns(&check.name).is_none());
-        let shared = of_energy.clone().filter(|check| record.checks.contains_key(&check.name));
+        let of_energy = self
+            .checks
+            .iter()
+            .filter(|check| averaged_turns(&check.name).is_none());
+        let shared = of_energy
+            .clone()
+            .filter(|check| record.checks.contains_key(&check.name));
         [of_energy.count(), shared.count()]
     }
 

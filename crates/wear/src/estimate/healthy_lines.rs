@@ -1,8 +1,9 @@
 //! What the mesh lines are on one asset when it is healthy, as functions of the speed.
 //!
-//! The transmission path multiplies each line by its gain, which changes with the speed where a resonance lies near. It is learnt
-//! from the baseline alone ([`SpeedKernels`]); outside the baseline's speeds it is as unsure as the fit says. Later records do not
-//! move it: what they could teach of the path cannot be distinguished from wear.
+//! The transmission path multiplies each line by its gain, which changes with the speed where a resonance
+//! lies near. It is learnt from the baseline alone ([`SpeedKernels`]); outside the baseline's speeds it is as
+//! unsure as the fit says. Later records do not move it: what they could teach of the path cannot be
+//! distinguished from wear.
 
 use super::baseline::{Baseline, HealthyFeature};
 use super::healthy::SpeedKernels;
@@ -13,8 +14,8 @@ use flankwatch_signal::Features;
 /// Least standard deviation of a line from record to record.
 const LEAST_SCATTER: f64 = 0.08;
 
-/// Variance of a line's logarithm over the square of the noise beside it as a part of its amplitude: ½ for Gaussian noise, and a little
-/// for reading the line at its highest point.
+/// Variance of a line's logarithm over the square of the noise beside it as a part of its amplitude: ½ for
+/// Gaussian noise, and a little for reading the line at its highest point.
 const NOISE_VARIANCE: f64 = 0.6;
 
 /// Largest part of a healthy line's power that is taken for noise.
@@ -85,12 +86,16 @@ impl Measured {
             .collect()
     }
 
-    /// How far the lines have moved apart from each other: the standard deviation of their changes beyond their scatter. A change of the
-    /// sensor's gain moves all alike.
+    /// How far the lines have moved apart from each other: the standard deviation of their changes beyond
+    /// their scatter. A change of the sensor's gain moves all alike.
     pub(super) fn apart(&self) -> f64 {
         let count = self.lines.len().max(2) as f64;
         let mean = self.lines.iter().map(|line| line.change).sum::<f64>() / count;
-        let square: f64 = self.lines.iter().map(|line| (line.change - mean).powi(2) - line.variance).sum();
+        let square: f64 = self
+            .lines
+            .iter()
+            .map(|line| (line.change - mean).powi(2) - line.variance)
+            .sum();
         (square / (count - 1.0)).max(0.0).sqrt().min(MAX_APART)
     }
 }
@@ -117,18 +122,22 @@ impl HealthyLines {
                 .zip(&log_loads)
                 .map(|(value, load)| f64::from(*value) - load)
                 .collect();
-            let evidence: Vec<f64> = (0..kernels.len()).map(|kernel| kernels.log_evidence(kernel, &values)).collect();
+            let evidence: Vec<f64> = (0..kernels.len())
+                .map(|kernel| kernels.log_evidence(kernel, &values))
+                .collect();
             let kernel = (0..evidence.len())
                 .max_by(|&a, &b| evidence[a].total_cmp(&evidence[b]))
                 .unwrap_or(0);
             let (constant, weights) = kernels.fit(kernel, &values);
-            let noise = feature
-                .background
-                .map_or(0.0, |background| (2.0 * (background - feature.mean())).exp().min(MAX_NOISE));
+            let noise = feature.background.map_or(0.0, |background| {
+                (2.0 * (background - feature.mean())).exp().min(MAX_NOISE)
+            });
             Line {
                 index,
                 kernel,
-                variance: kernels.variance(kernel, &values).max(LEAST_SCATTER * LEAST_SCATTER),
+                variance: kernels
+                    .variance(kernel, &values)
+                    .max(LEAST_SCATTER * LEAST_SCATTER),
                 constant,
                 weights,
                 background: feature.background,
@@ -137,7 +146,11 @@ impl HealthyLines {
         };
         let named = (0..MESH_LINES).filter_map(|index| {
             let name = line_name(index);
-            baseline.lines.iter().find(|line| line.name == name).map(|line| (index, line))
+            baseline
+                .lines
+                .iter()
+                .find(|line| line.name == name)
+                .map(|line| (index, line))
         });
         let lines = named.map(fit).collect();
         Self {
@@ -169,11 +182,15 @@ impl HealthyLines {
 
     /// The least sampling rate in hertz that gives `lines` of the lines, at a mesh frequency in hertz.
     pub(super) fn rate_needed_hz(&self, lines: usize, mesh_hz: f64) -> f64 {
-        let order = self.lines.get(lines.saturating_sub(1)).map_or(0, |line| line.index + 1);
+        let order = self
+            .lines
+            .get(lines.saturating_sub(1))
+            .map_or(0, |line| line.index + 1);
         2.0 * (order as f64 + 0.5) * mesh_hz
     }
 
-    /// A record's lines against the healthy ones; `scatter` times as large is the variance of one that is shorter than they are.
+    /// A record's lines against the healthy ones; `scatter` times as large is the variance of one that is
+    /// shorter than they are.
     pub(super) fn measured(&self, record: &Features, scatter: f64) -> Measured {
         let at = self.kernels.weights(self.log_speed(record));
         let load = relative(record.operating_point.torque_nm, self.nominal_torque_nm);

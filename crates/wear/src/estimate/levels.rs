@@ -1,7 +1,9 @@
-//! Where the values of a channel stood lately, and whether all of them have moved at once by one factor: the proof that a gain has changed.
+//! Where the values of a channel stood lately, and whether all of them have moved at once by one factor: the
+//! proof that a gain has changed.
 //!
-//! A gain multiplies mesh lines, shaft lines and noise alike, from one record to the next, stays, and leaves the kurtosis as it was. What grows
-//! over many records, in some bands more than in others, or makes the signal more impulsive is the machine.
+//! A gain multiplies mesh lines, shaft lines and noise alike, from one record to the next, stays, and leaves
+//! the kurtosis as it was. What grows over many records, in some bands more than in others, or makes the
+//! signal more impulsive is the machine.
 
 use std::collections::BTreeMap;
 
@@ -32,21 +34,23 @@ const RECORDS_TO_PROVE: u8 = 3;
 /// Least standard deviation of a value from record to record.
 const LEAST_SCATTER: f64 = 0.03;
 
-/// Lines fall with the noise floor where none is left higher than this logarithm above it: what wear and the slope of a loss within the octave
-/// do to a line is less.
+/// Lines fall with the noise floor where none is left higher than this logarithm above it: what wear and the
+/// slope of a loss within the octave do to a line is less.
 const FELL_TOGETHER: f64 = 1.8;
 
 /// Fewest values that a gain is told from.
 const LEAST_VALUES: usize = 6;
 
-/// The kurtosis stands out of the healthy ones beyond so many of their standard deviations, and this logarithm.
+/// The kurtosis stands out of the healthy ones beyond so many of their standard deviations, and this
+/// logarithm.
 const IMPULSIVE_DEVIATIONS: f64 = 3.0;
 const IMPULSIVE_LOGARITHM: f64 = 0.12;
 
 /// Levels of a channel's values; an exact copy in JSON goes on with the same bits.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Levels {
-    /// By value, measured less healthy, of the records that wear explained: its level, and the variance around it.
+    /// By value, measured less healthy, of the records that wear explained: its level, and the variance
+    /// around it.
     levels: BTreeMap<String, [f32; 2]>,
     since: Since,
 }
@@ -70,43 +74,57 @@ pub(super) fn is_impulsive(kurtosis: &Deviation) -> bool {
 }
 
 impl Levels {
-    /// The logarithm of the factor by which all `values` moved at once after the last explained record, where they did. Values are measured
-    /// less healthy, with one record's deviation; so is the `kurtosis`.
-    pub(super) fn gain(&self, values: &[Deviation], kurtosis: Option<&Deviation>, freedom: f64) -> Option<f64> {
+    /// The logarithm of the factor by which all `values` moved at once after the last explained record, where
+    /// they did. Values are measured less healthy, with one record's deviation; so is the `kurtosis`.
+    pub(super) fn gain(
+        &self,
+        values: &[Deviation],
+        kurtosis: Option<&Deviation>,
+        freedom: f64,
+    ) -> Option<f64> {
         if values.len() < LEAST_VALUES {
             return None;
         }
         let moved: Vec<Deviation> = values.iter().map(|value| self.moved(value)).collect();
         let weight = |d: &Deviation| d.deviation.powi(-2);
-        let gain = moved.iter().map(|d| weight(d) * d.residual).sum::<f64>() / moved.iter().map(weight).sum::<f64>();
+        let gain =
+            moved.iter().map(|d| weight(d) * d.residual).sum::<f64>() / moved.iter().map(weight).sum::<f64>();
         let squares = |by: f64| -> f64 {
             let left = |d: &Deviation| Deviation {
                 residual: d.residual - by,
                 ..d.clone()
             };
-            moved.iter().map(|d| normal_score(&left(d), freedom).powi(2)).sum()
+            moved
+                .iter()
+                .map(|d| normal_score(&left(d), freedom).powi(2))
+                .sum()
         };
         let left = squares(gain);
         let alike = left < GAIN_LEAVES * squares(0.0);
         let by_chance = chi_square_score(left / INFLATION, moved.len() - 1) < MOST_LEFT;
-        let shape_stays = |d: &Deviation| d.residual.abs() <= IMPULSIVE_LOGARITHM.max(IMPULSIVE_DEVIATIONS * d.deviation);
+        let shape_stays =
+            |d: &Deviation| d.residual.abs() <= IMPULSIVE_LOGARITHM.max(IMPULSIVE_DEVIATIONS * d.deviation);
         let proven = match self.since {
             Since::Gain(before) => (gain - f64::from(before)).abs() < UNSTEADY,
             Since::Else(records) if records >= RECORDS_TO_PROVE => false,
-            Since::Explained | Since::Else(_) => by_chance && kurtosis.is_none_or(|kurtosis| shape_stays(&self.moved(kurtosis))),
+            Since::Explained | Since::Else(_) => {
+                by_chance && kurtosis.is_none_or(|kurtosis| shape_stays(&self.moved(kurtosis)))
+            }
         };
         (gain.abs() > LEAST_GAIN && alike && proven).then_some(gain)
     }
 
-    /// Whether the lines of the highest octave that has a noise floor have fallen as far as that floor has, their `frequencies_hz` given by
-    /// name; none where no line lies there.
+    /// Whether the lines of the highest octave that has a noise floor have fallen as far as that floor has,
+    /// their `frequencies_hz` given by name; none where no line lies there.
     pub(super) fn lines_fell(&self, values: &[Deviation], frequencies_hz: &[(String, f64)]) -> Option<bool> {
         let floors = values.iter().filter(|value| value.name.starts_with("ln_floor_"));
         let octaves = floors.filter_map(|floor| Some((octave_hz(&floor.name)?, self.moved(floor).residual)));
         let ([low, high], floor) = octaves.max_by(|a, b| a.0[0].total_cmp(&b.0[0]))?;
         let inside = frequencies_hz.iter().filter(|(_, hz)| (low..high).contains(hz));
         let lines = inside.filter_map(|(name, _)| values.iter().find(|value| value.name == *name));
-        let highest = lines.map(|line| self.moved(line).residual - floor).max_by(f64::total_cmp);
+        let highest = lines
+            .map(|line| self.moved(line).residual - floor)
+            .max_by(f64::total_cmp);
         highest.map(|beside| beside < FELL_TOGETHER)
     }
 
@@ -132,9 +150,13 @@ impl Levels {
     }
 
     fn moved(&self, value: &Deviation) -> Deviation {
-        let [level, lately] = self.levels.get(&value.name).map_or([0.0; 2], |level| level.map(f64::from));
+        let [level, lately] = self
+            .levels
+            .get(&value.name)
+            .map_or([0.0; 2], |level| level.map(f64::from));
         // With wear, a line may scatter more than when it was healthy.
-        let variance = (1.0 + LEVEL_VARIANCE) * (value.deviation * value.deviation).max(lately) + LEAST_SCATTER * LEAST_SCATTER;
+        let variance = (1.0 + LEVEL_VARIANCE) * (value.deviation * value.deviation).max(lately)
+            + LEAST_SCATTER * LEAST_SCATTER;
         Deviation {
             name: value.name.clone(),
             residual: value.residual - level,
@@ -165,11 +187,19 @@ mod tests {
         let mut levels = Levels::default();
         levels.explained(values([0.02; 8]).iter());
         for _ in 0..5 {
-            let gain = levels.gain(&values([0.69, 0.71, 0.66, 0.7, 0.72, 0.69, 0.68, 0.7]), None, 20.0);
+            let gain = levels.gain(
+                &values([0.69, 0.71, 0.66, 0.7, 0.72, 0.69, 0.68, 0.7]),
+                None,
+                20.0,
+            );
             assert!(gain.is_some_and(|gain| (gain - 0.69).abs() < 0.03), "{gain:?}");
             levels.unexplained(gain);
         }
-        assert_eq!(levels.gain(&values([1.4; 8]), None, 20.0), None, "it has moved on");
+        assert_eq!(
+            levels.gain(&values([1.4; 8]), None, 20.0),
+            None,
+            "it has moved on"
+        );
     }
 
     #[test]
@@ -180,13 +210,19 @@ mod tests {
                 .gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.05)), 20.0)
                 .is_some()
         );
-        assert_eq!(levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.5)), 20.0), None);
+        assert_eq!(
+            levels.gain(&values([0.7; 8]), Some(&deviation("ln_kurtosis", 0.5)), 20.0),
+            None
+        );
     }
 
     #[test]
     fn what_grows_here_more_than_there_is_no_gain() {
         let levels = Levels::default();
-        assert_eq!(levels.gain(&values([0.7, 0.7, 0.7, 0.2, 0.7, 1.1, 0.7, 0.7]), None, 20.0), None);
+        assert_eq!(
+            levels.gain(&values([0.7, 0.7, 0.7, 0.2, 0.7, 1.1, 0.7, 0.7]), None, 20.0),
+            None
+        );
     }
 
     /// 2 % a record: when the fit fails at last, the level has come along.

@@ -10,15 +10,16 @@ use crate::library::{DEPTHS, Ensemble, FlankPlace, MESH_LINES, line_name};
 /// Numbers that are taken together.
 const LANES: usize = 8;
 
-/// Degrees of freedom of a line's Student t distribution: a line that a member has wrong by far does not decide.
+/// Degrees of freedom of a line's Student t distribution: a line that a member has wrong by far does not
+/// decide.
 const FREEDOM: f32 = 4.0;
 
-/// A line that is further off counts as this far off: the factor of its distribution by which it is less likely than where it is expected, to
-/// the power 2/(ν + 1).
+/// A line that is further off counts as this far off: the factor of its distribution by which it is less
+/// likely than where it is expected, to the power 2/(ν + 1).
 const MOST_TAIL: f32 = 200.0;
 
-/// What a member may be wrong by: the standard deviation of a line's change grows from 0 without wear towards this where nobody knows the
-/// shape of the wear, ...
+/// What a member may be wrong by: the standard deviation of a line's change grows from 0 without wear towards
+/// this where nobody knows the shape of the wear, ...
 const DISCREPANCY: f64 = 0.45;
 
 /// ... where it was measured, ...
@@ -102,7 +103,9 @@ impl Discrepancy {
                 let known = (0..MESH_LINES)
                     .map(|line| f64::from(member.change(line)[depth]))
                     .filter(|change| change.is_finite());
-                let (count, square) = known.fold((0.0, 0.0), |(count, sum), change| (count + 1.0, sum + change * change));
+                let (count, square) = known.fold((0.0, 0.0), |(count, sum), change| {
+                    (count + 1.0, sum + change * change)
+                });
                 let square = square / f64::max(count, 1.0) / (DISCREPANCY_OVER * DISCREPANCY_OVER);
                 variance.push((most * most * (1.0 - (-square).exp())) as f32);
             }
@@ -111,12 +114,20 @@ impl Discrepancy {
     }
 
     /// Compares a record with every member at every depth.
-    pub(super) fn compare(&self, ensemble: &Ensemble, measured: &Measured, reference: Reference<'_>) -> Likelihood {
+    pub(super) fn compare(
+        &self,
+        ensemble: &Ensemble,
+        measured: &Measured,
+        reference: Reference<'_>,
+    ) -> Likelihood {
         let members = ensemble.members().len();
         let mut tails = vec![1.0_f32; members * DEPTHS];
         let mut spreads = vec![1.0_f32; members * DEPTHS];
         let mut row = Row::new(ensemble, measured.load);
-        let cells = tails.chunks_exact_mut(DEPTHS).zip(spreads.chunks_exact_mut(DEPTHS)).enumerate();
+        let cells = tails
+            .chunks_exact_mut(DEPTHS)
+            .zip(spreads.chunks_exact_mut(DEPTHS))
+            .enumerate();
         for (member, (tails, spreads)) in cells {
             row.variance.copy_from_slice(self.variance_of(member));
             for line in &measured.lines {
@@ -127,7 +138,9 @@ impl Discrepancy {
                 self.expect(&mut row, ensemble, member, line, reference);
                 let (change, scatter) = (line.change as f32, line.variance as f32);
                 let expected = row.expected.iter().zip(&row.variance);
-                for ((tail, spread), (expected, variance)) in tails.iter_mut().zip(spreads.iter_mut()).zip(expected) {
+                for ((tail, spread), (expected, variance)) in
+                    tails.iter_mut().zip(spreads.iter_mut()).zip(expected)
+                {
                     let (residual, variance) = (change - expected, variance + scatter);
                     *tail *= (1.0 + residual * residual / (FREEDOM * variance)).min(MOST_TAIL);
                     *spread *= variance;
@@ -137,7 +150,9 @@ impl Discrepancy {
         let mut log = by_lanes([&tails, &spreads], |[tails, spreads]| {
             tails.ln() * (-0.5 * (FREEDOM + 1.0)) - spreads.ln() * 0.5
         });
-        let best = (0..log.len()).max_by(|&a, &b| log[a].total_cmp(&log[b])).unwrap_or(0);
+        let best = (0..log.len())
+            .max_by(|&a, &b| log[a].total_cmp(&log[b]))
+            .unwrap_or(0);
         let highest = log.get(best).copied().unwrap_or(0.0);
         log.iter_mut().for_each(|value| *value -= highest);
         Likelihood {
@@ -174,11 +189,21 @@ impl Discrepancy {
         &self.variance[member * DEPTHS..(member + 1) * DEPTHS]
     }
 
-    /// What a member expects of a line at each depth, and the variance of that: the row's own unless torque or an inspection change it.
-    fn expect(&self, row: &mut Row, ensemble: &Ensemble, member: usize, line: &MeasuredLine, reference: Reference<'_>) {
+    /// What a member expects of a line at each depth, and the variance of that: the row's own unless torque
+    /// or an inspection change it.
+    fn expect(
+        &self,
+        row: &mut Row,
+        ensemble: &Ensemble,
+        member: usize,
+        line: &MeasuredLine,
+        reference: Reference<'_>,
+    ) {
         let (index, floor) = (line.index, line.floor as f32);
         let changes = ensemble.members()[member].change(index);
-        let from = reference.depths.map_or(0.0, |depths| changes[usize::from(depths[member])]);
+        let from = reference
+            .depths
+            .map_or(0.0, |depths| changes[usize::from(depths[member])]);
         if row.load.is_some() || reference.anchor.is_some() {
             row.variance.copy_from_slice(self.variance_of(member));
         }
@@ -233,7 +258,8 @@ fn by_lanes(rows: [&[f32]; 2], of: impl Fn([f32x8; 2]) -> f32x8) -> Vec<f32> {
 /// One member's line over the depths.
 struct Row {
     depths_um: Vec<f32>,
-    /// By depth, where the line stands at this torque: loads and depths that grow in proportion give responses that do.
+    /// By depth, where the line stands at this torque: loads and depths that grow in proportion give
+    /// responses that do.
     load: Option<Vec<(usize, f32)>>,
     expected: [f32; DEPTHS],
     variance: [f32; DEPTHS],
@@ -244,7 +270,9 @@ impl Row {
         let depths_um: Vec<f32> = ensemble.depths_um().iter().map(|um| *um as f32).collect();
         let place = |um: &f32| {
             let um = um / load as f32;
-            let upper = depths_um.partition_point(|depth| *depth <= um).clamp(1, DEPTHS - 1);
+            let upper = depths_um
+                .partition_point(|depth| *depth <= um)
+                .clamp(1, DEPTHS - 1);
             let part = (um - depths_um[upper - 1]) / (depths_um[upper] - depths_um[upper - 1]);
             (upper - 1, part.clamp(0.0, 1.0))
         };
@@ -260,10 +288,16 @@ impl Row {
 
 impl Anchor {
     /// What an inspection that found `depth_um` at a place means for each member.
-    pub(super) fn depths_at(ensemble: &Ensemble, depth_um: f64, gear: Option<usize>, place: FlankPlace) -> Vec<u8> {
+    pub(super) fn depths_at(
+        ensemble: &Ensemble,
+        depth_um: f64,
+        gear: Option<usize>,
+        place: FlankPlace,
+    ) -> Vec<u8> {
         let nearest = |member: &crate::library::Member| {
             let parts = member.at_place(gear, place);
-            let off = |depth: &usize| (ensemble.depths_um()[*depth] * f64::from(parts[*depth]) - depth_um).abs();
+            let off =
+                |depth: &usize| (ensemble.depths_um()[*depth] * f64::from(parts[*depth]) - depth_um).abs();
             (0..DEPTHS).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0) as u8
         };
         ensemble.members().iter().map(nearest).collect()

@@ -1,8 +1,9 @@
-//! From features to wear: the healthy baseline, the likelihood of each wear depth, and the tracking of wear over time; what is not wear, the
-//! time to a limit, and alarms.
+//! From features to wear: the healthy baseline, the likelihood of each wear depth, and the tracking of wear
+//! over time; what is not wear, the time to a limit, and alarms.
 //!
-//! Everything here is pure and deterministic: an estimate is a fold over an asset's features and maintenance events in time order. Features
-//! enter relative to the asset's own healthy baseline, so that an unknown linear transmission path cancels.
+//! Everything here is pure and deterministic: an estimate is a fold over an asset's features and maintenance
+//! events in time order. Features enter relative to the asset's own healthy baseline, so that an unknown
+//! linear transmission path cancels.
 
 mod alarm;
 mod baseline;
@@ -24,12 +25,14 @@ mod tracker;
 mod wear;
 
 pub use alarm::{
-    ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmError, AlarmPanel, AlarmQuantity, AlarmReading, AlarmRule, AlarmSettings,
-    AlarmState, PanelAction, PanelChange, RatedQuantity, Severity,
+    ActionTaken, Alarm, AlarmAction, AlarmChange, AlarmError, AlarmPanel, AlarmQuantity, AlarmReading,
+    AlarmRule, AlarmSettings, AlarmState, PanelAction, PanelChange, RatedQuantity, Severity,
 };
 pub use channel::{ChannelEstimator, ChannelState, RecordResult};
 pub use event::{Inspection, MaintenanceEvent, MaintenanceKind};
 pub use novelty::{FeatureDeviation, MachineSign, Novelty, SensorFault};
 pub use prognosis::Prognosis;
 pub use tracker::{EstimatorSettings, Tracker, TrackerState};
-pub use wear::{BaselineProgress, BestState, Interval, LibraryLack, METHOD, Posterior, WearEstimate, WearStatus};
+pub use wear::{
+    BaselineProgress, BestState, Interval, LibraryLack, METHOD, Posterior, WearEstimate, WearStatus,
+};

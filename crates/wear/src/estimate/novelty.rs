@@ -26,15 +26,17 @@ const CHARTED_SCATTER: f64 = 1.25;
 /// The fit as a whole in the charts: that of the lines to the best state, and that of what wear hardly moves.
 const WHOLE: [&str; 2] = ["lines", "checks"];
 
-/// What a poor fit has to exceed beyond a chart's own allowance to count, in standard deviations: what is wrong with a library is wrong in
-/// every record too. With twice the described mesh damping 1.5 % of records are flagged without these two charts, 2.8 % with 0.8, 8 % with 0.5; a
-/// broken tooth that moves the lines alone is seen after 3 to 6 records with 0.8, hardly at all with 1.
+/// What a poor fit has to exceed beyond a chart's own allowance to count, in standard deviations: what is
+/// wrong with a library is wrong in every record too. With twice the described mesh damping 1.5 % of records
+/// are flagged without these two charts, 2.8 % with 0.8, 8 % with 0.5; a broken tooth that moves the lines
+/// alone is seen after 3 to 6 records with 0.8, hardly at all with 1.
 const WHOLE_ALLOWANCE: f64 = 0.8;
 
 /// A dead sensor's noise floors lie this logarithm below the baseline's (a factor of 50).
 const DEAD: f64 = -3.9;
 
-/// A loose mount loses at least this logarithm (a factor of 4, as beyond twice the resonance of a mass on a spring) in the highest band ...
+/// A loose mount loses at least this logarithm (a factor of 4, as beyond twice the resonance of a mass on a
+/// spring) in the highest band ...
 const LOOSE_LOSS: f64 = -1.4;
 
 /// ... more than in the lowest one.
@@ -46,7 +48,8 @@ const LEAST_FLOORS: usize = 4;
 /// So many standard deviations of a check of the teeth are one tooth's doing, whatever else has grown.
 const TOOTH_STANDS_OUT: f64 = 4.0;
 
-/// What has grown by fewer standard deviations is no sign of anything where the record does not deviate by itself.
+/// What has grown by fewer standard deviations is no sign of anything where the record does not deviate by
+/// itself.
 const LEAST_GROWN: f64 = 3.0;
 
 /// What is wrong with the sensor.
@@ -60,8 +63,8 @@ pub enum SensorFault {
     Clipped,
     /// Stretches of the record are missing.
     Gaps,
-    /// From one record to the next, all lines and all noise have moved by one factor that stays, and the kurtosis has not: sensitivity or gain
-    /// has changed.
+    /// From one record to the next, all lines and all noise have moved by one factor that stays, and the
+    /// kurtosis has not: sensitivity or gain has changed.
     GainChanged,
     /// High frequencies are lost, low ones are not: the sensor is loose.
     LooseMount,
@@ -74,7 +77,9 @@ impl SensorFault {
             Self::Dead => "the sensor gives no signal",
             Self::Clipped => "the signal is clipped",
             Self::Gaps => "samples are missing",
-            Self::GainChanged => "all lines and all noise moved by one factor at once: the sensor's gain has changed",
+            Self::GainChanged => {
+                "all lines and all noise moved by one factor at once: the sensor's gain has changed"
+            }
             Self::LooseMount => "high frequencies are lost: the sensor's mount is loose",
         }
     }
@@ -89,7 +94,8 @@ pub enum MachineSign {
     OneTooth,
     /// The shaft's own lines have grown.
     ShaftLines,
-    /// Energy that belongs to no mesh harmonic has grown, and the record is more impulsive than the healthy ones.
+    /// Energy that belongs to no mesh harmonic has grown, and the record is more impulsive than the healthy
+    /// ones.
     ImpulsiveEnergy,
     /// Energy that belongs to no mesh harmonic has grown, and the record is no more impulsive.
     BandEnergy,
@@ -101,8 +107,12 @@ impl MachineSign {
         match self {
             Self::OneTooth => "one tooth differs from the others: a crack or chip, not wear",
             Self::ShaftLines => "the shaft's own lines have grown: misalignment or unbalance, not wear",
-            Self::ImpulsiveEnergy => "impulses beside the mesh lines have grown: a bearing or looseness, not wear",
-            Self::BandEnergy => "energy beside the mesh lines has grown: a bearing, looseness or another machine, not wear",
+            Self::ImpulsiveEnergy => {
+                "impulses beside the mesh lines have grown: a bearing or looseness, not wear"
+            }
+            Self::BandEnergy => {
+                "energy beside the mesh lines has grown: a bearing, looseness or another machine, not wear"
+            }
         }
     }
 
@@ -118,7 +128,11 @@ impl MachineSign {
 
     /// What a check that has grown is a sign of.
     fn of(check: &str, impulsive: bool) -> Option<Self> {
-        let energy = if impulsive { Self::ImpulsiveEnergy } else { Self::BandEnergy };
+        let energy = if impulsive {
+            Self::ImpulsiveEnergy
+        } else {
+            Self::BandEnergy
+        };
         let signs = [
             (TEETH, Self::OneTooth),
             ("ln_shaft_", Self::ShaftLines),
@@ -126,7 +140,9 @@ impl MachineSign {
             ("ln_band_", energy),
             ("ln_floor_", energy),
         ];
-        signs.into_iter().find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
+        signs
+            .into_iter()
+            .find_map(|(kind, sign)| check.starts_with(kind).then_some(sign))
     }
 }
 
@@ -146,7 +162,8 @@ pub struct FeatureDeviation {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Novelty {
-    /// Probability that a record of the best state deviates as much as this one; low where wear does not explain it.
+    /// Probability that a record of the best state deviates as much as this one; low where wear does not
+    /// explain it.
     pub p_value: f64,
     /// −log₁₀ of the same, at most 30: what an alarm may be set on.
     pub score: f64,
@@ -164,8 +181,8 @@ pub struct Novelty {
     /// The octave in hertz whose energy has grown most, where energy is the sign.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
-    /// The check that has deviated for several records, where that says more than this record alone; `lines` or `checks` where it is the fit as a
-    /// whole.
+    /// The check that has deviated for several records, where that says more than this record alone; `lines`
+    /// or `checks` where it is the fit as a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lasting: Option<String>,
     /// The features that deviate most.
@@ -193,7 +210,8 @@ pub(super) struct Circumstances {
     pub(super) impulsive: bool,
 }
 
-/// Judges a record by its deviations from the best state: of lines, of what wear hardly moves, and by what has lasted over the records before.
+/// Judges a record by its deviations from the best state: of lines, of what wear hardly moves, and by what
+/// has lasted over the records before.
 pub(super) fn judge(
     record: &Features,
     [lines, checks]: &[Vec<Deviation>; 2],
@@ -201,7 +219,9 @@ pub(super) fn judge(
     circumstances: Circumstances,
     charts: &mut Charts,
 ) -> Novelty {
-    let squares = |deviations: &[Deviation]| -> f64 { deviations.iter().map(|d| normal_score(d, freedom).powi(2)).sum() };
+    let squares = |deviations: &[Deviation]| -> f64 {
+        deviations.iter().map(|d| normal_score(d, freedom).powi(2)).sum()
+    };
     let z_lines = chi_square_score(squares(lines) / INFLATION_LINES, lines.len());
     let z_checks = chi_square_score(squares(checks) / INFLATION_CHECKS, checks.len());
     let (p_lines, p_checks) = (normal_tail(z_lines), normal_tail(z_checks));
@@ -210,16 +230,24 @@ pub(super) fn judge(
         Some(Absence::Constant) => Some(SensorFault::Dead),
         Some(Absence::Clipped) => Some(SensorFault::Clipped),
         Some(Absence::Gaps) => Some(SensorFault::Gaps),
-        _ if p_record < LEAST_P_VALUE => {
-            sensor_fault(checks, circumstances.lines_fell).or(circumstances.gain.map(|_| SensorFault::GainChanged))
-        }
+        _ if p_record < LEAST_P_VALUE => sensor_fault(checks, circumstances.lines_fell)
+            .or(circumstances.gain.map(|_| SensorFault::GainChanged)),
         _ => None,
     };
     // A fault of the sensor says nothing of the machine.
     if sensor_fault.is_none() {
-        let charted = checks.iter().filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
-        let charted = charted.map(|d| (d.name.as_str(), normal_score(d, freedom).copysign(d.residual) / CHARTED_SCATTER));
-        let whole = WHOLE.into_iter().zip([z_lines, z_checks].map(|z| z - WHOLE_ALLOWANCE));
+        let charted = checks
+            .iter()
+            .filter(|d| CHARTED.iter().any(|kind| d.name.starts_with(kind)));
+        let charted = charted.map(|d| {
+            (
+                d.name.as_str(),
+                normal_score(d, freedom).copysign(d.residual) / CHARTED_SCATTER,
+            )
+        });
+        let whole = WHOLE
+            .into_iter()
+            .zip([z_lines, z_checks].map(|z| z - WHOLE_ALLOWANCE));
         charts.update(charted.chain(whole));
     }
     let lasting = charts.highest().filter(|_| sensor_fault.is_none());
@@ -277,20 +305,31 @@ impl Deviation {
     }
 }
 
-/// The check that has deviated most, where it has grown; one of the teeth's before others where it stands out by itself, as what one tooth does
-/// is heard between the mesh lines too.
+/// The check that has deviated most, where it has grown; one of the teeth's before others where it stands out
+/// by itself, as what one tooth does is heard between the mesh lines too.
 fn grown_most(checks: &[Deviation]) -> Option<&Deviation> {
-    let teeth = checks.iter().filter(|d| d.name.starts_with(TEETH) && d.score() > TOOTH_STANDS_OUT);
+    let teeth = checks
+        .iter()
+        .filter(|d| d.name.starts_with(TEETH) && d.score() > TOOTH_STANDS_OUT);
     if let Some(tooth) = teeth.max_by(|a, b| a.score().total_cmp(&b.score())) {
         return Some(tooth);
     }
-    let most = checks.iter().max_by(|a, b| a.score().abs().total_cmp(&b.score().abs()))?;
+    let most = checks
+        .iter()
+        .max_by(|a, b| a.score().abs().total_cmp(&b.score().abs()))?;
     (most.residual > 0.0).then_some(most)
 }
 
 /// The signs beside the one of `most` of checks that have grown at least half as much.
-fn also(checks: &[Deviation], most: &Deviation, sign_of: impl Fn(&str) -> Option<MachineSign>) -> Vec<MachineSign> {
-    let mut grown: Vec<&Deviation> = checks.iter().filter(|d| d.score() > LEAST_GROWN.max(0.5 * most.score())).collect();
+fn also(
+    checks: &[Deviation],
+    most: &Deviation,
+    sign_of: impl Fn(&str) -> Option<MachineSign>,
+) -> Vec<MachineSign> {
+    let mut grown: Vec<&Deviation> = checks
+        .iter()
+        .filter(|d| d.score() > LEAST_GROWN.max(0.5 * most.score()))
+        .collect();
     grown.sort_by(|a, b| b.score().total_cmp(&a.score()));
     let mut signs: Vec<MachineSign> = sign_of(&most.name).into_iter().collect();
     for sign in grown.into_iter().filter_map(|d| sign_of(&d.name)) {
@@ -320,20 +359,25 @@ fn sensor_fault(checks: &[Deviation], lines_fell: Option<bool>) -> Option<Sensor
         return Some(SensorFault::Dead);
     }
     let floors = checks.iter().filter(|d| d.name.starts_with("ln_floor_"));
-    let mut floors: Vec<(f64, f64)> = floors.filter_map(|d| Some((octave_hz(&d.name)?[0], d.residual))).collect();
+    let mut floors: Vec<(f64, f64)> = floors
+        .filter_map(|d| Some((octave_hz(&d.name)?[0], d.residual)))
+        .collect();
     floors.sort_by(|a, b| a.0.total_cmp(&b.0));
     let ((_, low), (_, high)) = (floors.first()?, floors.last()?);
-    (*high < LOOSE_LOSS && high - low < LOOSE_SLOPE && lines_fell != Some(false)).then_some(SensorFault::LooseMount)
+    (*high < LOOSE_LOSS && high - low < LOOSE_SLOPE && lines_fell != Some(false))
+        .then_some(SensorFault::LooseMount)
 }
 
-/// The size of a deviation of Student's t distribution as that of one of the normal distribution with about the same tail (Wallace 1959).
+/// The size of a deviation of Student's t distribution as that of one of the normal distribution with about
+/// the same tail (Wallace 1959).
 pub(super) fn normal_score(deviation: &Deviation, freedom: f64) -> f64 {
     let t = deviation.residual / deviation.deviation;
     let z = (freedom * (t * t / freedom).ln_1p()).sqrt();
     z * (8.0 * freedom + 1.0) / (8.0 * freedom + 3.0)
 }
 
-/// The normal deviate with the tail of χ² of this many degrees of freedom above a value, after Wilson and Hilferty (1931).
+/// The normal deviate with the tail of χ² of this many degrees of freedom above a value, after Wilson and
+/// Hilferty (1931).
 pub(super) fn chi_square_score(value: f64, freedom: usize) -> f64 {
     if freedom == 0 {
         return f64::NEG_INFINITY;
@@ -342,8 +386,8 @@ pub(super) fn chi_square_score(value: f64, freedom: usize) -> f64 {
     ((value / freedom as f64).cbrt() - (1.0 - part)) / part.sqrt()
 }
 
-/// The probability that a standard normal deviate is above `z`: ½ erfc(z/√2) by the continued fraction of Mills' ratio beyond 2, by the
-/// series of Φ within.
+/// The probability that a standard normal deviate is above `z`: ½ erfc(z/√2) by the continued fraction of
+/// Mills' ratio beyond 2, by the series of Φ within.
 fn normal_tail(z: f64) -> f64 {
     let density = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
     if z > 2.0 {
@@ -376,14 +420,23 @@ mod tests {
             (3.0, 0.0013498980316300933),
             (8.0, 6.220960574271785e-16),
         ] {
-            assert!((normal_tail(z) / expected - 1.0).abs() < 1e-9, "{z}: {}", normal_tail(z));
+            assert!(
+                (normal_tail(z) / expected - 1.0).abs() < 1e-9,
+                "{z}: {}",
+                normal_tail(z)
+            );
         }
     }
 
-    /// SciPy: chi2.sf(30, 10) = 8.5664e-4, chi2.sf(10, 10) = 0.44049, chi2.sf(40, 20) = 4.995e-3; Wilson and Hilferty's is within a tenth.
+    /// SciPy: chi2.sf(30, 10) = 8.5664e-4, chi2.sf(10, 10) = 0.44049, chi2.sf(40, 20) = 4.995e-3; Wilson and
+    /// Hilferty's is within a tenth.
     #[test]
     fn chi_square_tails_are_near_those_of_scipy() {
-        for (value, freedom, expected) in [(30.0, 10, 8.566412e-4), (10.0, 10, 0.440493), (40.0, 20, 4.995e-3)] {
+        for (value, freedom, expected) in [
+            (30.0, 10, 8.566412e-4),
+            (10.0, 10, 0.440493),
+            (40.0, 20, 4.995e-3),
+        ] {
             let got = normal_tail(chi_square_score(value, freedom));
             assert!((got / expected - 1.0).abs() < 0.1, "{value} {freedom}: {got}");
         }
@@ -464,29 +517,44 @@ mod tests {
         );
         assert!(told.windows(2).all(|pair| pair[0].p_value >= pair[1].p_value));
         let strong = take(0.0, 1.0);
-        assert_eq!((strong.machine_sign, strong.lasting), (Some(MachineSign::ShaftLines), None));
+        assert_eq!(
+            (strong.machine_sign, strong.lasting),
+            (Some(MachineSign::ShaftLines), None)
+        );
         for _ in 0..30 {
             take(0.0, 0.0);
         }
         assert!(!take(0.0, 0.0).outside);
     }
 
-    /// Eight lines that are off by 1.8 standard deviations, record after record: a p-value of 0.002 that lasts.
+    /// Eight lines that are off by 1.8 standard deviations, record after record: a p-value of 0.002 that
+    /// lasts.
     #[test]
     fn a_fit_that_stays_poor_is_told() {
         let mut charts = Charts::default();
         let mut take = |off: f64| {
             judge(
                 &Features::default(),
-                &[deviations("ln_mesh", &[off; 8]), deviations("ln_floor", &[0.01; 4])],
+                &[
+                    deviations("ln_mesh", &[off; 8]),
+                    deviations("ln_floor", &[0.01; 4]),
+                ],
                 20.0,
                 Circumstances::default(),
                 &mut charts,
             )
         };
         let poor: Vec<Novelty> = (0..8).map(|_| take(0.125)).collect();
-        assert!(!poor[0].outside && poor[7].outside, "{} {}", poor[0].score, poor[7].score);
-        assert_eq!((poor[7].lasting.as_deref(), poor[7].machine_sign), (Some("lines"), None));
+        assert!(
+            !poor[0].outside && poor[7].outside,
+            "{} {}",
+            poor[0].score,
+            poor[7].score
+        );
+        assert_eq!(
+            (poor[7].lasting.as_deref(), poor[7].machine_sign),
+            (Some("lines"), None)
+        );
         let good: Vec<Novelty> = (0..20).map(|_| take(0.04)).collect();
         assert!(!good[19].outside);
     }
@@ -504,6 +572,9 @@ mod tests {
             Circumstances::default(),
             &mut Charts::default(),
         );
-        assert_eq!((judged.sensor_fault, judged.outside), (Some(SensorFault::Clipped), true));
+        assert_eq!(
+            (judged.sensor_fault, judged.outside),
+            (Some(SensorFault::Clipped), true)
+        );
     }
 }

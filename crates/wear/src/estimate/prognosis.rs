@@ -6,11 +6,13 @@ use serde::{Deserialize, Serialize};
 use super::growth::rates_um;
 use crate::library::DEPTHS;
 
-/// Nothing is said while "no growth" has more than this probability, or the median depth is below this part of the greatest.
+/// Nothing is said while "no growth" has more than this probability, or the median depth is below this part
+/// of the greatest.
 const MAX_STANDSTILL: f64 = 0.5;
 const MIN_DEPTH_PART: f64 = 0.04;
 
-/// Standard deviation of the logarithm of the rate on the way over that now: within a class of rates, and as load and lubrication change.
+/// Standard deviation of the logarithm of the rate on the way over that now: within a class of rates, and as
+/// load and lubrication change.
 const RATE_SCATTER: f64 = 0.4;
 
 /// Normal deviates that spread a rate.
@@ -36,9 +38,15 @@ pub struct Prognosis {
     pub p95: Option<Timestamp>,
 }
 
-/// When `limit_um` is passed, from the probability `by_rate` over rates and depths at the time `now`; a unit of growth takes
-/// `unit_s` seconds.
-pub(super) fn prognosis(by_rate: &[f32], depths_um: &[f64], limit_um: f64, now: Timestamp, unit_s: f64) -> Option<Prognosis> {
+/// When `limit_um` is passed, from the probability `by_rate` over rates and depths at the time `now`; a unit
+/// of growth takes `unit_s` seconds.
+pub(super) fn prognosis(
+    by_rate: &[f32],
+    depths_um: &[f64],
+    limit_um: f64,
+    now: Timestamp,
+    unit_s: f64,
+) -> Option<Prognosis> {
     let total: f64 = by_rate.iter().map(|p| f64::from(*p)).sum();
     let standing: f64 = by_rate[..DEPTHS].iter().map(|p| f64::from(*p)).sum();
     let median = median_um(by_rate, depths_um);
@@ -51,7 +59,8 @@ pub(super) fn prognosis(by_rate: &[f32], depths_um: &[f64], limit_um: f64, now: 
     }
     let mut passes: Vec<(f64, f64)> = Vec::new();
     let mut rate_um = 0.0;
-    // Of a machine that wears: a rate of 0 is a pause, and what comes after it is what is known of the rates above.
+    // Of a machine that wears: a rate of 0 is a pause, and what comes after it is what is known of the rates
+    // above.
     let moving = by_rate.chunks_exact(DEPTHS).zip(rates_um(depths_um)).skip(1);
     for (row, rate) in moving {
         for (p, depth_um) in row.iter().zip(depths_um).filter(|(p, _)| **p > 1e-6) {
@@ -75,7 +84,9 @@ pub(super) fn prognosis(by_rate: &[f32], depths_um: &[f64], limit_um: f64, now: 
     };
     let time = |units: f64| {
         let told = units <= MAX_UNITS;
-        let away = told.then(|| SignedDuration::try_from_secs_f64(units * unit_s).ok()).flatten()?;
+        let away = told
+            .then(|| SignedDuration::try_from_secs_f64(units * unit_s).ok())
+            .flatten()?;
         now.checked_add(away).ok()
     };
     Some(Prognosis {
@@ -89,14 +100,21 @@ pub(super) fn prognosis(by_rate: &[f32], depths_um: &[f64], limit_um: f64, now: 
 
 fn spread_total() -> f64 {
     let deviate = |step| 2.5 * f64::from(step) / f64::from(DEVIATES);
-    (-DEVIATES..=DEVIATES).map(|step| (-0.5 * f64::powi(deviate(step), 2)).exp()).sum()
+    (-DEVIATES..=DEVIATES)
+        .map(|step| (-0.5 * f64::powi(deviate(step), 2)).exp())
+        .sum()
 }
 
 fn median_um(by_rate: &[f32], depths_um: &[f64]) -> f64 {
     let total: f64 = by_rate.iter().map(|p| f64::from(*p)).sum();
     let mut below = 0.0;
     for (depth, um) in depths_um.iter().enumerate() {
-        below += by_rate.iter().skip(depth).step_by(DEPTHS).map(|p| f64::from(*p)).sum::<f64>();
+        below += by_rate
+            .iter()
+            .skip(depth)
+            .step_by(DEPTHS)
+            .map(|p| f64::from(*p))
+            .sum::<f64>();
         if below >= 0.5 * total {
             return *um;
         }
@@ -121,17 +139,29 @@ mod tests {
         let told = prognosis(&by_rate, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0).unwrap();
         let hours = |time: Timestamp| time.duration_since(Timestamp::UNIX_EPOCH).as_secs_f64() / 3600.0;
         assert!((hours(told.median) - 50.0).abs() < 1.0, "{told:?}");
-        assert!(hours(told.p05) < 30.0 && hours(told.p95.unwrap()) > 80.0, "{told:?}");
+        assert!(
+            hours(told.p05) < 30.0 && hours(told.p95.unwrap()) > 80.0,
+            "{told:?}"
+        );
         assert!((told.rate_um_per_day - 24.0 * rates_um(&depths)[3]).abs() < 1e-6);
     }
 
     #[test]
     fn nothing_is_said_without_growth_or_beyond_the_limit() {
         let (standing, depths) = sure(0, 10);
-        assert_eq!(prognosis(&standing, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0), None);
+        assert_eq!(
+            prognosis(&standing, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0),
+            None
+        );
         let (past, _) = sure(3, 30);
-        assert_eq!(prognosis(&past, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0), None);
+        assert_eq!(
+            prognosis(&past, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0),
+            None
+        );
         let (early, _) = sure(3, 1);
-        assert_eq!(prognosis(&early, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0), None);
+        assert_eq!(
+            prognosis(&early, &depths, 130.0, Timestamp::UNIX_EPOCH, 3600.0),
+            None
+        );
     }
 }

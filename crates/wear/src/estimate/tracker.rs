@@ -1,4 +1,5 @@
-//! The fold over an asset's records: baseline first, then a probability over wear depths that each record sharpens.
+//! The fold over an asset's records: baseline first, then a probability over wear depths that each record
+//! sharpens.
 
 mod answer;
 
@@ -27,7 +28,8 @@ use flankwatch_signal::Features;
 /// Fewest lines that a comparison is made on.
 const LEAST_LINES: usize = 3;
 
-/// Longest interval between two records in units of growth: what a machine does while nobody records is not known.
+/// Longest interval between two records in units of growth: what a machine does while nobody records is not
+/// known.
 const MAX_UNITS: f64 = 100.0;
 
 /// Part of the newest record in the mean of the lines that an inspection is compared with.
@@ -148,7 +150,8 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// A tracker for an ensemble of libraries; without one, only the baseline is collected and novelty judged.
+    /// A tracker for an ensemble of libraries; without one, only the baseline is collected and novelty
+    /// judged.
     pub fn new(settings: EstimatorSettings, ensemble: Option<Arc<Ensemble>>) -> Self {
         let grid = ensemble
             .as_deref()
@@ -212,7 +215,8 @@ impl Tracker {
                 if let Some(over) = chosen.take_if(|chosen| at >= chosen.until) {
                     if records.len() >= LEAST_CHOSEN {
                         let (began, ended) = (start.unwrap_or(at), over.latest.unwrap_or(at));
-                        state.0 = Stage::Tracking(Box::new(self.begin(records, began, ended, carried.take())));
+                        state.0 =
+                            Stage::Tracking(Box::new(self.begin(records, began, ended, carried.take())));
                     }
                     return self.take_record(state, at, features);
                 }
@@ -260,9 +264,18 @@ impl Tracker {
     }
 
     /// The tracking after a baseline of these records, which began at `began` and ended at `ended`.
-    fn begin(&self, records: &[Features], began: Timestamp, ended: Timestamp, carried: Option<Carried>) -> Tracking {
+    fn begin(
+        &self,
+        records: &[Features],
+        began: Timestamp,
+        ended: Timestamp,
+        carried: Option<Carried>,
+    ) -> Tracking {
         let intervals = records.len().saturating_sub(1).max(1) as f64;
-        let members = self.ensemble.as_ref().map_or(0, |ensemble| ensemble.members().len());
+        let members = self
+            .ensemble
+            .as_ref()
+            .map_or(0, |ensemble| ensemble.members().len());
         let filter = carried
             .map(|carried| carried.filter)
             .filter(|filter| filter.fits(members, self.variants()));
@@ -283,8 +296,8 @@ impl Tracker {
         }
     }
 
-    /// Takes an event: an inspection says how deep the wear is; else a new baseline is learnt, and unless the gear was replaced, wear goes
-    /// on from where it was.
+    /// Takes an event: an inspection says how deep the wear is; else a new baseline is learnt, and unless the
+    /// gear was replaced, wear goes on from where it was.
     pub fn event(&self, state: &mut TrackerState, event: &MaintenanceEvent) {
         let carried = match (&mut state.0, event.kind) {
             (Stage::Tracking(tracking), MaintenanceKind::Inspected) => {
@@ -310,7 +323,9 @@ impl Tracker {
 
     /// Takes a depth that was measured on the teeth.
     fn inspect(&self, tracking: &mut Tracking, inspection: &Inspection) {
-        let Some(ensemble) = self.ensemble.as_deref() else { return };
+        let Some(ensemble) = self.ensemble.as_deref() else {
+            return;
+        };
         let members = ensemble.members().len();
         let filter = match tracking.filter.take() {
             Some(filter) if filter.fits(members, self.variants()) => filter,
@@ -326,9 +341,14 @@ impl Tracker {
                 let parts = at_place(member);
                 let deviates = self.grid.cells().zip(parts).map(|([low, high], part)| {
                     // The error of a cell is the measured one's and the cell's own width.
-                    let (middle, width) = (0.5 * (low + high) * f64::from(part), (high - low) * f64::from(part));
+                    let (middle, width) = (
+                        0.5 * (low + high) * f64::from(part),
+                        (high - low) * f64::from(part),
+                    );
                     let variance = inspection.error_um * inspection.error_um + width * width / 12.0;
-                    (-0.5 * (inspection.depth_um - middle).powi(2) / variance).exp().max(1e-30) as f32
+                    (-0.5 * (inspection.depth_um - middle).powi(2) / variance)
+                        .exp()
+                        .max(1e-30) as f32
                 });
                 deviates.collect::<Vec<_>>()
             })
@@ -353,21 +373,37 @@ impl Tracker {
         None
     }
 
-    /// A record without a mesh line while the baseline is collected: such records are no wear's, but as many of them as a baseline has
-    /// show what is usual among them.
+    /// A record without a mesh line while the baseline is collected: such records are no wear's, but as many
+    /// of them as a baseline has show what is usual among them.
     fn without_mesh(&self, meshless: &mut Meshless, have: u32, features: &Features) -> WearEstimate {
         let usable = features.fault.is_none() && !features.checks.is_empty();
         let known = meshless.records.len() >= self.settings.baseline_records as usize;
-        let mut answer = self.no_mesh(features, have, "the mesh line was not found in this record, so it does not count");
+        let mut answer = self.no_mesh(
+            features,
+            have,
+            "the mesh line was not found in this record, so it does not count",
+        );
         if known {
-            let Meshless { records, charts, prepared } = meshless;
-            let healthy = prepared.0.get_or_insert_with(|| self.healthy(&Baseline::of(records)));
+            let Meshless {
+                records,
+                charts,
+                prepared,
+            } = meshless;
+            let healthy = prepared
+                .0
+                .get_or_insert_with(|| self.healthy(&Baseline::of(records)));
             let circumstances = Circumstances {
                 impulsive: healthy.is_impulsive(features),
                 ..Circumstances::default()
             };
             let checks = healthy.checks_at(features, 0, Drift::default().at(0.0, 1.0));
-            let novelty = judge(features, &[Vec::new(), checks], healthy.checks.freedom(), circumstances, charts);
+            let novelty = judge(
+                features,
+                &[Vec::new(), checks],
+                healthy.checks.freedom(),
+                circumstances,
+                charts,
+            );
             self.tell_novelty(&mut answer, novelty);
         } else if usable {
             meshless.records.push(features.clone());
@@ -386,14 +422,21 @@ impl Tracker {
         let lines = HealthyLines::new(baseline, nominal);
         let log_speeds = lines.log_speeds(baseline);
         Arc::new(Healthy {
-            checks: HealthyChecks::new(baseline, log_speeds, self.ensemble.as_deref(), self.grid.depths_um()),
+            checks: HealthyChecks::new(
+                baseline,
+                log_speeds,
+                self.ensemble.as_deref(),
+                self.grid.depths_um(),
+            ),
             lines,
         })
     }
 
     fn track(&self, tracking: &mut Tracking, at: Timestamp, features: &Features) -> WearEstimate {
         let need = self.settings.baseline_records;
-        let Tracking { baseline, prepared, .. } = &mut *tracking;
+        let Tracking {
+            baseline, prepared, ..
+        } = &mut *tracking;
         let healthy = Arc::clone(prepared.0.get_or_insert_with(|| self.healthy(baseline)));
         let freedom = healthy.checks.freedom();
         if let Some(reason) = tracking.baseline.comparability.refuses(features) {
@@ -401,7 +444,9 @@ impl Tracker {
         }
         let scatter = tracking.baseline.comparability.scatter(features);
         let unmoved = Drift::default();
-        let kurtosis = healthy.checks.kurtosis(features, healthy.lines.log_speed(features));
+        let kurtosis = healthy
+            .checks
+            .kurtosis(features, healthy.lines.log_speed(features));
         let impulsive = kurtosis.as_ref().is_some_and(is_impulsive);
         let (Some(ensemble), Some(discrepancy)) = (self.ensemble.as_deref(), &self.discrepancy) else {
             let [healthy_checks, shared] = healthy.checks.shared(features);
@@ -462,7 +507,13 @@ impl Tracker {
                 impulsive,
                 ..Circumstances::default()
             };
-            let novelty = judge(features, &[Vec::new(), checks], freedom, circumstances, &mut tracking.charts);
+            let novelty = judge(
+                features,
+                &[Vec::new(), checks],
+                freedom,
+                circumstances,
+                &mut tracking.charts,
+            );
             self.tell_novelty(&mut answer, novelty);
             return answer;
         }
@@ -480,13 +531,22 @@ impl Tracker {
         tracking.seen = at.max(tracking.seen);
         let checks = healthy.checks_at(features, likelihood.best.1, tracking.drift.at(apart, unseen));
         let drift = tracking.drift.after(apart, unseen, &checks);
-        let mesh_hz = f64::from(ensemble.described().pair().geometry.teeth[0]) * features.operating_point.shaft_speed_hz.unwrap_or(0.0);
+        let mesh_hz = f64::from(ensemble.described().pair().geometry.teeth[0])
+            * features.operating_point.shaft_speed_hz.unwrap_or(0.0);
         let circumstances = Circumstances {
             gain,
             impulsive,
-            lines_fell: tracking.levels.lines_fell(&gained, &measured.frequencies_hz(mesh_hz)),
+            lines_fell: tracking
+                .levels
+                .lines_fell(&gained, &measured.frequencies_hz(mesh_hz)),
         };
-        let novelty = judge(features, &[lines, checks], freedom, circumstances, &mut tracking.charts);
+        let novelty = judge(
+            features,
+            &[lines, checks],
+            freedom,
+            circumstances,
+            &mut tracking.charts,
+        );
         tracking.learn(&novelty, gain, &gained, kurtosis.as_ref());
         if novelty.outside {
             // What is not wear does not move the estimate of wear.
@@ -505,10 +565,19 @@ impl Tracker {
         };
         if tracking.disagreeing >= MAX_DISAGREEING && answer.status == WearStatus::Estimated {
             answer.status = WearStatus::NotIdentifiable;
-            answer.reason = format!("{}: the last records say otherwise than those before", answer.reason);
+            answer.reason = format!(
+                "{}: the last records say otherwise than those before",
+                answer.reason
+            );
         }
         if let Some(limit_um) = self.settings.limit_um {
-            answer.prognosis = prognosis(&believed.by_rate, self.grid.depths_um(), limit_um, at, tracking.unit_s);
+            answer.prognosis = prognosis(
+                &believed.by_rate,
+                self.grid.depths_um(),
+                limit_um,
+                at,
+                tracking.unit_s,
+            );
             answer.above_limit = Some(self.grid.probability_above(&believed.by_depth(), limit_um));
         }
         answer.novelty = Some(novelty);
@@ -538,7 +607,13 @@ impl Tracker {
     }
 
     /// Lets wear grow up to a record, and takes it.
-    fn take(&self, tracking: &mut Tracking, at: Timestamp, measured: &Measured, likelihood: &Likelihood) -> Believed {
+    fn take(
+        &self,
+        tracking: &mut Tracking,
+        at: Timestamp,
+        measured: &Measured,
+        likelihood: &Likelihood,
+    ) -> Believed {
         let members = likelihood.log.len() / DEPTHS;
         let units = self.units(tracking, tracking.newest, at);
         tracking.newest = at.max(tracking.newest);
@@ -560,7 +635,13 @@ impl Tracker {
 
 impl Tracking {
     /// Takes where a record's values stand.
-    fn learn(&mut self, novelty: &Novelty, gain: Option<f64>, gained: &[Deviation], kurtosis: Option<&Deviation>) {
+    fn learn(
+        &mut self,
+        novelty: &Novelty,
+        gain: Option<f64>,
+        gained: &[Deviation],
+        kurtosis: Option<&Deviation>,
+    ) {
         if novelty.outside {
             let named = novelty.sensor_fault == Some(SensorFault::GainChanged);
             self.levels.unexplained(gain.filter(|_| named));
@@ -571,9 +652,11 @@ impl Tracking {
 }
 
 impl Healthy {
-    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid and a drift.
+    /// How the values that wear hardly moves deviate from what is expected at a depth of the grid and a
+    /// drift.
     fn checks_at(&self, record: &Features, depth: usize, drifting: Drifting<'_>) -> Vec<Deviation> {
-        self.checks.deviations(record, self.lines.log_speed(record), depth, drifting)
+        self.checks
+            .deviations(record, self.lines.log_speed(record), depth, drifting)
     }
 
     /// Whether a record is more impulsive than the healthy ones.

@@ -72,7 +72,10 @@ impl LibraryLack {
 
     /// Puts it into the answer to a record of which nothing else is to be told.
     pub(super) fn tell(&self, wear: &mut WearEstimate) {
-        let is_open = matches!(wear.status, WearStatus::CollectingBaseline | WearStatus::NoLibrary);
+        let is_open = matches!(
+            wear.status,
+            WearStatus::CollectingBaseline | WearStatus::NoLibrary
+        );
         if let Some((status, reason)) = self.answer().filter(|_| is_open) {
             (wear.status, wear.reason) = (status, reason);
         }
@@ -152,11 +155,12 @@ pub struct WearEstimate {
     /// 95 % quantile of wear depth in µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p95_um: Option<f64>,
-    /// Transmission error that the wear adds under load, peak to peak in µm along the line of action: what the mesh lines see, alike for
-    /// shapes of wear whose greatest depths differ by a factor.
+    /// Transmission error that the wear adds under load, peak to peak in µm along the line of action: what
+    /// the mesh lines see, alike for shapes of wear whose greatest depths differ by a factor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub transmission_error_um: Option<Interval>,
-    /// Where the interval reaches the library's end: the wear is at least this deep in µm, with 95 % probability.
+    /// Where the interval reaches the library's end: the wear is at least this deep in µm, with 95 %
+    /// probability.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_least_um: Option<f64>,
     /// Probability that the user's limit is passed.
@@ -168,8 +172,8 @@ pub struct WearEstimate {
     /// The library state that explains this record best.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub best_state: Option<BestState>,
-    /// Depths that this operating point can tell from the median at all: within them the library's changes are smaller than what it may be
-    /// wrong by and the scatter of one record.
+    /// Depths that this operating point can tell from the median at all: within them the library's changes
+    /// are smaller than what it may be wrong by and the scatter of one record.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolved_um: Option<[f64; 2]>,
     /// How well the best state explains the record.
@@ -194,7 +198,10 @@ pub struct WearEstimate {
 impl WearEstimate {
     /// What of the estimate is followed over time as an indicator: `novelty`, where there is one.
     pub fn indicators(&self) -> Indicators {
-        let novelty = self.novelty.iter().map(|novelty| ("novelty".to_owned(), novelty.score));
+        let novelty = self
+            .novelty
+            .iter()
+            .map(|novelty| ("novelty".to_owned(), novelty.score));
         Indicators {
             values: novelty.collect(),
             ..Indicators::default()

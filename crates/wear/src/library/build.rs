@@ -1,4 +1,5 @@
-//! Simulating the grid: each wear state's geometry, its mesh cycle at each torque, its response at each speed, and the features.
+//! Simulating the grid: each wear state's geometry, its mesh cycle at each torque, its response at each
+//! speed, and the features.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -13,9 +14,12 @@ use super::file::{FORMAT_VERSION, hex};
 use super::operating::{FeatureCurves, curves, state_curves};
 use super::part::Part;
 use super::{CycleTable, GridSettings, Library, LibraryError, LibraryState, Manifest};
-use flankwatch_gear::{ContactRule, ElasticBodies, FlankWear, GearPair, MODEL_VERSION, MeshCycle, PairSpec, RunSettings};
+use flankwatch_gear::{
+    ContactRule, ElasticBodies, FlankWear, GearPair, MODEL_VERSION, MeshCycle, PairSpec, RunSettings,
+};
 use flankwatch_signal::{
-    Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, PREPROCESSING, Record, RecordError,
+    Analysis, AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, PREPROCESSING, Record,
+    RecordError,
 };
 
 /// Positions of the mesh cycle that the dynamics use.
@@ -36,7 +40,8 @@ struct Inputs<'a> {
     grid: &'a GridSettings,
 }
 
-/// The name of the library that these inputs give: a hash of all of them, of the model's version and of the file format.
+/// The name of the library that these inputs give: a hash of all of them, of the model's version and of the
+/// file format.
 pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
     let inputs = Inputs {
         format: FORMAT_VERSION,
@@ -51,17 +56,24 @@ pub fn library_id(pair: &PairSpec, grid: &GridSettings) -> String {
 
 /// Simulates every point of the grid, in parallel.
 ///
-/// The result depends on the inputs alone: not on the number of threads, nor on whether the build was stopped and taken up again.
+/// The result depends on the inputs alone: not on the number of threads, nor on whether the build was stopped
+/// and taken up again.
 ///
 /// # Errors
-/// [`LibraryError::Grid`] and [`LibraryError::Gear`] for inputs that cannot be simulated, [`LibraryError::Cancelled`], and an error of the file
-/// system for a checkpoint that cannot be written.
-pub fn build(spec: &PairSpec, grid: &GridSettings, control: &BuildControl<'_>) -> Result<Library, LibraryError> {
+/// [`LibraryError::Grid`] and [`LibraryError::Gear`] for inputs that cannot be simulated,
+/// [`LibraryError::Cancelled`], and an error of the file system for a checkpoint that cannot be written.
+pub fn build(
+    spec: &PairSpec,
+    grid: &GridSettings,
+    control: &BuildControl<'_>,
+) -> Result<Library, LibraryError> {
     grid.validate()?;
     let pair = spec.resolve()?;
     let depths_mm: Vec<f64> = (0..grid.states).map(|index| grid.wear_um(index) * 1e-3).collect();
     let id = library_id(spec, grid);
-    let kept = control.checkpoint().map_or(Ok(Vec::new()), |checkpoint| checkpoint.open(&id))?;
+    let kept = control
+        .checkpoint()
+        .map_or(Ok(Vec::new()), |checkpoint| checkpoint.open(&id))?;
     let build = Build {
         grid,
         worn: FlankWear::from_shape_at(&pair, &depths_mm)?,
@@ -94,7 +106,10 @@ struct Build<'a> {
 impl Build<'_> {
     /// All parts by torque and first state; `kept` are those that an earlier build has finished.
     fn parts(&self, kept: Vec<Part>) -> Result<Vec<Part>, LibraryError> {
-        let kept: BTreeMap<(usize, usize), Part> = kept.into_iter().map(|part| ((part.first, part.torque), part)).collect();
+        let kept: BTreeMap<(usize, usize), Part> = kept
+            .into_iter()
+            .map(|part| ((part.first, part.torque), part))
+            .collect();
         let groups = self.grid.states.div_ceil(PART_STATES);
         let start = |group: usize| group * self.grid.states / groups;
         let mut parts: Vec<Part> = (0..groups)
@@ -109,11 +124,18 @@ impl Build<'_> {
     }
 
     /// The parts of neighbouring wear states, whose bodies are worked out once for all torques.
-    fn group(&self, states: Range<usize>, kept: &BTreeMap<(usize, usize), Part>) -> Result<Vec<Part>, LibraryError> {
+    fn group(
+        &self,
+        states: Range<usize>,
+        kept: &BTreeMap<(usize, usize), Part>,
+    ) -> Result<Vec<Part>, LibraryError> {
         let mut bodies: Option<Vec<Option<ElasticBodies>>> = None;
         let mut parts = Vec::with_capacity(self.grid.torque_factors.len());
         for torque in 0..self.grid.torque_factors.len() {
-            if let Some(part) = kept.get(&(states.start, torque)).filter(|part| self.fits(part, &states)) {
+            if let Some(part) = kept
+                .get(&(states.start, torque))
+                .filter(|part| self.fits(part, &states))
+            {
                 self.counter.add(states.len() * self.grid.speed_factors.len());
                 parts.push(part.clone());
                 continue;
@@ -135,7 +157,10 @@ impl Build<'_> {
         let nominal = self.grid.torque_factors[part.torque] == 1.0;
         part.states.len() == if nominal { states.len() } else { 0 }
             && part.features.len() == self.grid.speed_factors.len()
-            && part.features.iter().all(|features| features.len() == states.len())
+            && part
+                .features
+                .iter()
+                .all(|features| features.len() == states.len())
     }
 
     fn bodies(&self, states: Range<usize>) -> Result<Vec<Option<ElasticBodies>>, LibraryError> {
@@ -149,7 +174,12 @@ impl Build<'_> {
             .collect()
     }
 
-    fn part(&self, states: Range<usize>, torque: usize, bodies: &[Option<ElasticBodies>]) -> Result<Part, LibraryError> {
+    fn part(
+        &self,
+        states: Range<usize>,
+        torque: usize,
+        bodies: &[Option<ElasticBodies>],
+    ) -> Result<Part, LibraryError> {
         let factor = self.grid.torque_factors[torque];
         let pair = self.at_torque(factor)?;
         let cycles: Vec<MeshCycle> = self.worn[states.clone()]
@@ -192,7 +222,8 @@ impl Build<'_> {
                     })
                     .collect();
             }
-            part.features.push(analyses.into_iter().map(|analysis| analysis.features).collect());
+            part.features
+                .push(analyses.into_iter().map(|analysis| analysis.features).collect());
         }
         Ok(part)
     }
@@ -207,8 +238,15 @@ impl Build<'_> {
         Ok(spec.resolve()?)
     }
 
-    /// What the analyzer says of the responses to neighbouring states' cycles, the first of which has the index `first`.
-    fn analyses(&self, pair: &GearPair, cycles: &[MeshCycle], run: &RunSettings, first: usize) -> Result<Vec<Analysis>, LibraryError> {
+    /// What the analyzer says of the responses to neighbouring states' cycles, the first of which has the
+    /// index `first`.
+    fn analyses(
+        &self,
+        pair: &GearPair,
+        cycles: &[MeshCycle],
+        run: &RunSettings,
+        first: usize,
+    ) -> Result<Vec<Analysis>, LibraryError> {
         let cycles: Vec<&MeshCycle> = cycles.iter().collect();
         let responses = flankwatch_gear::simulate_together(pair, &cycles, run, self.control.cancel())?;
         let analyses = responses
@@ -231,14 +269,26 @@ impl Build<'_> {
 }
 
 /// What the analyzer says of a response in m/s².
-pub(super) fn analyze(analyzer: &mut Analyzer, teeth: u32, run: &RunSettings, response: &[f64]) -> Result<Analysis, RecordError> {
+pub(super) fn analyze(
+    analyzer: &mut Analyzer,
+    teeth: u32,
+    run: &RunSettings,
+    response: &[f64],
+) -> Result<Analysis, RecordError> {
     let samples = response.iter().map(|&a| a as f32).collect();
     let point = OperatingPoint {
         shaft_speed_hz: Some(run.shaft_speed_hz),
         torque_nm: Some(run.torque_nm),
         ..OperatingPoint::default()
     };
-    let record = Record::new("simulated", Timestamp::UNIX_EPOCH, run.sample_rate_hz, "m/s2", samples)?.with_operating_point(point)?;
+    let record = Record::new(
+        "simulated",
+        Timestamp::UNIX_EPOCH,
+        run.sample_rate_hz,
+        "m/s2",
+        samples,
+    )?
+    .with_operating_point(point)?;
     let mesh = MeshContext {
         teeth,
         mate_teeth: 0,

@@ -1,7 +1,7 @@
 //! Finished parts of a library that is being built, kept so that a stopped build can go on.
 //!
-//! A line that names the library, then one line a part with its hash. Parts are only ever added, so that a build that is cut off leaves at most one
-//! broken line; broken lines are left out.
+//! A line that names the library, then one line a part with its hash. Parts are only ever added, so that a
+//! build that is cut off leaves at most one broken line; broken lines are left out.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -15,7 +15,8 @@ use super::part::{Part, PartStore};
 
 const MAGIC: &str = "flankwatch-library-parts";
 
-/// Where the parts of a library that will be kept in `path` are kept while it is built: beside it, with `.parts` added to its name.
+/// Where the parts of a library that will be kept in `path` are kept while it is built: beside it, with
+/// `.parts` added to its name.
 pub fn checkpoint_beside(path: &Path) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".parts");

@@ -37,7 +37,8 @@ impl<'a> BuildControl<'a> {
         }
     }
 
-    /// Keeps finished parts here until the build ends well, and takes up those of an earlier build of the same library.
+    /// Keeps finished parts here until the build ends well, and takes up those of an earlier build of the
+    /// same library.
     #[cfg(feature = "files")]
     pub(super) fn resumed_from(self, checkpoint: &'a dyn PartStore) -> Self {
         Self {

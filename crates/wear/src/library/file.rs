@@ -68,17 +68,24 @@ pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
             "its content has the hash {actual}, expected {expected:?}"
         )));
     }
-    let body: Body = serde_json::from_slice(body).map_err(|error| LibraryError::Damaged(error.to_string()))?;
+    let body: Body =
+        serde_json::from_slice(body).map_err(|error| LibraryError::Damaged(error.to_string()))?;
     let grid = &body.manifest.grid;
     for (what, found, expected) in [
         ("states", body.states.len(), grid.states),
         ("operating points", body.tables.len(), grid.operating_points()),
     ] {
         if found != expected {
-            return Err(LibraryError::Damaged(format!("{found} {what}, expected {expected}")));
+            return Err(LibraryError::Damaged(format!(
+                "{found} {what}, expected {expected}"
+            )));
         }
     }
-    let short = body.tables.iter().flatten().find(|(_, curve)| curve.len() != grid.states);
+    let short = body
+        .tables
+        .iter()
+        .flatten()
+        .find(|(_, curve)| curve.len() != grid.states);
     if let Some((name, curve)) = short {
         return Err(LibraryError::Damaged(format!(
             "{} values of {name}, expected {}",
@@ -91,7 +98,10 @@ pub fn decode(bytes: &[u8]) -> Result<Library, LibraryError> {
 
 /// SHA-256 in hexadecimal.
 pub(super) fn hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    Sha256::digest(bytes)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
 }
 
 #[cfg(test)]
@@ -111,7 +121,12 @@ mod tests {
     fn another_format_is_named() {
         for found in [1, 99] {
             let error = decode(format!("flankwatch-library {found} abc\n{{}}").as_bytes()).unwrap_err();
-            assert!(error.to_string().contains(&format!("version {found}, expected 2")), "{error}");
+            assert!(
+                error
+                    .to_string()
+                    .contains(&format!("version {found}, expected 2")),
+                "{error}"
+            );
         }
     }
 

@@ -12,14 +12,15 @@ const FACTORS: (f64, f64) = (0.01, 100.0);
 
 /// The grid of wear states and operating points, and how each point of it is simulated.
 ///
-/// Torques and speeds are parts of the pair's own (1 is the nominal operating point), rising, with 1 among them. Every wear state is simulated at
-/// every combination of both.
+/// Torques and speeds are parts of the pair's own (1 is the nominal operating point), rising, with 1 among
+/// them. Every wear state is simulated at every combination of both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GridSettings {
     /// Number of wear states, equally spaced from unworn to `max_wear_um`.
     pub states: usize,
-    /// Greatest wear depth of the last state in µm; [`GridSettings::for_pair`] makes it one of another pair's size.
+    /// Greatest wear depth of the last state in µm; [`GridSettings::for_pair`] makes it one of another pair's
+    /// size.
     pub max_wear_um: f64,
     /// Length of each simulated record in seconds.
     pub seconds: f64,
@@ -34,7 +35,8 @@ pub struct GridSettings {
 }
 
 impl Default for GridSettings {
-    /// The paper's grid: 50 states of 5 µm from 0 to 0.245 mm, for module 6 mm, at the nominal operating point.
+    /// The paper's grid: 50 states of 5 µm from 0 to 0.245 mm, for module 6 mm, at the nominal operating
+    /// point.
     fn default() -> Self {
         Self {
             states: 50,
@@ -58,8 +60,8 @@ pub struct OperatingRange {
 }
 
 impl GridSettings {
-    /// The grid for a pair where these settings are meant for pairs of any size: their depths are those of module 6 mm, and go with the
-    /// module.
+    /// The grid for a pair where these settings are meant for pairs of any size: their depths are those of
+    /// module 6 mm, and go with the module.
     #[must_use]
     pub fn for_pair(&self, pair: &PairSpec) -> Self {
         Self {
@@ -100,21 +102,37 @@ impl GridSettings {
     /// # Errors
     /// [`LibraryError::Grid`] naming the field, its value and what was expected.
     pub fn validate(&self) -> Result<(), LibraryError> {
-        let refuse = |field, value: String, expected| Err(LibraryError::Grid { field, value, expected });
+        let refuse = |field, value: String, expected| {
+            Err(LibraryError::Grid {
+                field,
+                value,
+                expected,
+            })
+        };
         if !(2..=10_000).contains(&self.states) {
             return refuse("states", self.states.to_string(), "a number from 2 to 10000");
         }
         if !(self.max_wear_um > 0.0 && self.max_wear_um.is_finite()) {
-            return refuse("max_wear_um", self.max_wear_um.to_string(), "a finite depth above 0");
+            return refuse(
+                "max_wear_um",
+                self.max_wear_um.to_string(),
+                "a finite depth above 0",
+            );
         }
         if !(0.1..=600.0).contains(&self.seconds) {
             return refuse("seconds", self.seconds.to_string(), "a length from 0.1 to 600 s");
         }
         if !(1000.0..=1e6).contains(&self.sample_rate_hz) {
-            return refuse("sample_rate_hz", self.sample_rate_hz.to_string(), "a rate from 1000 to 1000000 Hz");
+            return refuse(
+                "sample_rate_hz",
+                self.sample_rate_hz.to_string(),
+                "a rate from 1000 to 1000000 Hz",
+            );
         }
         for (field, factors) in [("torques", &self.torque_factors), ("speeds", &self.speed_factors)] {
-            let sound = factors.iter().all(|factor| (FACTORS.0..=FACTORS.1).contains(factor))
+            let sound = factors
+                .iter()
+                .all(|factor| (FACTORS.0..=FACTORS.1).contains(factor))
                 && factors.windows(2).all(|two| two[0] < two[1])
                 && factors.contains(&1.0)
                 && factors.len() <= MOST_FACTORS;
@@ -130,7 +148,8 @@ impl GridSettings {
     }
 }
 
-/// Place of a value on an axis of the grid: cell and part of it, held at the ends. `factors` are rising and not empty.
+/// Place of a value on an axis of the grid: cell and part of it, held at the ends. `factors` are rising and
+/// not empty.
 pub(super) fn place(factors: &[f64], factor: f64) -> (usize, f64) {
     let after = factors.partition_point(|at| *at <= factor);
     if after == 0 {
@@ -194,8 +213,20 @@ mod tests {
                 speed_factors: factors,
                 ..GridSettings::default()
             };
-            assert!(torques.validate().unwrap_err().to_string().starts_with("library torques is ["));
-            assert!(speeds.validate().unwrap_err().to_string().starts_with("library speeds is ["));
+            assert!(
+                torques
+                    .validate()
+                    .unwrap_err()
+                    .to_string()
+                    .starts_with("library torques is [")
+            );
+            assert!(
+                speeds
+                    .validate()
+                    .unwrap_err()
+                    .to_string()
+                    .starts_with("library speeds is [")
+            );
         }
         let many = GridSettings {
             speed_factors: (1..=33).map(f64::from).collect(),

@@ -1,6 +1,7 @@
 //! The grid of simulated wear states and operating points: its building and its file format.
 //!
-//! A [`Library`] is simulated once for a gear pair and kept on a [`LibraryShelf`] under the hash of everything that it depends on.
+//! A [`Library`] is simulated once for a gear pair and kept on a [`LibraryShelf`] under the hash of
+//! everything that it depends on.
 
 mod build;
 #[cfg(feature = "files")]
@@ -27,8 +28,8 @@ pub use checkpoint::checkpoint_beside;
 pub use control::BuildControl;
 pub(crate) use ensemble::line_name;
 pub use ensemble::{
-    DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, VARIANTS, decode_ensemble, encode_ensemble,
-    ensemble_id,
+    DEPTHS, Ensemble, EnsembleSettings, FIRST_MEMBERS, FlankPlace, MESH_LINES, Member, VARIANTS,
+    decode_ensemble, encode_ensemble, ensemble_id,
 };
 pub use file::{FORMAT_VERSION, decode, encode};
 pub use grid::{GridSettings, OperatingRange};
@@ -94,8 +95,8 @@ pub struct CycleTable {
     pub pairs_in_contact: Vec<u32>,
 }
 
-/// A grid of simulated wear states of one gear pair. Its states are those at the nominal operating point; of the grid's others it has the
-/// features.
+/// A grid of simulated wear states of one gear pair. Its states are those at the nominal operating point; of
+/// the grid's others it has the features.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Library {
     manifest: Manifest,
@@ -107,7 +108,11 @@ pub struct Library {
 impl Library {
     /// Puts a library together; states in rising order of wear, the first unworn; tables by torque and speed.
     fn from_parts(manifest: Manifest, states: Vec<LibraryState>, tables: Vec<FeatureCurves>) -> Self {
-        Self { manifest, states, tables }
+        Self {
+            manifest,
+            states,
+            tables,
+        }
     }
 
     /// Hash of everything the library depends on.
@@ -135,8 +140,8 @@ impl Library {
         self.states.last().map_or(0.0, |state| state.wear_um)
     }
 
-    /// How far a value that wear hardly moves ([`Features::checks`]) has moved from unworn at a depth in µm, linear between the
-    /// states and held at the ends; `None` where a state lacks it.
+    /// How far a value that wear hardly moves ([`Features::checks`]) has moved from unworn at a depth in µm,
+    /// linear between the states and held at the ends; `None` where a state lacks it.
     pub fn check_change(&self, name: &str, wear_um: f64) -> Option<f64> {
         let value = |index: usize| self.states.get(index)?.features.checks.get(name).copied();
         let upper = self.states.partition_point(|state| state.wear_um <= wear_um);
@@ -155,15 +160,16 @@ impl Library {
         self.feature_curves_at(&OperatingPoint::default())
     }
 
-    /// The same at an operating point: interpolated linearly over torque and over speed between the grid's points, and held at the grid's ends.
-    /// Torque or speed that the point does not say are nominal. Left out are features that a grid point around it does not have (a
-    /// harmonic above half the sampling rate).
+    /// The same at an operating point: interpolated linearly over torque and over speed between the grid's
+    /// points, and held at the grid's ends. Torque or speed that the point does not say are nominal. Left out
+    /// are features that a grid point around it does not have (a harmonic above half the sampling rate).
     pub fn feature_curves_at(&self, point: &OperatingPoint) -> BTreeMap<&str, Vec<f64>> {
         operating::at(&self.manifest.grid, self.pair(), &self.tables, point)
     }
 
-    /// Whether an operating point lies within the grid's torques and speeds, so that [`Library::feature_curves_at`] need not hold it at an end.
-    /// A library of the nominal point alone covers no other.
+    /// Whether an operating point lies within the grid's torques and speeds, so that
+    /// [`Library::feature_curves_at`] need not hold it at an end. A library of the nominal point alone covers
+    /// no other.
     pub fn covers(&self, point: &OperatingPoint) -> bool {
         operating::covers(&self.manifest.grid, self.pair(), point)
     }

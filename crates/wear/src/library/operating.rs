@@ -7,7 +7,8 @@ use super::{GridSettings, LibraryState};
 use flankwatch_gear::PairSpec;
 use flankwatch_signal::{Features, OperatingPoint};
 
-/// Part of the range's ends within which a point still counts as inside: rounding of a measured speed's arithmetic.
+/// Part of the range's ends within which a point still counts as inside: rounding of a measured speed's
+/// arithmetic.
 const ROUNDING: f64 = 1e-9;
 
 /// Values over the wear states by feature, for features that every state has.
@@ -22,7 +23,10 @@ pub(super) fn curves<'a>(states: impl Iterator<Item = &'a Features> + Clone) -> 
         .values
         .keys()
         .filter_map(|name| {
-            let curve: Option<Vec<f64>> = states.clone().map(|features| features.values.get(name).copied()).collect();
+            let curve: Option<Vec<f64>> = states
+                .clone()
+                .map(|features| features.values.get(name).copied())
+                .collect();
             Some((name.clone(), curve?))
         })
         .collect()
@@ -53,8 +57,9 @@ pub(super) fn covers(grid: &GridSettings, pair: &PairSpec, point: &OperatingPoin
     within(&grid.torque_factors, torque) && within(&grid.speed_factors, speed)
 }
 
-/// Curves at a point, linear over torque and over speed between the grid's and held at its ends, of the features that all grid points around it
-/// have. `tables` has one entry for each torque and, within it, each speed.
+/// Curves at a point, linear over torque and over speed between the grid's and held at its ends, of the
+/// features that all grid points around it have. `tables` has one entry for each torque and, within it, each
+/// speed.
 pub(super) fn at<'a>(
     grid: &GridSettings,
     pair: &PairSpec,
@@ -87,7 +92,9 @@ pub(super) fn at<'a>(
             let mut sum = vec![0.0; first[name].len()];
             for (table, weight) in &corners {
                 let curve = table.get(name)?;
-                sum.iter_mut().zip(curve).for_each(|(sum, value)| *sum += weight * value);
+                sum.iter_mut()
+                    .zip(curve)
+                    .for_each(|(sum, value)| *sum += weight * value);
             }
             Some((name.as_str(), sum))
         })

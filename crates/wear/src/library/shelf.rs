@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use super::checkpoint::Checkpoint;
 use super::{
-    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, Manifest, build, decode, decode_ensemble, encode,
-    encode_ensemble, ensemble_id, library_id,
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, Manifest, build, decode,
+    decode_ensemble, encode, encode_ensemble, ensemble_id, library_id,
 };
 use flankwatch_gear::PairSpec;
 
@@ -24,18 +24,29 @@ pub struct LibraryShelf {
 impl LibraryShelf {
     /// A shelf in a folder, which is made when the first library is kept.
     pub fn new(folder: impl Into<PathBuf>) -> Self {
-        Self { folder: folder.into() }
+        Self {
+            folder: folder.into(),
+        }
     }
 
     /// The library of these inputs: loaded where it is kept and whole, else built and kept.
     ///
-    /// A damaged file, or one of other inputs under this name, is reported, never used, and replaced. Parts that a stopped build has left
-    /// beside it are taken up.
-    pub fn get_or_build(&self, pair: &PairSpec, grid: &GridSettings, control: &BuildControl<'_>) -> Result<Arc<Library>, LibraryError> {
+    /// A damaged file, or one of other inputs under this name, is reported, never used, and replaced. Parts
+    /// that a stopped build has left beside it are taken up.
+    pub fn get_or_build(
+        &self,
+        pair: &PairSpec,
+        grid: &GridSettings,
+        control: &BuildControl<'_>,
+    ) -> Result<Arc<Library>, LibraryError> {
         let id = library_id(pair, grid);
         match self.get(&id) {
-            Ok(Some(library)) if library.pair() == pair && library.manifest().grid == *grid => return Ok(library),
-            Ok(Some(_)) => tracing::warn!(library = %id, "the kept library was made from other inputs; building it again"),
+            Ok(Some(library)) if library.pair() == pair && library.manifest().grid == *grid => {
+                return Ok(library);
+            }
+            Ok(Some(_)) => {
+                tracing::warn!(library = %id, "the kept library was made from other inputs; building it again")
+            }
             Ok(None) => {}
             Err(error @ (LibraryError::Damaged(_) | LibraryError::Version { .. })) => {
                 tracing::warn!(library = %id, %error, "the kept library cannot be used; building it again");
@@ -63,11 +74,16 @@ impl LibraryShelf {
         Ok(ensemble)
     }
 
-    /// The ensemble around a library, where it is kept; one that is damaged is reported and counts as not kept.
+    /// The ensemble around a library, where it is kept; one that is damaged is reported and counts as not
+    /// kept.
     ///
     /// # Errors
     /// [`LibraryError::Io`].
-    pub fn kept_ensemble(&self, library: &Arc<Library>, settings: &EnsembleSettings) -> Result<Option<Ensemble>, LibraryError> {
+    pub fn kept_ensemble(
+        &self,
+        library: &Arc<Library>,
+        settings: &EnsembleSettings,
+    ) -> Result<Option<Ensemble>, LibraryError> {
         let id = ensemble_id(library.id(), settings);
         let path = self.ensemble_path(&id);
         let bytes = match fs::read(&path) {
@@ -165,11 +181,17 @@ impl LibraryShelf {
     }
 }
 
-/// Builds a library into a file; a build that is stopped goes on from the parts that are kept beside the file until then.
+/// Builds a library into a file; a build that is stopped goes on from the parts that are kept beside the file
+/// until then.
 ///
 /// # Errors
 /// Those of [`build`] and [`keep`].
-pub fn build_into(path: &Path, pair: &PairSpec, grid: &GridSettings, control: &BuildControl<'_>) -> Result<Library, LibraryError> {
+pub fn build_into(
+    path: &Path,
+    pair: &PairSpec,
+    grid: &GridSettings,
+    control: &BuildControl<'_>,
+) -> Result<Library, LibraryError> {
     let checkpoint = Checkpoint::beside(path);
     let library = build(pair, grid, &control.resumed_from(&checkpoint))?;
     keep(path, &library)?;
@@ -194,7 +216,11 @@ fn keep_bytes(path: &Path, bytes: &[u8]) -> Result<(), LibraryError> {
     fs::create_dir_all(folder).map_err(failed)?;
     let temporary = path.with_extension(format!("{}.part", std::process::id()));
     let mut file = File::create(&temporary).map_err(failed)?;
-    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed)?;
+    file.write_all(bytes)
+        .and_then(|()| file.sync_all())
+        .map_err(failed)?;
     fs::rename(&temporary, path).map_err(failed)?;
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
+    File::open(folder)
+        .and_then(|folder| folder.sync_all())
+        .map_err(failed)
 }

@@ -1,4 +1,5 @@
-//! A made-up library for unit tests: curves with known shape, some of them not monotone, and no gear model behind them.
+//! A made-up library for unit tests: curves with known shape, some of them not monotone, and no gear model
+//! behind them.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +10,8 @@ use flankwatch_signal::{Features, Indicators};
 
 type Curve = fn(f64) -> f64;
 
-/// Natural logarithms of four mesh lines over wear in parts of the greatest; the second one falls and rises again.
+/// Natural logarithms of four mesh lines over wear in parts of the greatest; the second one falls and rises
+/// again.
 const CURVES: [(&str, Curve); 4] = [
     ("ln_mesh_1", |w| 1.2 * w),
     ("ln_mesh_2", |w| 2.0 * (w - 0.4) * (w - 0.4)),

@@ -44,11 +44,15 @@ impl TransmissionPath {
                 let highest_hz = HIGHEST_PART * sample_rate_hz;
                 let frequency_hz = LOWEST_HZ * (highest_hz / LOWEST_HZ).powf(rng.random::<f64>());
                 let damping_ratio = rng.random_range(0.01..0.05);
-                let gain = 0.3 * 10f64.powf(rng.random::<f64>()) * if rng.random::<bool>() { 1.0 } else { -1.0 };
+                let gain =
+                    0.3 * 10f64.powf(rng.random::<f64>()) * if rng.random::<bool>() { 1.0 } else { -1.0 };
                 Resonance::new(frequency_hz / sample_rate_hz, damping_ratio, gain)
             })
             .collect();
-        Self { direct: 0.5, resonances }
+        Self {
+            direct: 0.5,
+            resonances,
+        }
     }
 
     /// What the sensor sees of a vibration; starts from rest.
@@ -73,7 +77,8 @@ impl TransmissionPath {
 }
 
 impl Resonance {
-    /// Bilinear transform of s·ω/Q / (s² + s·ω/Q + ω²) with Q = 1/(2ζ); `frequency` in parts of the sampling rate.
+    /// Bilinear transform of s·ω/Q / (s² + s·ω/Q + ω²) with Q = 1/(2ζ); `frequency` in parts of the sampling
+    /// rate.
     fn new(frequency: f64, damping_ratio: f64, gain: f64) -> Self {
         let (sin, cos) = (std::f64::consts::TAU * frequency).sin_cos();
         let alpha = sin * damping_ratio;
@@ -97,10 +102,13 @@ mod tests {
             direct: 0.0,
             resonances: vec![Resonance::new(0.05, 0.02, 3.0)],
         };
-        let samples: Vec<f64> = (0..4000).map(|n| (std::f64::consts::TAU * 0.05 * n as f64).sin()).collect();
+        let samples: Vec<f64> = (0..4000)
+            .map(|n| (std::f64::consts::TAU * 0.05 * n as f64).sin())
+            .collect();
         let seen = path.apply(&samples);
         let peak = seen[3000..].iter().fold(0.0f64, |a, x| a.max(x.abs()));
-        // The band-pass prototype has gain 1 at resonance by construction; the sample grid hits the sine's crest.
+        // The band-pass prototype has gain 1 at resonance by construction; the sample grid hits the sine's
+        // crest.
         assert!((peak - 3.0).abs() < 1e-3, "{peak}");
         let constant = path.apply(&vec![1.0; 4000]);
         assert!(constant[3999].abs() < 1e-6);

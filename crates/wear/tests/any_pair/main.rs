@@ -1,4 +1,5 @@
-//! Any pair that an engineer may describe has a library and an ensemble, or is refused at its description with the field, the value and the bound.
+//! Any pair that an engineer may describe has a library and an ensemble, or is refused at its description
+//! with the field, the value and the bound.
 //!
 //! 48 pairs in a usual run; `FLANKWATCH_PAIRS=500` draws as many as it says.
 
@@ -8,15 +9,20 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use flankwatch_gear::{GearError, PairSpec};
-use flankwatch_wear::library::{BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, VARIANTS, build};
+use flankwatch_wear::library::{
+    BuildControl, Ensemble, EnsembleSettings, GridSettings, Library, LibraryError, VARIANTS, build,
+};
 
 /// Pairs of a usual run.
 const PAIRS: u64 = 48;
-/// What counts as hanging: a quick library takes a tenth of a second of processor time, but waits here for the other test's work on the same threads.
+/// What counts as hanging: a quick library takes a tenth of a second of processor time, but waits here for
+/// the other test's work on the same threads.
 const LONGEST: Duration = Duration::from_secs(120);
 
 fn pairs() -> u64 {
-    std::env::var("FLANKWATCH_PAIRS").map_or(PAIRS, |pairs| pairs.parse().expect("FLANKWATCH_PAIRS is a number"))
+    std::env::var("FLANKWATCH_PAIRS").map_or(PAIRS, |pairs| {
+        pairs.parse().expect("FLANKWATCH_PAIRS is a number")
+    })
 }
 
 /// Three wear states, a quarter of a second each, down to the usual depth.
@@ -46,13 +52,25 @@ fn each_pair_has_a_library_or_is_refused_at_its_description() {
             match spec.check() {
                 Ok(_) => {
                     let start = Instant::now();
-                    let library = quick_library(&spec).unwrap_or_else(|error| panic!("pair {number} was accepted: {error}"));
-                    assert!(start.elapsed() < LONGEST, "pair {number} took {:?}", start.elapsed());
+                    let library = quick_library(&spec)
+                        .unwrap_or_else(|error| panic!("pair {number} was accepted: {error}"));
+                    assert!(
+                        start.elapsed() < LONGEST,
+                        "pair {number} took {:?}",
+                        start.elapsed()
+                    );
                     assert_eq!(library.states().len(), 3);
                     0
                 }
-                Err(GearError::Field { field, value, expected }) => {
-                    assert!(field.contains('.') && !value.is_empty() && !expected.is_empty(), "pair {number}");
+                Err(GearError::Field {
+                    field,
+                    value,
+                    expected,
+                }) => {
+                    assert!(
+                        field.contains('.') && !value.is_empty() && !expected.is_empty(),
+                        "pair {number}"
+                    );
                     1
                 }
                 Err(error) => panic!("pair {number} is refused without a field: {error}"),
@@ -78,7 +96,11 @@ fn each_accepted_pair_has_members_around_it() {
             let start = Instant::now();
             let ensemble = Ensemble::build(Arc::new(library), &settings, &BuildControl::silent()).unwrap();
             assert_eq!(ensemble.members().len(), VARIANTS, "pair {number}");
-            assert!(start.elapsed() < LONGEST, "the members of pair {number} took {:?}", start.elapsed());
+            assert!(
+                start.elapsed() < LONGEST,
+                "the members of pair {number} took {:?}",
+                start.elapsed()
+            );
             for member in ensemble.members() {
                 assert!(
                     (0..16).all(|line| member.change(line).iter().all(|change| change.is_finite())),

@@ -1,8 +1,8 @@
 //! Pairs that an engineer may describe.
 
 use flankwatch_gear::{
-    ContactRule, DynamicsSpec, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, PlaneState, ResponseCoordinate, SupportSpec, WearShape,
-    WearSpec,
+    ContactRule, DynamicsSpec, GeometrySpec, MaterialSpec, OperationSpec, PairSpec, PlaneState,
+    ResponseCoordinate, SupportSpec, WearShape, WearSpec,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -37,8 +37,9 @@ impl Dice {
     }
 }
 
-/// Pair number `number`: module 0.3 to 20 mm, 12 to 200 teeth, face width 2 to 300 mm, steel, cast iron and plastic, loads from a hundredth of what the
-/// teeth bear to all of it, pitch line velocities from 0.1 to 20 m/s.
+/// Pair number `number`: module 0.3 to 20 mm, 12 to 200 teeth, face width 2 to 300 mm, steel, cast iron and
+/// plastic, loads from a hundredth of what the teeth bear to all of it, pitch line velocities from 0.1 to 20
+/// m/s.
 pub(crate) fn pair(number: u64) -> PairSpec {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(number));
     let module_mm = dice.log_between(0.3, 20.0);
@@ -53,7 +54,11 @@ pub(crate) fn pair(number: u64) -> PairSpec {
         let least = 1.0 - f64::from(teeth) * angle.sin().powi(2) / 2.0;
         if careless { 0.0 } else { least.max(0.0) + more }
     };
-    let more = if dice.chance(0.5) { 0.0 } else { dice.between(0.0, 0.3) };
+    let more = if dice.chance(0.5) {
+        0.0
+    } else {
+        dice.between(0.0, 0.3)
+    };
     let profile_shift = [shift(teeth[0], more), shift(teeth[1], 0.0)];
     let root = [0, 1].map(|i| module_mm * (f64::from(teeth[i]) / 2.0 - 1.25 + profile_shift[i]));
     let bore_radius_mm = root.map(|root| root * dice.between(0.1, 0.68));
@@ -97,7 +102,11 @@ pub(crate) fn pair(number: u64) -> PairSpec {
         supports,
         dynamics: DynamicsSpec {
             mesh_damping_ratio: dice.log_between(0.03, 0.5),
-            response: dice.one_of(&[ResponseCoordinate::Bearing1, ResponseCoordinate::Bearing2, ResponseCoordinate::Mesh]),
+            response: dice.one_of(&[
+                ResponseCoordinate::Bearing1,
+                ResponseCoordinate::Bearing2,
+                ResponseCoordinate::Mesh,
+            ]),
             contact: if dice.chance(0.6) {
                 ContactRule::Loaded
             } else {

@@ -80,8 +80,8 @@ pub enum AlarmAction {
 
 /// What a person did, with its place among the readings.
 ///
-/// The place is after the latest record there was, and not the time of the clock: of a recording that is replayed, people acknowledge what it
-/// has shown so far, not what it will show.
+/// The place is after the latest record there was, and not the time of the clock: of a recording that is
+/// replayed, people acknowledge what it has shown so far, not what it will show.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ActionTaken {
     /// When, by the clock.
@@ -105,7 +105,8 @@ pub struct ActionTaken {
 pub struct AlarmReading {
     /// When.
     pub time: Timestamp,
-    /// The value; none where there is none (no wear is claimed, an indicator is absent), which neither raises nor clears.
+    /// The value; none where there is none (no wear is claimed, an indicator is absent), which neither raises
+    /// nor clears.
     pub value: Option<f64>,
 }
 
@@ -142,6 +143,9 @@ impl AlarmChange {
     /// Whether both tell the same: readings that were computed again may differ in their last digits.
     pub fn tells_the_same_as(&self, other: &Self) -> bool {
         let value = other.value;
-        Self { value, ..self.clone() } == *other
+        Self {
+            value,
+            ..self.clone()
+        } == *other
     }
 }

@@ -21,7 +21,9 @@ pub enum AlarmError {
     #[error("the alarm has neither a warning nor a danger level, expected at least one")]
     NoLevel,
     /// A rate without the stretch of time over which the change is measured.
-    #[error("the alarm on a rate has no over_s, expected the number of seconds over which the change is measured")]
+    #[error(
+        "the alarm on a rate has no over_s, expected the number of seconds over which the change is measured"
+    )]
     NoStretch,
     /// The alarm is in a state in which this cannot be done.
     #[error("the alarm is {}, expected {expected}", state.name())]

@@ -1,10 +1,12 @@
 //! Alarms: rules over readings, and the states an alarm goes through.
 //!
-//! Pure: an [`Alarm`] is a fold over readings, maintenance events and people's actions in the order of time; an [`AlarmPanel`] is one for each rule
-//! of a measuring channel. Late records fold again like estimates do: actions keep their place among the readings.
+//! Pure: an [`Alarm`] is a fold over readings, maintenance events and people's actions in the order of time;
+//! an [`AlarmPanel`] is one for each rule of a measuring channel. Late records fold again like estimates do:
+//! actions keep their place among the readings.
 //!
-//! A level is entered when N of the last M readings lie beyond it, and left when N of the last M lie on the good side of its clear level: a
-//! value that wanders around one level changes nothing. That no record comes is no reading: whoever has a clock tells of it as of an action.
+//! A level is entered when N of the last M readings lie beyond it, and left when N of the last M lie on the
+//! good side of its clear level: a value that wanders around one level changes nothing. That no record comes
+//! is no reading: whoever has a clock tells of it as of an action.
 
 mod change;
 mod error;
@@ -107,7 +109,9 @@ impl Alarm {
             Some(over_s) => self.rate.update(over_s, reading.time, value)?,
             None => value,
         };
-        let AlarmSettings { raise_of, clear_of, .. } = rule.settings;
+        let AlarmSettings {
+            raise_of, clear_of, ..
+        } = rule.settings;
         self.recent.push_back(value);
         while self.recent.len() > raise_of.max(clear_of) as usize {
             self.recent.pop_front();
@@ -149,7 +153,8 @@ impl Alarm {
         }
     }
 
-    /// Takes what a person did. What cannot be done any more, because records that came late changed the alarm, leaves it as it is.
+    /// Takes what a person did. What cannot be done any more, because records that came late changed the
+    /// alarm, leaves it as it is.
     pub fn act(&mut self, taken: &ActionTaken) -> AlarmChange {
         if self.check(taken.time, &taken.action).is_ok() {
             match taken.action {
@@ -181,7 +186,8 @@ impl Alarm {
     /// Whether an action can be done.
     ///
     /// # Errors
-    /// [`AlarmError::State`] where there is nothing to acknowledge or nothing shelved, or a shelving would be over already.
+    /// [`AlarmError::State`] where there is nothing to acknowledge or nothing shelved, or a shelving would be
+    /// over already.
     pub fn check(&self, time: Timestamp, action: &AlarmAction) -> Result<(), AlarmError> {
         let state = self.state(time);
         let is_open = self.outstanding && !self.acknowledged;
@@ -198,10 +204,12 @@ impl Alarm {
                 state,
                 expected: "shelved",
             }),
-            AlarmAction::ShelvingOver if self.shelved_until.is_none_or(|until| until > time) => Err(AlarmError::State {
-                state,
-                expected: "a shelving that is over",
-            }),
+            AlarmAction::ShelvingOver if self.shelved_until.is_none_or(|until| until > time) => {
+                Err(AlarmError::State {
+                    state,
+                    expected: "a shelving that is over",
+                })
+            }
             AlarmAction::Stale { severity, .. } if *severity == self.raised => Err(AlarmError::State {
                 state,
                 expected: "another severity",
@@ -210,7 +218,8 @@ impl Alarm {
         }
     }
 
-    /// Forgets the readings, since those to come are of another gear or sensor; the change where something was raised.
+    /// Forgets the readings, since those to come are of another gear or sensor; the change where something
+    /// was raised.
     pub fn begin_again(&mut self, event: &MaintenanceEvent) -> Option<AlarmChange> {
         self.recent.clear();
         self.rate.clear();
@@ -225,8 +234,8 @@ impl Alarm {
         self.raised_at = None;
     }
 
-    /// Whether the latest readings call for a severity: raised by N of M beyond it on one side, or raised before and not cleared by N of M on the
-    /// good side of all its levels.
+    /// Whether the latest readings call for a severity: raised by N of M beyond it on one side, or raised
+    /// before and not cleared by N of M on the good side of all its levels.
     fn calls_for(&self, rule: &AlarmRule, severity: Severity) -> bool {
         let (above, below) = (rule.above(severity), rule.below(severity));
         if above.is_none() && below.is_none() {
@@ -238,16 +247,24 @@ impl Alarm {
             clear,
             clear_of,
         } = rule.settings;
-        let count =
-            |of: u32, holds: &dyn Fn(f64) -> bool| self.recent.iter().rev().take(of as usize).filter(|value| holds(**value)).count();
+        let count = |of: u32, holds: &dyn Fn(f64) -> bool| {
+            self.recent
+                .iter()
+                .rev()
+                .take(of as usize)
+                .filter(|value| holds(**value))
+                .count()
+        };
         if self.raised >= Some(severity) {
             let is_good = |value: f64| {
-                above.is_none_or(|level| value < level - rule.hysteresis) && below.is_none_or(|level| value > level + rule.hysteresis)
+                above.is_none_or(|level| value < level - rule.hysteresis)
+                    && below.is_none_or(|level| value > level + rule.hysteresis)
             };
             count(clear_of, &is_good) < clear as usize
         } else {
             let is_beyond = |holds: &dyn Fn(f64) -> bool| count(raise_of, holds) >= raise as usize;
-            above.is_some_and(|level| is_beyond(&|value| value > level)) || below.is_some_and(|level| is_beyond(&|value| value < level))
+            above.is_some_and(|level| is_beyond(&|value| value > level))
+                || below.is_some_and(|level| is_beyond(&|value| value < level))
         }
     }
 

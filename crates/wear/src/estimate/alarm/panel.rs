@@ -7,7 +7,8 @@ use crate::estimate::{MaintenanceEvent, WearEstimate};
 use flankwatch_signal::Indicators;
 use jiff::Timestamp;
 
-/// The alarms of a channel, one for each rule in the order of the rules; an exact copy in JSON goes on the same.
+/// The alarms of a channel, one for each rule in the order of the rules; an exact copy in JSON goes on the
+/// same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlarmPanel {
     pub(super) alarms: Vec<Alarm>,
@@ -39,7 +40,13 @@ impl AlarmPanel {
     }
 
     /// Takes a record's results; `indicators` are those of the record and those of the run up to it.
-    pub fn reading(&mut self, rules: &[AlarmRule], time: Timestamp, wear: &WearEstimate, indicators: [&Indicators; 2]) -> Vec<PanelChange> {
+    pub fn reading(
+        &mut self,
+        rules: &[AlarmRule],
+        time: Timestamp,
+        wear: &WearEstimate,
+        indicators: [&Indicators; 2],
+    ) -> Vec<PanelChange> {
         let each = self.alarms.iter_mut().zip(rules).enumerate();
         let changes = each.filter_map(|(n, (alarm, rule))| {
             let value = rule.quantity.value(wear, indicators);

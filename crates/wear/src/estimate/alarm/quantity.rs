@@ -42,8 +42,8 @@ pub enum RatedQuantity {
 }
 
 impl AlarmQuantity {
-    /// The value in a record's results, of a rate that which changes; none where there is none. `indicators` gives those of the record and of
-    /// the run up to it.
+    /// The value in a record's results, of a rate that which changes; none where there is none. `indicators`
+    /// gives those of the record and of the run up to it.
     pub fn value(&self, wear: &WearEstimate, indicators: [&Indicators; 2]) -> Option<f64> {
         let indicator = |name: &str| indicators.iter().find_map(|indicators| indicators.get(name));
         let novelty = || wear.novelty.as_ref().map(|novelty| novelty.score);
@@ -67,7 +67,10 @@ impl AlarmQuantity {
 
     /// Whether it judges wear: what was read of a gear says nothing of the one that replaces it.
     pub(super) fn is_wear(&self) -> bool {
-        matches!(self, Self::WearUm | Self::WearAboveLimit | Self::RatePerDay(RatedQuantity::WearUm))
+        matches!(
+            self,
+            Self::WearUm | Self::WearAboveLimit | Self::RatePerDay(RatedQuantity::WearUm)
+        )
     }
 
     /// Whether readings before an event say nothing of those after it.

@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-/// Parts into which the stretch is divided; of each the mean counts, so that no number of records makes the state longer, nor a burst of them
-/// the line steeper.
+/// Parts into which the stretch is divided; of each the mean counts, so that no number of records makes the
+/// state longer, nor a burst of them the line steeper.
 const CELLS: i64 = 24;
 
 /// No rate is told before the readings reach over this part of the stretch.
@@ -32,7 +32,8 @@ struct Cell {
 }
 
 impl RateWindow {
-    /// Takes a reading, and gives the change a day over the last `over_s` seconds; none while the readings reach over less than half of it.
+    /// Takes a reading, and gives the change a day over the last `over_s` seconds; none while the readings
+    /// reach over less than half of it.
     pub(super) fn update(&mut self, over_s: f64, time: Timestamp, value: f64) -> Option<f64> {
         let cell_s = over_s / CELLS as f64;
         let seconds = time.as_nanosecond() as f64 * 1e-9;
@@ -66,7 +67,10 @@ impl RateWindow {
         let sum = points().fold((0.0, 0.0), |sum, point| (sum.0 + point.0, sum.1 + point.1));
         let mean = (sum.0 / count, sum.1 / count);
         let [across, along] = points().fold([0.0, 0.0], |[across, along], (at, value)| {
-            [across + (at - mean.0) * (value - mean.1), along + (at - mean.0).powi(2)]
+            [
+                across + (at - mean.0) * (value - mean.1),
+                along + (at - mean.0).powi(2),
+            ]
         });
         Some(SECONDS_A_DAY * across / along).filter(|rate| rate.is_finite())
     }
@@ -104,7 +108,10 @@ mod tests {
         }
         for (seconds, rate) in told {
             assert_eq!(rate.is_some(), seconds >= 43_200, "{seconds} s: {rate:?}");
-            assert!(rate.is_none_or(|rate| (rate - 3.0).abs() < 1e-6), "{seconds} s: {rate:?}");
+            assert!(
+                rate.is_none_or(|rate| (rate - 3.0).abs() < 1e-6),
+                "{seconds} s: {rate:?}"
+            );
         }
         assert!(window.cells.len() <= CELLS as usize);
     }

@@ -26,7 +26,9 @@ impl Severity {
 
     /// The one of that name.
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Warning, Self::Danger].into_iter().find(|severity| severity.name() == name)
+        [Self::Warning, Self::Danger]
+            .into_iter()
+            .find(|severity| severity.name() == name)
     }
 }
 
@@ -115,7 +117,13 @@ impl AlarmRule {
     /// # Errors
     /// The first one that cannot, with what was expected.
     pub fn validate(&self) -> Result<(), AlarmError> {
-        let refuse = |field, value, expected| Err(AlarmError::Field { field, value, expected });
+        let refuse = |field, value, expected| {
+            Err(AlarmError::Field {
+                field,
+                value,
+                expected,
+            })
+        };
         let levels = [
             ("warning", self.warning),
             ("danger", self.danger),
@@ -130,12 +138,18 @@ impl AlarmRule {
             }
             match self.quantity {
                 AlarmQuantity::SensorFault | AlarmQuantity::StaleS if field.ends_with("_below") => {
-                    return refuse(field, value, "only levels above which it is raised, with sensor_fault and stale_s");
+                    return refuse(
+                        field,
+                        value,
+                        "only levels above which it is raised, with sensor_fault and stale_s",
+                    );
                 }
                 AlarmQuantity::SensorFault if !(value > 0.0 && value < 1.0) => {
                     return refuse(field, value, "a level between 0 and 1, since a reading is 0 or 1");
                 }
-                AlarmQuantity::StaleS if value <= 0.0 => return refuse(field, value, "a number of seconds above 0"),
+                AlarmQuantity::StaleS if value <= 0.0 => {
+                    return refuse(field, value, "a number of seconds above 0");
+                }
                 _ => {}
             }
         }
@@ -149,7 +163,13 @@ impl AlarmRule {
                 return refuse("over_s", value, "a number of seconds from 1 to 3.2e9");
             }
             (AlarmQuantity::RatePerDay(_), Some(_)) | (_, None) => {}
-            (_, Some(value)) => return refuse("over_s", value, "nothing beside a quantity that is no rate_per_day"),
+            (_, Some(value)) => {
+                return refuse(
+                    "over_s",
+                    value,
+                    "nothing beside a quantity that is no rate_per_day",
+                );
+            }
         }
         let AlarmSettings {
             raise,
@@ -171,9 +191,17 @@ impl AlarmRule {
 
     /// Whether there is a level, and danger lies beyond warning on both sides, with room between the sides.
     fn check_order(&self) -> Result<(), AlarmError> {
-        let refuse = |field, value, expected| Err(AlarmError::Field { field, value, expected });
+        let refuse = |field, value, expected| {
+            Err(AlarmError::Field {
+                field,
+                value,
+                expected,
+            })
+        };
         match (self.warning, self.danger) {
-            (Some(warning), Some(danger)) if danger <= warning => return refuse("danger", danger, "a level above the warning's"),
+            (Some(warning), Some(danger)) if danger <= warning => {
+                return refuse("danger", danger, "a level above the warning's");
+            }
             _ => {}
         }
         match (self.warning_below, self.danger_below) {
@@ -182,9 +210,12 @@ impl AlarmRule {
             }
             _ => {}
         }
-        let highest_below = [("warning_below", self.warning_below), ("danger_below", self.danger_below)]
-            .into_iter()
-            .find_map(|(field, level)| Some((field, level?)));
+        let highest_below = [
+            ("warning_below", self.warning_below),
+            ("danger_below", self.danger_below),
+        ]
+        .into_iter()
+        .find_map(|(field, level)| Some((field, level?)));
         match (highest_below, self.warning.or(self.danger)) {
             (None, None) => Err(AlarmError::NoLevel),
             (Some((field, below)), Some(above)) if below + 2.0 * self.hysteresis >= above => refuse(

@@ -57,9 +57,16 @@ fn feed(alarm: &mut Alarm, rule: &AlarmRule, values: &[f64]) -> Vec<Option<Sever
 #[test]
 fn n_of_m_raise_and_n_of_m_clear() {
     let (mut alarm, rule) = (Alarm::default(), rule(2, 3, 2, 3));
-    let got = feed(&mut alarm, &rule, &[101.0, 50.0, 101.0, 95.0, 95.0, 89.0, 95.0, 89.0]);
+    let got = feed(
+        &mut alarm,
+        &rule,
+        &[101.0, 50.0, 101.0, 95.0, 95.0, 89.0, 95.0, 89.0],
+    );
     let warning = Some(Severity::Warning);
-    assert_eq!(got, [None, None, warning, warning, warning, warning, warning, None]);
+    assert_eq!(
+        got,
+        [None, None, warning, warning, warning, warning, warning, None]
+    );
     assert_eq!(alarm.state(at(9)), AlarmState::ReturnedUnacknowledged);
     assert_eq!(alarm.last().map(|change| change.value), Some(Some(89.0)));
 }
@@ -102,7 +109,10 @@ fn nobody_acknowledges_worse_than_was_shown() {
     feed(&mut alarm, &rule, &[250.0]);
     // Done when only a warning was there: a late record made it worse.
     let change = alarm.act(&taken(1, AlarmAction::Acknowledge, Some(Severity::Warning)));
-    assert_eq!((change.state, change.by.as_str()), (AlarmState::Unacknowledged, "Ada"));
+    assert_eq!(
+        (change.state, change.by.as_str()),
+        (AlarmState::Unacknowledged, "Ada")
+    );
     let change = alarm.act(&taken(1, AlarmAction::Acknowledge, Some(Severity::Danger)));
     assert_eq!(change.state, AlarmState::Acknowledged);
     // Done again, as after a late record that changed what it was about: kept, without effect.
@@ -137,12 +147,18 @@ fn a_new_gear_ends_what_the_old_one_raised() {
     let changed = panel.maintenance(&rules, &event(MaintenanceKind::SensorReplaced));
     let state = AlarmState::ReturnedUnacknowledged;
     assert_eq!(
-        changed.iter().map(|(n, change)| (*n, change.state)).collect::<Vec<_>>(),
+        changed
+            .iter()
+            .map(|(n, change)| (*n, change.state))
+            .collect::<Vec<_>>(),
         [(1, state)]
     );
     let changed = panel.maintenance(&rules, &event(MaintenanceKind::GearReplaced));
     assert_eq!(
-        changed.iter().map(|(n, change)| (*n, change.state)).collect::<Vec<_>>(),
+        changed
+            .iter()
+            .map(|(n, change)| (*n, change.state))
+            .collect::<Vec<_>>(),
         [(0, state)]
     );
     // One more reading above does not raise it: those of the old gear do not count.
@@ -212,8 +228,8 @@ fn rules_that_cannot_be_used_are_refused() {
 }
 
 proptest! {
-    /// Between two changes of one direction and the other lie at least as many readings as the rule asks for: a severity cannot be left before
-    /// N readings below it, nor entered before N above.
+    /// Between two changes of one direction and the other lie at least as many readings as the rule asks for:
+    /// a severity cannot be left before N readings below it, nor entered before N above.
     #[test]
     fn nothing_flaps_faster_than_n(
         values in prop::collection::vec(60.0..240.0f64, 1..200),
@@ -276,7 +292,9 @@ fn a_level_can_lie_below_and_on_both_sides() {
     let got = feed(
         &mut alarm,
         &both,
-        &[75.0, 45.0, 45.0, 55.0, 55.0, 65.0, 65.0, 10.0, 10.0, 150.0, 150.0, 75.0, 75.0],
+        &[
+            75.0, 45.0, 45.0, 55.0, 55.0, 65.0, 65.0, 10.0, 10.0, 150.0, 150.0, 75.0, 75.0,
+        ],
     );
     let (none, warning, danger) = (None, Some(Severity::Warning), Some(Severity::Danger));
     // 55 is not yet beyond the hysteresis; from danger below it goes to warning above, and back.
@@ -328,7 +346,10 @@ fn a_rate_is_watched_and_an_inspection_is_no_growth() {
     // 60 µm a day for an hour, then 240.
     let slow: Vec<f64> = (0..60).map(|minute| 60.0 / 1440.0 * f64::from(minute)).collect();
     let fast = (0..60).map(|minute| 2.5 + 240.0 / 1440.0 * f64::from(minute));
-    let (mut alarm, values) = (Alarm::default(), slow.iter().copied().chain(fast).collect::<Vec<_>>());
+    let (mut alarm, values) = (
+        Alarm::default(),
+        slow.iter().copied().chain(fast).collect::<Vec<_>>(),
+    );
     let got = feed(&mut alarm, &rate, &values);
     assert!(
         got[..60].iter().all(Option::is_none) && got[119] == Some(Severity::Warning),
@@ -366,18 +387,33 @@ fn silence_is_told_by_a_clock_and_ended_by_a_record() {
     };
     assert!(stale.validate().is_ok());
     let severities = [59.0, 61.0, 601.0].map(|seconds| stale.severity_of_silence(seconds));
-    assert_eq!(severities, [None, Some(Severity::Warning), Some(Severity::Danger)]);
+    assert_eq!(
+        severities,
+        [None, Some(Severity::Warning), Some(Severity::Danger)]
+    );
     let mut alarm = Alarm::default();
     let silent = |severity, silent_s| AlarmAction::Stale { severity, silent_s };
     assert!(act(&mut alarm, 5, silent(None, 3)).is_err(), "nothing is raised");
     let raised = act(&mut alarm, 5, silent(Some(Severity::Warning), 61)).unwrap();
-    assert_eq!((raised.state, raised.value), (AlarmState::Unacknowledged, Some(61.0)));
-    assert!(act(&mut alarm, 6, silent(Some(Severity::Warning), 120)).is_err(), "told already");
+    assert_eq!(
+        (raised.state, raised.value),
+        (AlarmState::Unacknowledged, Some(61.0))
+    );
+    assert!(
+        act(&mut alarm, 6, silent(Some(Severity::Warning), 120)).is_err(),
+        "told already"
+    );
     act(&mut alarm, 7, AlarmAction::Acknowledge).unwrap();
     let worse = act(&mut alarm, 8, silent(Some(Severity::Danger), 601)).unwrap();
-    assert_eq!((worse.state, worse.severity), (AlarmState::Unacknowledged, Some(Severity::Danger)));
+    assert_eq!(
+        (worse.state, worse.severity),
+        (AlarmState::Unacknowledged, Some(Severity::Danger))
+    );
     let back = alarm.record_came(at(9)).unwrap();
-    assert_eq!((back.state, back.severity), (AlarmState::ReturnedUnacknowledged, None));
+    assert_eq!(
+        (back.state, back.severity),
+        (AlarmState::ReturnedUnacknowledged, None)
+    );
     assert_eq!(alarm.record_came(at(10)), None);
     let below = AlarmRule {
         warning_below: Some(1.0),
@@ -410,7 +446,10 @@ fn a_fault_of_the_sensor_is_watched_where_it_is_judged() {
     };
     let none = Indicators::default();
     let value = |wear: &WearEstimate| AlarmQuantity::SensorFault.value(wear, [&none, &none]);
-    assert_eq!(value(&with(WearStatus::SensorFault, Some(SensorFault::Clipped))), Some(1.0));
+    assert_eq!(
+        value(&with(WearStatus::SensorFault, Some(SensorFault::Clipped))),
+        Some(1.0)
+    );
     assert_eq!(value(&with(WearStatus::Estimated, None)), Some(0.0));
     let learning = WearEstimate {
         novelty: None,

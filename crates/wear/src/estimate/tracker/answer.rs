@@ -32,11 +32,17 @@ impl Tracker {
                 Some(check) => format!("{check} has deviated for several records"),
                 None => format!("off are {}", most_deviating(&novelty)),
             };
-            answer.reason = format!("most like this: {}{}{also}; {off}", sign.words(), band.unwrap_or_default());
+            answer.reason = format!(
+                "most like this: {}{}{also}; {off}",
+                sign.words(),
+                band.unwrap_or_default()
+            );
         } else if novelty.outside {
             answer.status = WearStatus::OutsideLibrary;
             let what = match &self.ensemble {
-                Some(_) if novelty.lasting.is_some() => "no wear of the library has explained several records well",
+                Some(_) if novelty.lasting.is_some() => {
+                    "no wear of the library has explained several records well"
+                }
                 Some(_) => "no wear of the library explains this record",
                 None if novelty.lasting.is_some() => "several records have been unlike the healthy ones",
                 None => "this record is unlike the healthy ones",
@@ -47,7 +53,12 @@ impl Tracker {
     }
 
     /// The answer to a record that wear explains.
-    pub(super) fn answer(&self, ensemble: &Ensemble, believed: &Believed, likelihood: &Likelihood) -> WearEstimate {
+    pub(super) fn answer(
+        &self,
+        ensemble: &Ensemble,
+        believed: &Believed,
+        likelihood: &Likelihood,
+    ) -> WearEstimate {
         let library = ensemble.described();
         let probability = believed.by_depth();
         let quantile = |level| self.grid.quantile_um(&probability, level);
@@ -62,7 +73,9 @@ impl Tracker {
         } else if at_end {
             (
                 WearStatus::Estimated,
-                format!("wear of at least {p05:.0} µm with 95 % probability; the library ends at {end_um:.0} µm"),
+                format!(
+                    "wear of at least {p05:.0} µm with 95 % probability; the library ends at {end_um:.0} µm"
+                ),
             )
         } else {
             (
@@ -116,7 +129,10 @@ fn transmission_error(ensemble: &Ensemble, joint: &[f32]) -> Option<Interval> {
         .members()
         .iter()
         .flat_map(|member| member.transmission_error_um().iter().copied());
-    let mut weighted: Vec<(f32, f32)> = errors.zip(joint.iter().copied()).filter(|(_, p)| *p > 1e-7).collect();
+    let mut weighted: Vec<(f32, f32)> = errors
+        .zip(joint.iter().copied())
+        .filter(|(_, p)| *p > 1e-7)
+        .collect();
     weighted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let total: f32 = weighted.iter().map(|(_, p)| p).sum();
     let quantile = |level: f32| {
@@ -144,7 +160,9 @@ fn most_deviating(novelty: &Novelty) -> String {
 /// The library state nearest to a depth.
 fn best_state(library: &Library, wear_um: f64, member: usize) -> BestState {
     let far = |index: &usize| (library.states()[*index].wear_um - wear_um).abs();
-    let index = (0..library.states().len()).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0);
+    let index = (0..library.states().len())
+        .min_by(|a, b| far(a).total_cmp(&far(b)))
+        .unwrap_or(0);
     BestState {
         index,
         wear_um: library.states()[index].wear_um,

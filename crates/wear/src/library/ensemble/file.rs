@@ -1,4 +1,5 @@
-//! An ensemble's file: a line that says what follows and its hash, then numbers of fixed width in little-endian order.
+//! An ensemble's file: a line that says what follows and its hash, then numbers of fixed width in
+//! little-endian order.
 
 use std::sync::Arc;
 

@@ -5,13 +5,15 @@ use serde::{Deserialize, Serialize};
 use super::super::Library;
 use super::{DEPTHS, MESH_LINES, VARIANTS, prior};
 use flankwatch_gear::{
-    ContactRule, ElasticBodies, FlankWear, GearError, GearPair, MeshCycle, PairSpec, RunSettings, WearShape, simulate_together,
+    ContactRule, ElasticBodies, FlankWear, GearError, GearPair, MeshCycle, PairSpec, RunSettings, WearShape,
+    simulate_together,
 };
 
 /// Positions of the mesh cycle.
 const CYCLE_POINTS: usize = 500;
 
-/// Samples of a mesh period, and mesh periods of a response: whole ones, so that a Fourier coefficient is exact.
+/// Samples of a mesh period, and mesh periods of a response: whole ones, so that a Fourier coefficient is
+/// exact.
 const SAMPLES_A_PERIOD: f64 = 40.0;
 const PERIODS: f64 = 2.0;
 
@@ -45,7 +47,8 @@ pub struct Member {
     pub mesh_damping_ratio: f64,
     /// Whether its wear follows Archard's law.
     pub archard: bool,
-    /// By line and depth: natural logarithm of the amplitude over that of the unworn pair; NaN where it is not known.
+    /// By line and depth: natural logarithm of the amplitude over that of the unworn pair; NaN where it is
+    /// not known.
     pub(super) changes: Vec<f32>,
     /// Peak-to-peak transmission error that wear adds under load, in µm along the line of action.
     pub(super) transmission_error_um: Vec<f32>,
@@ -54,8 +57,8 @@ pub struct Member {
 }
 
 impl Member {
-    /// The described library on a grid of depths in µm. Its transmission error is that of the kept mesh cycles, its places are those of
-    /// the greatest depth.
+    /// The described library on a grid of depths in µm. Its transmission error is that of the kept mesh
+    /// cycles, its places are those of the greatest depth.
     pub(super) fn of_library(library: &Library, depths_um: &[f64]) -> Self {
         let states: Vec<f64> = library.states().iter().map(|state| state.wear_um).collect();
         let curves = library.feature_curves();
@@ -83,18 +86,30 @@ impl Member {
             mesh_damping_ratio: pair.dynamics.mesh_damping_ratio,
             archard: pair.wear.shape == WearShape::Archard,
             changes,
-            transmission_error_um: depths_um.iter().map(|um| interpolated(&states, &swings, *um) as f32).collect(),
+            transmission_error_um: depths_um
+                .iter()
+                .map(|um| interpolated(&states, &swings, *um) as f32)
+                .collect(),
             places: vec![1.0; 8 * DEPTHS],
         }
     }
 
     /// Draws [`VARIANTS`] pairs of the same gears and wear and simulates them at depths in µm.
-    pub(super) fn simulated(described: &PairSpec, draw: usize, depths_um: &[f64]) -> Result<Vec<Self>, GearError> {
+    pub(super) fn simulated(
+        described: &PairSpec,
+        draw: usize,
+        depths_um: &[f64],
+    ) -> Result<Vec<Self>, GearError> {
         let mut drawn = prior::draw(described, draw as u32, VARIANTS as u32)?;
         match Self::of_drawn(&drawn, draw, depths_um) {
             // Rigid flanks of this shape leave each other, or hammer without bound; elastic ones do neither.
-            Err(GearError::NoContact { .. } | GearError::Unstable { .. }) if drawn.contact() == Some(ContactRule::Threshold) => {
-                drawn.specs.iter_mut().for_each(|spec| spec.dynamics.contact = ContactRule::Loaded);
+            Err(GearError::NoContact { .. } | GearError::Unstable { .. })
+                if drawn.contact() == Some(ContactRule::Threshold) =>
+            {
+                drawn
+                    .specs
+                    .iter_mut()
+                    .for_each(|spec| spec.dynamics.contact = ContactRule::Loaded);
                 Self::of_drawn(&drawn, draw, depths_um)
             }
             members => members,
@@ -102,7 +117,9 @@ impl Member {
     }
 
     fn of_drawn(drawn: &prior::Drawn, draw: usize, depths_um: &[f64]) -> Result<Vec<Self>, GearError> {
-        let Some(spec) = drawn.specs.first() else { return Ok(Vec::new()) };
+        let Some(spec) = drawn.specs.first() else {
+            return Ok(Vec::new());
+        };
         let pair = spec.resolve()?;
         let depths_mm: Vec<f64> = depths_um.iter().map(|um| um * 1e-3).collect();
         let worn = FlankWear::from_shape_coarsely_at(&pair, &depths_mm)?;
@@ -146,7 +163,8 @@ impl Member {
         &self.transmission_error_um
     }
 
-    /// Depth at a place of gear `gear` (0 drives; none: the deeper of both) over the greatest depth, by depth.
+    /// Depth at a place of gear `gear` (0 drives; none: the deeper of both) over the greatest depth, by
+    /// depth.
     pub fn at_place(&self, gear: Option<usize>, place: FlankPlace) -> Vec<f32> {
         let index = match place {
             FlankPlace::Root => 0,
@@ -171,11 +189,20 @@ pub(crate) fn line_name(line: usize) -> String {
 fn places(pair: &GearPair, worn: &[FlankWear], depths_mm: &[f64]) -> Vec<f32> {
     let mut parts = Vec::with_capacity(8 * DEPTHS);
     for (index, gear) in pair.gears.iter().enumerate() {
-        for radius in [Some(gear.sap_radius_mm), Some(gear.pitch_radius_mm), Some(gear.tip_radius_mm), None] {
+        for radius in [
+            Some(gear.sap_radius_mm),
+            Some(gear.pitch_radius_mm),
+            Some(gear.tip_radius_mm),
+            None,
+        ] {
             // Without wear the first step's shape stands for it.
             let states = worn.iter().zip(depths_mm).enumerate();
             parts.extend(states.map(|(i, (wear, depth_mm))| {
-                let (wear, depth_mm) = if i == 0 { (&worn[1], &depths_mm[1]) } else { (wear, depth_mm) };
+                let (wear, depth_mm) = if i == 0 {
+                    (&worn[1], &depths_mm[1])
+                } else {
+                    (wear, depth_mm)
+                };
                 let at = match radius {
                     Some(radius) => wear.depth_mm(index, radius),
                     None => wear.greatest_depth_mm(pair)[index],
@@ -187,7 +214,8 @@ fn places(pair: &GearPair, worn: &[FlankWear], depths_mm: &[f64]) -> Vec<f32> {
     parts
 }
 
-/// Loaded static transmission errors in µm along the line of action: the unloaded ones, and what the mesh gives way.
+/// Loaded static transmission errors in µm along the line of action: the unloaded ones, and what the mesh
+/// gives way.
 fn errors_um(pair: &GearPair, uste_rad: &[f64], stiffness_n_per_m: &[f64]) -> Vec<f64> {
     let [driving, driven] = pair.gears.each_ref().map(|gear| gear.base_radius_mm * 1e-3);
     let force_n = pair.spec.operation.torque_nm / driving;
@@ -201,7 +229,9 @@ fn errors_um(pair: &GearPair, uste_rad: &[f64], stiffness_n_per_m: &[f64]) -> Ve
 fn swings_um(errors: &[Vec<f64>]) -> Vec<f64> {
     let swing = |errors_um: &Vec<f64>| {
         let added = errors_um.iter().zip(&errors[0]).map(|(worn, new)| worn - new);
-        let (low, high) = added.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(e), high.max(e)));
+        let (low, high) = added.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| {
+            (low.min(e), high.max(e))
+        });
         if high >= low { high - low } else { 0.0 }
     };
     errors.iter().map(swing).collect()
@@ -217,9 +247,14 @@ fn changes(spec: &PairSpec, cycles: &[MeshCycle]) -> Result<Vec<f32>, GearError>
         ..RunSettings::nominal(&pair, SAMPLES_A_PERIOD * mesh_hz, 1.0)
     };
     let responses = simulate_together(&pair, &cycles.iter().collect::<Vec<_>>(), &run, None)?;
-    let amplitudes: Vec<Vec<f64>> = responses.iter().map(|response| log_amplitudes(response)).collect();
+    let amplitudes: Vec<Vec<f64>> = responses
+        .iter()
+        .map(|response| log_amplitudes(response))
+        .collect();
     let cells = (0..MESH_LINES).flat_map(|line| amplitudes.iter().map(move |at| (line, at)));
-    Ok(cells.map(|(line, at)| (at[line] - amplitudes[0][line]) as f32).collect())
+    Ok(cells
+        .map(|(line, at)| (at[line] - amplitudes[0][line]) as f32)
+        .collect())
 }
 
 /// Natural logarithms of the amplitudes of the mesh harmonics of a response over whole mesh periods.
@@ -232,7 +267,9 @@ fn log_amplitudes(response: &[f64]) -> Vec<f64> {
             re += value * cos;
             im += value * sin;
         }
-        (2.0 * re.hypot(im) / response.len() as f64).max(LEAST_AMPLITUDE).ln()
+        (2.0 * re.hypot(im) / response.len() as f64)
+            .max(LEAST_AMPLITUDE)
+            .ln()
     };
     (0..MESH_LINES).map(amplitude).collect()
 }

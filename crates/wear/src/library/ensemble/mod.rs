@@ -1,9 +1,10 @@
-//! What nobody knows of a real pair: many pairs drawn around the described one, each worn from new to the library's end.
+//! What nobody knows of a real pair: many pairs drawn around the described one, each worn from new to the
+//! library's end.
 //!
-//! One library says what wear of one shape does to one pair. Of a real machine nobody knows the damping of the mesh, the
-//! bodies' stiffness, the teeth's small errors, or where on the flank wear is deepest; each of them changes how the mesh
-//! lines move with depth. So the estimate compares a record with several hundred pairs ([`prior`] says which), and
-//! lets the records decide.
+//! One library says what wear of one shape does to one pair. Of a real machine nobody knows the damping of
+//! the mesh, the bodies' stiffness, the teeth's small errors, or where on the flank wear is deepest; each of
+//! them changes how the mesh lines move with depth. So the estimate compares a record with several hundred
+//! pairs ([`prior`] says which), and lets the records decide.
 
 mod file;
 mod member;
@@ -29,8 +30,8 @@ pub const MESH_LINES: usize = 16;
 /// Wear depths of a member.
 pub const DEPTHS: usize = 50;
 
-/// Members of the same gears and the same wear; they differ in damping, supports and the teeth's small errors. The mesh cycles take
-/// most of the time that a member costs.
+/// Members of the same gears and the same wear; they differ in damping, supports and the teeth's small
+/// errors. The mesh cycles take most of the time that a member costs.
 pub const VARIANTS: usize = 4;
 
 /// Members that a first answer is made with while the rest are simulated.
@@ -79,7 +80,10 @@ pub struct Ensemble {
 
 /// The name of an ensemble: a hash of all that it depends on.
 pub fn ensemble_id(library_id: &str, settings: &EnsembleSettings) -> String {
-    let inputs = format!("{library_id} {MODEL_VERSION} {PRIOR_VERSION} {}", settings.members);
+    let inputs = format!(
+        "{library_id} {MODEL_VERSION} {PRIOR_VERSION} {}",
+        settings.members
+    );
     hex(inputs.as_bytes())[..16].to_owned()
 }
 
@@ -103,14 +107,19 @@ impl Ensemble {
         }
     }
 
-    /// Draws and simulates the members, in parallel. The result depends on the library and the settings alone; members of a
-    /// smaller ensemble of the same library are the first of a larger one.
+    /// Draws and simulates the members, in parallel. The result depends on the library and the settings
+    /// alone; members of a smaller ensemble of the same library are the first of a larger one.
     ///
     /// A drawn pair that cannot be simulated is left out.
     ///
     /// # Errors
-    /// [`LibraryError::Cancelled`]; [`LibraryError::Gear`] where no drawn pair can be simulated, with the first one's reason.
-    pub fn build(library: Arc<Library>, settings: &EnsembleSettings, control: &BuildControl<'_>) -> Result<Self, LibraryError> {
+    /// [`LibraryError::Cancelled`]; [`LibraryError::Gear`] where no drawn pair can be simulated, with the
+    /// first one's reason.
+    pub fn build(
+        library: Arc<Library>,
+        settings: &EnsembleSettings,
+        control: &BuildControl<'_>,
+    ) -> Result<Self, LibraryError> {
         Self::of(Arc::clone(&library)).extended(settings, control)
     }
 
@@ -118,13 +127,26 @@ impl Ensemble {
     ///
     /// # Errors
     /// As [`Ensemble::build`].
-    pub fn extended(&self, settings: &EnsembleSettings, control: &BuildControl<'_>) -> Result<Self, LibraryError> {
+    pub fn extended(
+        &self,
+        settings: &EnsembleSettings,
+        control: &BuildControl<'_>,
+    ) -> Result<Self, LibraryError> {
         let described = Arc::clone(&self.described);
         if settings.members == 0 {
             return Ok(Self::of(described));
         }
-        let mut members: Vec<Member> = self.members.iter().filter(|member| member.draw.is_some()).cloned().collect();
-        let first = members.iter().filter_map(|member| member.draw).max().map_or(0, |last| last + 1);
+        let mut members: Vec<Member> = self
+            .members
+            .iter()
+            .filter(|member| member.draw.is_some())
+            .cloned()
+            .collect();
+        let first = members
+            .iter()
+            .filter_map(|member| member.draw)
+            .max()
+            .map_or(0, |last| last + 1);
         let groups = settings.members.div_ceil(VARIANTS);
         let counter = Counter::new(control, groups.saturating_sub(first));
         let drawn: Vec<Result<Vec<Member>, LibraryError>> = (first..groups)
@@ -185,7 +207,9 @@ impl Ensemble {
     #[must_use]
     pub fn without_group(&self, group: usize) -> Self {
         let mut other = self.clone();
-        other.members.drain(group * self.variants()..(group + 1) * self.variants());
+        other
+            .members
+            .drain(group * self.variants()..(group + 1) * self.variants());
         other.id = format!("{}-without-{group}", self.id);
         other
     }

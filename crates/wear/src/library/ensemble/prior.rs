@@ -10,12 +10,15 @@
 //! | torque | ± 10 % | ± 10 % |
 //! | shape of wear | Archard 0.4 (hardness ratio ½ to 2), least at the pitch point 0.6 | the given one within 10 %; where it was not measured, in 0.7 of the members |
 //!
-//! A field counts as given where it differs from its default, which for supports and errors goes with the size of the pair. The shape that is least at the pitch point has exponents from 1.2 to 4
-//! (log-uniform: sliding grows linearly from the pitch point, the paper draws a parabola), a depth at the pitch point of 0 to
-//! 0.7 of the greatest (mostly near 0: nothing slides there), a tip ratio of 0.3 to 1.2, and in 0.3 of the members one
-//! gear that wears ½ to 2 times as fast as the other.
+//! A field counts as given where it differs from its default, which for supports and errors goes with the
+//! size of the pair. The shape that is least at the pitch point has exponents from 1.2 to 4 (log-uniform:
+//! sliding grows linearly from the pitch point, the paper draws a parabola), a depth at the pitch point of 0
+//! to 0.7 of the greatest (mostly near 0: nothing slides there), a tip ratio of 0.3 to 1.2, and in 0.3 of the
+//! members one gear that wears ½ to 2 times as fast as the other.
 
-use flankwatch_gear::{ContactRule, DynamicsSpec, GearError, GearPair, PairSpec, WearPoint, WearShape, WearSpec};
+use flankwatch_gear::{
+    ContactRule, DynamicsSpec, GearError, GearPair, PairSpec, WearPoint, WearShape, WearSpec,
+};
 
 /// Ratio of root to bore radius above which a gear's body can be modelled.
 const LEAST_ROOT_TO_BORE: f64 = 1.45;
@@ -29,7 +32,8 @@ const SHAPE_DEPTH_UM: f64 = 100.0;
 /// Seed of the sequence; changed only together with the prior's version.
 const SEED: u32 = 1;
 
-/// A point of a scrambled Sobol sequence, one coordinate after the other: a few hundred points fill the prior more evenly than chance would.
+/// A point of a scrambled Sobol sequence, one coordinate after the other: a few hundred points fill the prior
+/// more evenly than chance would.
 struct Draw {
     number: u32,
     coordinate: u32,
@@ -126,7 +130,11 @@ fn dynamics(dice: &mut Draw, described: &PairSpec, spec: &mut PairSpec) {
     let usual = DynamicsSpec::default();
     let given = described.dynamics.mesh_damping_ratio;
     let (wide, narrow) = (dice.log_between(0.03, 0.5), given * dice.factor(0.25));
-    spec.dynamics.mesh_damping_ratio = if given == usual.mesh_damping_ratio { wide } else { narrow.min(1.0) };
+    spec.dynamics.mesh_damping_ratio = if given == usual.mesh_damping_ratio {
+        wide
+    } else {
+        narrow.min(1.0)
+    };
     let stiffness = described.supports().stiffness_n_per_m;
     let (wide, narrow) = (dice.log_between(0.5, 2.0), dice.factor(0.2));
     let is_usual = stiffness == described.usual_supports().stiffness_n_per_m;
@@ -246,7 +254,9 @@ mod tests {
     use super::*;
 
     fn draws(described: &PairSpec) -> Vec<PairSpec> {
-        (0..50).flat_map(|i| draw(described, i, 4).unwrap().specs).collect()
+        (0..50)
+            .flat_map(|i| draw(described, i, 4).unwrap().specs)
+            .collect()
     }
 
     #[test]
@@ -255,9 +265,15 @@ mod tests {
         let all = draws(&described);
         let damping: Vec<f64> = all.iter().map(|spec| spec.dynamics.mesh_damping_ratio).collect();
         assert!(damping.iter().any(|z| *z < 0.05) && damping.iter().any(|z| *z > 0.35));
-        let loaded = all.iter().filter(|spec| spec.dynamics.contact == ContactRule::Loaded).count();
+        let loaded = all
+            .iter()
+            .filter(|spec| spec.dynamics.contact == ContactRule::Loaded)
+            .count();
         assert!((110..170).contains(&loaded), "{loaded}");
-        let archard = all.iter().filter(|spec| spec.wear.shape == WearShape::Archard).count();
+        let archard = all
+            .iter()
+            .filter(|spec| spec.wear.shape == WearShape::Archard)
+            .count();
         assert!((55..105).contains(&archard), "{archard}");
     }
 
