@@ -104,8 +104,13 @@ pub(crate) fn condition<'py>(
     let (mesh, record) = (machine.mesh()?, machine.record(x, rate_hz, unit)?);
     let bands: Vec<Band> = bands.map_or_else(|| Ok(Vec::new()), |bands| from_python("bands", bands))?;
     if let Some(band) = bands.iter().find(|band| !band.is_usable()) {
-        let expected = "a name of 1 to 32 of a-z, 0-9 and _, and two frequencies in hertz, the lower one first";
-        return Err(argument_error("bands", format!("{:?} {:?}", band.name, band.band_hz), expected));
+        let expected =
+            "a name of 1 to 32 of a-z, 0-9 and _, and two frequencies in hertz, the lower one first";
+        return Err(argument_error(
+            "bands",
+            format!("{:?} {:?}", band.name, band.band_hz),
+            expected,
+        ));
     }
     let settings = ConditionSettings {
         mesh,
@@ -213,10 +218,15 @@ pub(crate) fn envelope_spectrum(
 pub(crate) fn kurtogram(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Kurtogram> {
     let py = x.py();
     let record = plain_record(x, rate_hz, "1")?;
-    let computed = analyze(py, |analyzer| analyzer.kurtogram(&record)).map_err(|absence| absence_error("kurtogram", absence))?;
+    let computed = analyze(py, |analyzer| analyzer.kurtogram(&record))
+        .map_err(|absence| absence_error("kurtogram", absence))?;
     Ok(Kurtogram {
         bandwidth_hz: computed.levels.iter().map(|level| level.bandwidth_hz).collect(),
-        kurtosis: computed.levels.into_iter().map(|level| array(py, level.kurtosis)).collect(),
+        kurtosis: computed
+            .levels
+            .into_iter()
+            .map(|level| array(py, level.kurtosis))
+            .collect(),
         best_band_hz: computed.best.band_hz,
         best_kurtosis: computed.best.kurtosis,
     })
@@ -227,7 +237,8 @@ pub(crate) fn kurtogram(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Kurtogra
 pub(crate) fn cepstrum(x: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Cepstrum> {
     let py = x.py();
     let record = plain_record(x, rate_hz, "1")?;
-    let computed = analyze(py, |analyzer| analyzer.cepstrum(&record)).map_err(|absence| absence_error("cepstrum", absence))?;
+    let computed = analyze(py, |analyzer| analyzer.cepstrum(&record))
+        .map_err(|absence| absence_error("cepstrum", absence))?;
     Ok(Cepstrum {
         resolution_s: computed.resolution_s,
         quefrency_s: axis(py, computed.value.len(), computed.resolution_s),

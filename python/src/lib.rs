@@ -24,8 +24,8 @@ mod _flankwatch {
     use super::angle::{AngleRecord, GearSignals, OrderSpectrum, angle_record, gear_signals, order_spectrum};
     #[pymodule_export]
     use super::frequency::{
-        Cepstrum, EnvelopeSpectrum, Kurtogram, Spectrum, amplitude_spectrum, cepstrum, condition, envelope_spectrum, kurtogram,
-        power_spectral_density,
+        Cepstrum, EnvelopeSpectrum, Kurtogram, Spectrum, amplitude_spectrum, cepstrum, condition,
+        envelope_spectrum, kurtogram, power_spectral_density,
     };
     #[pymodule_export]
     use super::library::{Ensemble, Library};

@@ -7,7 +7,8 @@ use std::thread;
 use std::time::Duration;
 
 use flankwatch_wear::library::{
-    BuildControl, EnsembleSettings, GridSettings, LibraryError, build, decode, decode_ensemble, encode_ensemble, keep,
+    BuildControl, EnsembleSettings, GridSettings, LibraryError, build, decode, decode_ensemble,
+    encode_ensemble, keep,
 };
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::PyOSError;
@@ -53,7 +54,9 @@ fn watched<T: Send>(
                     let watched = Python::attach(|py| {
                         py.check_signals()?;
                         match &progress {
-                            Some(progress) if told != Some(now) && now.1 > 0 => progress.call1(py, now).map(|_| ()),
+                            Some(progress) if told != Some(now) && now.1 > 0 => {
+                                progress.call1(py, now).map(|_| ())
+                            }
                             _ => Ok(()),
                         }
                     });
@@ -186,7 +189,11 @@ impl Library {
     fn mesh<'py>(&self, py: Python<'py>, state: usize) -> PyResult<Bound<'py, PyAny>> {
         let states = self.library.states();
         let Some(state) = states.get(state) else {
-            return Err(argument_error("state", state, &format!("a number below {}", states.len())));
+            return Err(argument_error(
+                "state",
+                state,
+                &format!("a number below {}", states.len()),
+            ));
         };
         to_python(py, &state.cycle)
     }
@@ -215,7 +222,12 @@ pub(crate) struct Ensemble {
 impl Ensemble {
     #[staticmethod]
     #[pyo3(signature = (library, *, members=1280, progress=None))]
-    fn build(py: Python<'_>, library: &Library, members: usize, progress: Option<Py<PyAny>>) -> PyResult<Self> {
+    fn build(
+        py: Python<'_>,
+        library: &Library,
+        members: usize,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
         if members > 100_000 {
             return Err(argument_error("members", members, "at most 100000"));
         }
@@ -233,7 +245,9 @@ impl Ensemble {
     fn load(py: Python<'_>, path: PathBuf, library: &Library) -> PyResult<Self> {
         let bytes = std::fs::read(&path).map_err(os_error(&path))?;
         let library = Arc::clone(&library.library);
-        let ensemble = py.detach(|| decode_ensemble(&bytes, library)).map_err(library_error)?;
+        let ensemble = py
+            .detach(|| decode_ensemble(&bytes, library))
+            .map_err(library_error)?;
         Ok(Self {
             ensemble: Arc::new(ensemble),
         })
@@ -266,7 +280,13 @@ pub(crate) fn ensemble_of(value: &Bound<'_, PyAny>) -> PyResult<Arc<flankwatch_w
         return Ok(Arc::clone(&ensemble.get().ensemble));
     }
     match value.cast::<Library>() {
-        Ok(library) => Ok(Arc::new(flankwatch_wear::library::Ensemble::of(Arc::clone(&library.get().library)))),
-        Err(_) => Err(argument_error("library", value.get_type().name()?, "a Library or an Ensemble")),
+        Ok(library) => Ok(Arc::new(flankwatch_wear::library::Ensemble::of(Arc::clone(
+            &library.get().library,
+        )))),
+        Err(_) => Err(argument_error(
+            "library",
+            value.get_type().name()?,
+            "a Library or an Ensemble",
+        )),
     }
 }

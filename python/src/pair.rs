@@ -3,7 +3,9 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use flankwatch_gear::{ArchardWear, ContactRule, FlankWear, GearPair, MeshRelationship, PairSpec, RunSettings, simulate};
+use flankwatch_gear::{
+    ArchardWear, ContactRule, FlankWear, GearPair, MeshRelationship, PairSpec, RunSettings, simulate,
+};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
@@ -50,7 +52,11 @@ impl Wear {
             (Some(wear_um), None, None) => Ok(Self::Depth(wear_um)),
             (None, Some(profile), None) => Ok(Self::Table(table(profile)?)),
             (None, None, Some(turns)) => Ok(Self::Turns(turns)),
-            _ => Err(argument_error("wear", "given twice", "one of wear_um, profile and turns")),
+            _ => Err(argument_error(
+                "wear",
+                "given twice",
+                "one of wear_um, profile and turns",
+            )),
         }
     }
 
@@ -95,9 +101,9 @@ impl Pair {
             spec.operation.torque_nm = torque_nm;
         }
         if let Some(contact) = contact {
-            spec.dynamics.contact = contact
-                .parse::<ContactRule>()
-                .map_err(|_| argument_error("contact", format!("{contact:?}"), "\"threshold\" or \"loaded\""))?;
+            spec.dynamics.contact = contact.parse::<ContactRule>().map_err(|_| {
+                argument_error("contact", format!("{contact:?}"), "\"threshold\" or \"loaded\"")
+            })?;
         }
         Ok(spec)
     }
@@ -114,7 +120,8 @@ impl Pair {
 
     #[staticmethod]
     fn from_file(path: PathBuf) -> PyResult<Self> {
-        let text = std::fs::read_to_string(&path).map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))?;
+        let text = std::fs::read_to_string(&path)
+            .map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))?;
         Self::from_toml(&text).map_err(|error| value_error(format!("{}: {error}", path.display())))
     }
 
@@ -180,7 +187,10 @@ impl Pair {
         contact: Option<&str>,
         points: usize,
     ) -> PyResult<MeshCycle> {
-        let (spec, wear) = (self.changed(torque_nm, contact)?, Wear::of(wear_um, profile, turns)?);
+        let (spec, wear) = (
+            self.changed(torque_nm, contact)?,
+            Wear::of(wear_um, profile, turns)?,
+        );
         let cycle = py.detach(|| {
             let pair = spec.resolve()?;
             flankwatch_gear::MeshCycle::compute(&pair, &wear.flanks(&pair)?, points)
@@ -215,7 +225,11 @@ impl Pair {
         points: usize,
     ) -> PyResult<Flank> {
         if !(1..=2).contains(&gear) {
-            return Err(argument_error("gear", gear, "1 for the driving gear or 2 for the driven one"));
+            return Err(argument_error(
+                "gear",
+                gear,
+                "1 for the driving gear or 2 for the driven one",
+            ));
         }
         if !(2..=1_000_000).contains(&points) {
             return Err(argument_error("points", points, "a number from 2 to 1000000"));
@@ -247,7 +261,10 @@ impl Pair {
         seed: Option<u64>,
         start_phase_turns: f64,
     ) -> PyResult<Simulation> {
-        let (spec, wear) = (self.changed(torque_nm, contact)?, Wear::of(wear_um, profile, turns)?);
+        let (spec, wear) = (
+            self.changed(torque_nm, contact)?,
+            Wear::of(wear_um, profile, turns)?,
+        );
         let pair = spec.resolve().map_err(value_error)?;
         let nominal = RunSettings::nominal(&pair, rate_hz, seconds);
         let settings = RunSettings {
@@ -263,7 +280,8 @@ impl Pair {
             let [driving, driven] = flanks.greatest_depth_mm(&pair);
             Ok((samples, cycle, driving.max(driven) * 1e3))
         });
-        let (samples, cycle, greatest_um) = computed.map_err(|error: flankwatch_gear::GearError| value_error(error))?;
+        let (samples, cycle, greatest_um) =
+            computed.map_err(|error: flankwatch_gear::GearError| value_error(error))?;
         Ok(Simulation {
             samples: samples.into_pyarray(py).unbind(),
             rate_hz,

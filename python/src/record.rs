@@ -2,7 +2,9 @@
 
 use std::cell::RefCell;
 
-use flankwatch_signal::{AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record, Tachometer};
+use flankwatch_signal::{
+    AnalysisSettings, Analyzer, MeshContext, OperatingPoint, OtherMeshes, Record, Tachometer,
+};
 use jiff::Timestamp;
 use numpy::PyArrayMethods;
 use pyo3::prelude::*;
@@ -46,15 +48,26 @@ impl Machine<'_, '_> {
             return Err(argument_error("teeth", teeth, "a tooth number from 4 to 1000"));
         }
         if !(0.0..=0.5).contains(&self.tolerance) {
-            return Err(argument_error("tolerance", self.tolerance, "a fraction from 0 to 0.5"));
+            return Err(argument_error(
+                "tolerance",
+                self.tolerance,
+                "a fraction from 0 to 0.5",
+            ));
         }
         let known = self.nominal_shaft_speed_hz.or(self.shaft_speed_hz);
         let nominal_shaft_speed_hz = match known {
             Some(speed) if speed > 0.0 && speed <= 1e6 => speed,
-            Some(speed) => return Err(argument_error("nominal_shaft_speed_hz", speed, "a number above 0 and at most 1e6")),
+            Some(speed) => {
+                return Err(argument_error(
+                    "nominal_shaft_speed_hz",
+                    speed,
+                    "a number above 0 and at most 1e6",
+                ));
+            }
             None if self.pulse_times_s.is_some() => 0.0,
             None => {
-                let expected = "the shaft speed, or nominal_shaft_speed_hz to look for it around, or pulse_times_s";
+                let expected =
+                    "the shaft speed, or nominal_shaft_speed_hz to look for it around, or pulse_times_s";
                 return Err(argument_error("shaft_speed_hz", "missing", expected));
             }
         };
@@ -72,7 +85,11 @@ impl Machine<'_, '_> {
     pub(crate) fn required_mesh(&self) -> PyResult<MeshContext> {
         match self.teeth {
             Some(_) => self.mesh(),
-            None => Err(argument_error("teeth", "missing", "the tooth number of the gear on the shaft")),
+            None => Err(argument_error(
+                "teeth",
+                "missing",
+                "the tooth number of the gear on the shaft",
+            )),
         }
     }
 
@@ -83,8 +100,12 @@ impl Machine<'_, '_> {
             torque_nm: self.torque_nm,
             ..OperatingPoint::default()
         };
-        let record = plain_record(x, rate_hz, unit)?.with_operating_point(point).map_err(value_error)?;
-        let Some(times) = self.pulse_times_s else { return Ok(record) };
+        let record = plain_record(x, rate_hz, unit)?
+            .with_operating_point(point)
+            .map_err(value_error)?;
+        let Some(times) = self.pulse_times_s else {
+            return Ok(record);
+        };
         if self.pulses_per_revolution == 0 {
             return Err(argument_error("pulses_per_revolution", 0, "at least 1"));
         }

@@ -41,15 +41,25 @@ impl Tracker {
         unit: &str,
     ) -> PyResult<Self> {
         let ensemble = library.map(ensemble_of).transpose()?;
-        let pair = ensemble.as_ref().map(|ensemble| ensemble.described().pair().clone());
+        let pair = ensemble
+            .as_ref()
+            .map(|ensemble| ensemble.described().pair().clone());
         let mate_teeth = pair.as_ref().map_or(0, |pair| pair.geometry.teeth[1]);
         let teeth = teeth.or(pair.as_ref().map(|pair| pair.geometry.teeth[0]));
         let nominal = nominal_shaft_speed_hz.or(pair.as_ref().map(|pair| pair.operation.shaft_speed_hz));
         let (Some(teeth), Some(nominal)) = (teeth, nominal) else {
-            return Err(argument_error("library", "None", "a library, or teeth and nominal_shaft_speed_hz"));
+            return Err(argument_error(
+                "library",
+                "None",
+                "a library, or teeth and nominal_shaft_speed_hz",
+            ));
         };
         if !(8..=10_000).contains(&baseline_records) {
-            return Err(argument_error("baseline_records", baseline_records, "a number from 8 to 10000"));
+            return Err(argument_error(
+                "baseline_records",
+                baseline_records,
+                "a number from 8 to 10000",
+            ));
         }
         if let Some(limit_um) = limit_um.filter(|limit_um| !(*limit_um > 0.0 && limit_um.is_finite())) {
             return Err(argument_error("limit_um", limit_um, "a depth above 0"));
@@ -108,7 +118,9 @@ impl Tracker {
             let analysis = analyzer.condition(&record, &settings).analysis;
             // What is folded is replaced as a whole, so that a state after a panic elsewhere is still one.
             let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-            let folded = self.estimator.record(&mut state, time, &analysis.features, &analysis.indicators);
+            let folded = self
+                .estimator
+                .record(&mut state, time, &analysis.features, &analysis.indicators);
             (analysis, folded)
         });
         let mut indicators = analysis.indicators;
@@ -141,7 +153,11 @@ impl Tracker {
             fields.set_item("until", crate::arguments::time(until)?.to_string())?;
         }
         let event: MaintenanceEvent = from_python("maintenance", &fields)?;
-        if let Some((field, value, expected)) = event.inspection.as_ref().and_then(|inspection| inspection.fault()) {
+        if let Some((field, value, expected)) = event
+            .inspection
+            .as_ref()
+            .and_then(|inspection| inspection.fault())
+        {
             return Err(argument_error(field, value, expected));
         }
         py.detach(|| {
@@ -158,8 +174,8 @@ impl Tracker {
     }
 
     fn restore(&self, py: Python<'_>, state: &str) -> PyResult<()> {
-        let restored: ChannelState =
-            serde_json::from_str(state).map_err(|error| value_error(format!("not the state of a tracker: {error}")))?;
+        let restored: ChannelState = serde_json::from_str(state)
+            .map_err(|error| value_error(format!("not the state of a tracker: {error}")))?;
         py.detach(|| *self.state.lock().unwrap_or_else(PoisonError::into_inner) = restored);
         Ok(())
     }
@@ -174,7 +190,8 @@ impl Tracker {
     }
 
     fn load(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let text = std::fs::read_to_string(&path).map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))?;
+        let text = std::fs::read_to_string(&path)
+            .map_err(|error| PyOSError::new_err(format!("{}: {error}", path.display())))?;
         self.restore(py, &text)
     }
 }
